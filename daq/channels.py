@@ -1,0 +1,97 @@
+"""The one vocabulary of measurements: every channel's name, components, unit, axes, rate and design noise.
+
+Drivers produce these, logs store them, models read them. SI units and radians everywhere.
+Source: the channel table in ``docs/channels.md``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+CORNERS = ("fl", "fr", "rl", "rr")
+"""Front left, front right, rear left, rear right."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One measured quantity.
+
+    Attributes
+    ----------
+    name : e.g. ``wheel.fl.force``.
+    family : the name without its corner, e.g. ``wheel.force``; the key of noise and tolerance sheets.
+    components : component names, ``()`` for a scalar.
+    unit : SI unit of every component.
+    axes : axes the components are given in unless the rig file says otherwise.
+    rate : nominal rate [Hz].
+    noise : 1 σ of white noise at that rate, in `unit`, to design for.
+    about : one line for a reader.
+    """
+
+    name: str
+    family: str
+    components: tuple[str, ...]
+    unit: str
+    axes: str
+    rate: float
+    noise: float
+    about: str
+
+    @property
+    def width(self) -> int:
+        """Number of components (1 for a scalar)."""
+        return max(1, len(self.components))
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the exchange-table columns, ``channel.component`` or just ``channel``."""
+        return tuple(f"{self.name}.{c}" for c in self.components) or (self.name,)
+
+    @property
+    def corner(self) -> str | None:
+        """The corner this channel belongs to, or None."""
+        part = self.name.split(".")[1]
+        return part if part in CORNERS else None
+
+
+XYZ = ("x", "y", "z")
+_TABLE = (
+    # family, components, unit, axes, rate, noise, about
+    ("wheel.{c}.force", XYZ, "N", "carrier", 500.0, 30.0, "wheel load"),
+    ("wheel.{c}.moment", XYZ, "N·m", "carrier", 500.0, 8.0, "wheel moment about the wheel centre"),
+    ("wheel.{c}.angle", (), "rad", "carrier", 500.0, 0.002, "wheel angle about carrier y"),
+    ("wheel.{c}.speed", (), "rad/s", "carrier", 500.0, 0.01, "wheel speed about carrier y, rolling forward positive"),
+    ("imu.accel", XYZ, "m/s²", "sensor", 200.0, 0.05, "specific force, +g upwards at rest"),
+    ("imu.rate", XYZ, "rad/s", "sensor", 200.0, 0.002, "angular rate"),
+    ("imu.attitude", ("roll", "pitch", "yaw"), "rad", "sensor", 200.0, 0.0005, "attitude, sensor to ground"),
+    ("laser.{c}.ground", (), "m", "body", 250.0, 0.0003, "height of the laser mount above the road, along body -z"),
+    ("laser.{c}.hub", (), "m", "body", 250.0, 0.0003, "laser mount minus wheel centre, along body z"),
+    ("camera.{c}.steer", (), "rad", "body", 100.0, 0.0003, "steer angle about body z, left positive"),
+    ("camera.{c}.camber", (), "rad", "body", 100.0, 0.0003, "camber angle about x after steer"),
+    ("correvit.speed", ("x", "y"), "m/s", "sensor", 250.0, 0.02, "velocity over the road at the sensor's mount"),
+)
+
+AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
+"""Axes a rig file may declare."""
+
+
+def _build() -> dict[str, Channel]:
+    out: dict[str, Channel] = {}
+    for pattern, components, unit, axes, rate, noise, about in _TABLE:
+        family = pattern.replace(".{c}", "")
+        names = [pattern.format(c=c) for c in CORNERS] if "{c}" in pattern else [pattern]
+        for name in names:
+            out[name] = Channel(name, family, components, unit, axes, rate, noise, about)
+    return out
+
+
+CHANNELS: dict[str, Channel] = _build()
+"""Every channel by name."""
+
+FAMILIES: tuple[str, ...] = tuple(dict.fromkeys(channel.family for channel in CHANNELS.values()))
+"""Every family name, in table order."""
+
+COLUMNS: dict[str, tuple[Channel, int]] = {
+    column: (channel, index) for channel in CHANNELS.values() for index, column in enumerate(channel.columns)
+}
+"""Exchange-table column name → its channel and component index."""

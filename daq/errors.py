@@ -1,0 +1,51 @@
+"""The error family. A bad byte is data (a flagged sample), a bad file or argument is one of these."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class LacetError(Exception):
+    """Base of every error a user can cause and mend."""
+
+
+class FileFault(LacetError):
+    """A file that cannot be used as it is: every fault found in it, at once.
+
+    Parameters
+    ----------
+    path : the file, as the user named it.
+    faults : one line per fault, each with place, cause and remedy.
+    """
+
+    def __init__(self, path: object, faults: Iterable[str]):
+        self.path = str(path)
+        self.faults = list(faults)
+        super().__init__(f"{self.path}:\n" + "\n".join(f"  - {fault}" for fault in self.faults))
+
+
+class RigError(FileFault):
+    """A rig file with faults."""
+
+
+class VehicleError(FileFault):
+    """A vehicle file with faults."""
+
+
+class RunError(FileFault):
+    """A recorded run that cannot be read, or not in full."""
+
+
+class UsageError(LacetError):
+    """An argument or a combination of arguments that cannot be carried out."""
+
+
+class NotIdentifiable(LacetError):
+    """Nothing at all can be identified from the data given; the message says why."""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """Return ``'; did you mean 'x'?'`` for the known word nearest to `word`, or an empty string."""
+    match = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean '{match[0]}'?" if match else ""
