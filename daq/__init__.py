@@ -1,1 +1,1 @@
-"""The measurement vocabulary of lacet and the ways data is stored and moved: channels, frames, blocks, runs, log, bus."""
+"""The measurement vocabulary of lacet and how data is stored and moved."""

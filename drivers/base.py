@@ -9,7 +9,7 @@ from daq.blocks import Block
 from daq.frames import Frames
 
 State = Any
-"""A driver's memory between batches: an immutable value of the driver's own type. ``counts(state)`` reads its ledger."""
+"""A driver's memory between batches: an immutable value of its own type. ``counts(state)`` reads its ledger."""
 
 
 class Driver(Protocol):

@@ -1,0 +1,150 @@
+"""Exchange tables: one Parquet or CSV file a run, for measurements made elsewhere. Format: ``docs/channels.md``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from daq.blocks import Flag
+from daq.channels import CHANNELS, COLUMNS
+from daq.errors import RunError, nearest
+from daq.rig import WHEEL_REFERENCES
+from daq.run import BRAKES, Run, Signal
+
+SUFFIXES = (".parquet", ".csv")
+METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")
+_UNWRAPPED = ("wheel.angle", "imu.attitude")
+
+
+def read_table(path: str | Path) -> Run:
+    """Read an exchange table.
+
+    Unknown columns are reported and kept out, missing values become flagged samples, stamps that do not increase are
+    left out and reported. Raises RunError when the file is no table, has no ``t`` or no known channel.
+    """
+    file = Path(path)
+    table, metadata, problems = _load(file)
+    if "t" not in table:
+        raise RunError(path, ["there is no column 't' (seconds)" + nearest("t", table)])
+    t = table.pop("t")
+    signals, faults = _signals(t, table, problems)
+    if faults:
+        raise RunError(path, faults)
+    fields = {key: str(metadata.get(key, "")) for key in METADATA_KEYS}
+    for key in metadata:
+        if key not in METADATA_KEYS:
+            problems.append(f"metadata key '{key}' is not known and was left out{nearest(key, METADATA_KEYS)}")
+    if fields["wheel_reference"] not in (*WHEEL_REFERENCES, ""):
+        raise RunError(path, [f"wheel_reference must be contact or hub, found {fields['wheel_reference']!r}"])
+    if fields["brakes"] not in (*BRAKES, ""):
+        raise RunError(path, [f"brakes must be off, used or unknown, found {fields['brakes']!r}"])
+    fields["brakes"] = fields["brakes"] or "unknown"
+    return Run(name=file.stem, signals=signals, problems=tuple(problems), **fields)
+
+
+def write_table(run: Run, path: str | Path) -> None:
+    """Write a run whose channels share one time base as Parquet or CSV (by the suffix), metadata included.
+
+    Raises RunError when the channels have different stamps: resample first.
+    """
+    file = Path(path)
+    if file.suffix not in SUFFIXES:
+        raise RunError(path, [f"an exchange table ends in {' or '.join(SUFFIXES)}"])
+    stamps = [signal.t for signal in run.signals.values()]
+    if not stamps or any(not np.array_equal(t, stamps[0]) for t in stamps[1:]):
+        raise RunError(path, ["an exchange table needs one common time base; these channels have different stamps"])
+    columns: dict[str, NDArray[np.float64]] = {"t": stamps[0]}
+    for name, signal in run.signals.items():
+        values = np.where(signal.usable[:, None], signal.values, np.nan)
+        columns.update(zip(CHANNELS[name].columns, values.T, strict=True))
+    metadata = {key: value for key in METADATA_KEYS if (value := getattr(run, key))}
+    table = pa.table(columns)
+    if file.suffix == ".csv":
+        pa.csv.write_csv(table, file)
+        file.with_suffix(".json").write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
+    else:
+        pq.write_table(table.replace_schema_metadata({"lacet": json.dumps(metadata)}), file, compression="zstd")
+
+
+def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], list[str]]:
+    problems: list[str] = []
+    metadata: dict[str, Any] = {}
+    try:
+        if file.suffix.lower() == ".csv":
+            table = pa.csv.read_csv(file)
+            beside = file.with_suffix(".json")
+            text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
+        else:
+            table = pq.read_table(file)
+            text = ((table.schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+        raise RunError(file, [f"cannot be read as a table (truncated or another kind of file?): {cause}"]) from None
+    try:
+        metadata = json.loads(text)
+        if not isinstance(metadata, dict):
+            raise ValueError("not an object")
+    except ValueError as cause:
+        problems.append(f"metadata is not valid JSON and was left out: {cause}")
+        metadata = {}
+    columns: dict[str, NDArray[np.float64]] = {}
+    for name in table.column_names:
+        try:
+            columns[name] = table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+        except pa.ArrowException:
+            problems.append(f"column '{name}' is not numbers and was left out")
+    return columns, metadata, problems
+
+
+def _signals(
+    t: NDArray[np.float64], table: dict[str, NDArray[np.float64]], problems: list[str]
+) -> tuple[dict[str, Signal], list[str]]:
+    """Group columns into channels. Returns signals and the faults that leave nothing usable."""
+    finite = np.isfinite(t)
+    forward = np.ones(len(t), bool)
+    if len(t) > 1:
+        highest = np.maximum.accumulate(np.where(finite, t, -np.inf))
+        forward[1:] = t[1:] > highest[:-1]
+    keep = finite & forward
+    if not np.all(keep):
+        first = int(np.argmin(keep))
+        problems.append(f"{np.count_nonzero(~keep)} rows have a time that does not increase (first: row {first + 1})")
+    if np.count_nonzero(keep) < 2:
+        return {}, ["fewer than two rows with an increasing time"]
+    grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
+    for column, values in table.items():
+        if column not in COLUMNS:
+            problems.append(f"column '{column}' is not a channel and was left out{nearest(column, COLUMNS)}")
+            continue
+        channel, component = COLUMNS[column]
+        grouped.setdefault(channel.name, {})[component] = values[keep]
+    signals: dict[str, Signal] = {}
+    for name, parts in grouped.items():
+        channel = CHANNELS[name]
+        lacking = [channel.columns[i] for i in range(channel.width) if i not in parts]
+        if lacking:
+            problems.append(f"{name} was left out: {', '.join(lacking)} missing")
+            continue
+        signals[name] = signal(name, t[keep], np.stack([parts[i] for i in range(channel.width)], axis=1))
+    return signals, [] if signals else ["no column is a channel of the vocabulary (see docs/channels.md)"]
+
+
+def signal(
+    channel: str, t: NDArray[np.float64], values: NDArray[np.float64], flags: NDArray[np.uint8] | None = None
+) -> Signal:
+    """Make a signal: NaN and infinities flagged as missing, angles unwrapped over the usable samples."""
+    flags = np.zeros(len(t), np.uint8) if flags is None else flags.copy()
+    bad = ~np.all(np.isfinite(values), axis=1)
+    flags[bad & (flags == 0)] |= np.uint8(Flag.MISSING)
+    out = Signal(t, values, flags)
+    if CHANNELS[channel].family in _UNWRAPPED and np.any(out.usable):
+        values = values.copy()
+        values[out.usable] = np.unwrap(values[out.usable], axis=0)
+        out = Signal(t, values, flags)
+    return out

@@ -1,0 +1,279 @@
+"""The rig: which sensors, where, on which wires, with which latency, noise and tolerance. Read from TOML.
+
+The file format is documented in ``docs/rig.md``; a rig is data, a new sensor of a known kind is one row.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from daq.channels import AXES, CHANNELS, CORNERS, FAMILIES
+from daq.errors import RigError, nearest
+from daq.toml_reader import Reader
+
+FORMAT = "lacet-rig 1"
+WHEEL_REFERENCES = ("contact", "hub")
+
+DEFAULT_TOLERANCE: dict[str, float] = {
+    # 1 σ of what a calibrated instrument may be off by; a rig says better where it knows better.
+    "wheel.force.zero": 20.0,
+    "wheel.moment.zero": 5.0,
+    "wheel.force.gain": 0.003,
+    "wheel.moment.gain": 0.003,
+    "imu.accel.zero": 0.02,
+    "imu.rate.zero": 0.0005,
+    "imu.accel.gain": 0.001,
+    "imu.rate.gain": 0.001,
+    "imu.attitude.zero": 0.001,
+    "laser.ground.zero": 0.0005,
+    "laser.hub.zero": 0.0005,
+    "laser.ground.gain": 0.002,
+    "laser.hub.gain": 0.002,
+    "camera.steer.zero": 0.0005,
+    "camera.camber.zero": 0.0005,
+    "correvit.speed.zero": 0.02,
+    "correvit.speed.gain": 0.002,
+    "latency": 0.002,
+}
+"""Sensor sheet used where a rig says nothing: zeros in SI, gains as fractions, latency [s]."""
+
+
+@dataclass(frozen=True)
+class Bus:
+    """One wire. `kind` is can, serial or udp; the other fields say how to reach it on the logging machine."""
+
+    name: str
+    kind: str
+    bitrate: int | None = None
+    baud: int | None = None
+    device: str | None = None
+    port: int | None = None
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """One row of the rig.
+
+    Attributes
+    ----------
+    name : unique in the rig.
+    channels : names in the vocabulary.
+    driver, bus : how its bytes are decoded and where they arrive; None when it only appears in exchange tables.
+    axes : axes its vectors are delivered in, one of `daq.channels.AXES`.
+    latency : the stamp is later than the physical instant by this much [s].
+    clock : ``arrival``, or ``device`` to fit the sensor's own clock to the arrivals on read.
+    noise : 1 σ at the nominal rate by channel family, SI.
+    tolerance : 1 σ of zeros (SI) and gains (fractions) by ``family.zero`` / ``family.gain``, and ``latency`` [s].
+    position : mount in body axes [m], by corner for corner sensors, under ``""`` otherwise.
+    from_wheel_centre : mount relative to each design wheel centre, body axes [m], instead of `position`.
+    orientation : roll, pitch, yaw of the sensor in body axes [rad].
+    options : what the driver is given.
+    """
+
+    name: str
+    channels: tuple[str, ...]
+    driver: str | None
+    bus: str | None
+    axes: str
+    latency: float
+    clock: str
+    noise: Mapping[str, float]
+    tolerance: Mapping[str, float]
+    position: Mapping[str, tuple[float, ...]]
+    from_wheel_centre: tuple[float, ...] | None
+    orientation: tuple[float, ...]
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A set of sensors on a car.
+
+    `wheel_reference` is ``contact`` (road on tyre, reduced to the wheel centre) or ``hub`` (wheel on hub, rim and tyre
+    outboard). `text` is the file's full text, as stored in every log; `folder` is where it lies.
+    """
+
+    name: str
+    wheel_reference: str
+    buses: Mapping[str, Bus]
+    sensors: tuple[Sensor, ...]
+    text: str
+    folder: Path | None = None
+
+    @classmethod
+    def load(cls, path: str | Path) -> Rig:
+        """Read a rig file, or a rig shipped with lacet by its name. Raises RigError with every fault at once."""
+        found = find_shipped(path, "rigs", RigError)
+        return cls.parse(found.read_text(encoding="utf-8"), str(path), found.parent)
+
+    @classmethod
+    def parse(cls, text: str, name: str = "rig", folder: Path | None = None) -> Rig:
+        """Read a rig from its text. Raises RigError with every fault at once."""
+        reader = Reader(text, name, RigError, FORMAT)
+        root = reader.root
+        reader.known(root, ("format", "name", "description", "wheel_reference", "bus", "sensor"), "")
+        buses = {key: _bus(reader, key, row) for key, row in reader.table(root, "bus", "").items()}
+        rows = root.get("sensor", [])
+        if not isinstance(rows, list) or not rows:
+            reader.fault("sensor", "the rig needs at least one [[sensor]] row")
+            rows = []
+        sensors = tuple(_sensor(reader, i, row, buses) for i, row in enumerate(rows) if isinstance(row, dict))
+        _check_unique(reader, sensors)
+        rig = cls(
+            reader.text(root, "name", ""),
+            reader.choice(root, "wheel_reference", "", WHEEL_REFERENCES, "contact"),
+            buses,
+            sensors,
+            text,
+            folder,
+        )
+        reader.finish()
+        return rig
+
+    def sensor_of(self, channel: str) -> Sensor | None:
+        """The sensor that delivers `channel`, or None when the rig has none."""
+        return next((sensor for sensor in self.sensors if channel in sensor.channels), None)
+
+    def latency(self, channel: str) -> float:
+        """Latency of a channel [s]."""
+        sensor = self.sensor_of(channel)
+        return sensor.latency if sensor else 0.0
+
+    def noise(self, channel: str) -> float:
+        """1 σ of a channel's white noise at its nominal rate, SI."""
+        sensor, family = self.sensor_of(channel), CHANNELS[channel].family
+        return sensor.noise.get(family, CHANNELS[channel].noise) if sensor else CHANNELS[channel].noise
+
+    def tolerance(self, channel: str, what: str) -> float:
+        """1 σ of a channel's ``zero`` (SI), ``gain`` (fraction) or ``latency`` [s]."""
+        sensor = self.sensor_of(channel)
+        key = "latency" if what == "latency" else f"{CHANNELS[channel].family}.{what}"
+        default = DEFAULT_TOLERANCE.get(key, 0.0)
+        return sensor.tolerance.get(key, default) if sensor else default
+
+
+def find_shipped(path: str | Path, folder: str, error: type[RigError] | Any) -> Path:
+    """Resolve a file path, or the bare name of a file shipped in ``daq/<folder>``; raise `error` with the choices."""
+    candidate = Path(path)
+    if candidate.is_file():
+        return candidate
+    shipped = Path(__file__).parent / folder
+    names = sorted(file.stem for file in shipped.glob("*.toml"))
+    if candidate.name in names and candidate.suffix == "":
+        return shipped / f"{candidate.name}.toml"
+    raise error(path, [f"no such file, and not one shipped with lacet ({', '.join(names)}){nearest(str(path), names)}"])
+
+
+def _bus(reader: Reader, name: str, row: Any) -> Bus:
+    place = f"bus.{name}"
+    if not isinstance(row, dict):
+        reader.fault(place, "must be a table")
+        return Bus(name, "can")
+    reader.known(row, ("kind", "bitrate", "baud", "device", "port"), place)
+
+    def whole(key: str) -> int | None:
+        value = row.get(key)
+        if value is not None and (not isinstance(value, int) or isinstance(value, bool) or value <= 0):
+            reader.fault(f"{place}.{key}", f"must be a positive whole number, found {value!r}")
+            return None
+        return value
+
+    device = row.get("device")
+    if device is not None and not isinstance(device, str):
+        reader.fault(f"{place}.device", "must be a text")
+        device = None
+    kind = reader.choice(row, "kind", place, ("can", "serial", "udp"), "can")
+    return Bus(name, kind, whole("bitrate"), whole("baud"), device, whole("port"))
+
+
+_SENSOR_KEYS = (
+    "name", "driver", "bus", "channels", "axes", "latency", "clock", "noise", "tolerance", "position",
+    "position_from_wheel_centre", "orientation", "options", "description",
+)  # fmt: skip
+
+
+def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str, Bus]) -> Sensor:
+    name = row.get("name") if isinstance(row.get("name"), str) else f"#{index + 1}"
+    place = f"sensor {name}"
+    reader.known(row, _SENSOR_KEYS, place)
+    reader.text(row, "name", place)
+    channels = _channels(reader, row.get("channels"), place)
+    bus = row.get("bus")
+    if bus is not None and bus not in buses:
+        reader.fault(f"{place}.bus", f"there is no [bus.{bus}]{nearest(str(bus), buses)}")
+    if (row.get("driver") is None) != (bus is None):
+        reader.fault(place, "driver and bus go together: give both, or neither for a sensor of exchange tables")
+    families = {CHANNELS[channel].family for channel in channels}
+    default_axes = CHANNELS[channels[0]].axes if channels else "sensor"
+    orientation = row.get("orientation", [0.0, 0.0, 0.0])
+    from_centre = row.get("position_from_wheel_centre")
+    return Sensor(
+        name=str(name),
+        channels=channels,
+        driver=row.get("driver"),
+        bus=bus,
+        axes=reader.choice(row, "axes", place, AXES, default_axes),
+        latency=reader.number(row, "latency", place, 0.0, low=0.0),
+        clock=reader.choice(row, "clock", place, ("arrival", "device"), "arrival"),
+        noise=_sheet(reader, row, "noise", place, families),
+        tolerance=_sheet(
+            reader, row, "tolerance", place,
+            {f"{family}.{what}" for family in families for what in ("zero", "gain")} | {"latency"},
+        ),
+        position=_position(reader, row.get("position"), place, channels),
+        from_wheel_centre=None
+        if from_centre is None
+        else reader.vector(from_centre, f"{place}.position_from_wheel_centre"),
+        orientation=reader.vector(orientation, f"{place}.orientation"),
+        options=reader.table(row, "options", place),
+    )  # fmt: skip
+
+
+def _channels(reader: Reader, patterns: Any, place: str) -> tuple[str, ...]:
+    if not isinstance(patterns, list) or not patterns:
+        reader.fault(f"{place}.channels", 'must be a list of channel names or patterns, e.g. ["wheel.*"]')
+        return ()
+    out: dict[str, None] = {}
+    for pattern in patterns:
+        matches = fnmatch.filter(CHANNELS, str(pattern))
+        if not matches:
+            reader.fault(f"{place}.channels", f"no channel is called {pattern!r}{nearest(str(pattern), CHANNELS)}")
+        out.update(dict.fromkeys(matches))
+    return tuple(out)
+
+
+def _sheet(reader: Reader, row: dict[str, Any], key: str, place: str, allowed: set[str]) -> dict[str, float]:
+    table = reader.table(row, key, place)
+    reader.known(table, sorted(allowed), f"{place}.{key}")
+    return {name: reader.number(table, name, f"{place}.{key}", 0.0, low=0.0) for name in table if name in allowed}
+
+
+def _position(reader: Reader, value: Any, place: str, channels: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
+    if value is None:
+        return {}
+    if isinstance(value, dict):
+        corners = {CHANNELS[channel].corner for channel in channels} - {None}
+        reader.known(value, CORNERS, f"{place}.position")
+        for corner in sorted(str(c) for c in corners if c not in value):
+            reader.fault(f"{place}.position", f"corner {corner} is missing")
+        return {corner: reader.vector(v, f"{place}.position.{corner}") for corner, v in value.items()}
+    return {"": reader.vector(value, f"{place}.position")}
+
+
+def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
+    seen: dict[str, str] = {}
+    for sensor in sensors:
+        for channel in sensor.channels:
+            if channel in seen:
+                reader.fault(f"sensor {sensor.name}", f"{channel} is already delivered by {seen[channel]}")
+            seen[channel] = sensor.name
+    names = [sensor.name for sensor in sensors]
+    for name in sorted({n for n in names if names.count(n) > 1}):
+        reader.fault(f"sensor {name}", "the name stands twice; names are unique in a rig")
+
+
+assert {key.rsplit(".", 1)[0] for key in DEFAULT_TOLERANCE if key != "latency"} <= set(FAMILIES)

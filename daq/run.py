@@ -1,0 +1,100 @@
+"""A run: the measured channels of one drive as arrays, wherever they came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.blocks import UNUSABLE
+from daq.channels import CHANNELS
+from daq.errors import RunError
+
+BRAKES = ("off", "used", "unknown")
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One channel of a run.
+
+    `t` (N,) s since the run's start, as stamped (no latency removed), strictly increasing; `values` (N, k) SI;
+    `flags` (N,) uint8, `daq.blocks.Flag` bits.
+    """
+
+    t: NDArray[np.float64]
+    values: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(N,) samples the identification may use."""
+        return (self.flags & int(UNUSABLE)) == 0
+
+
+@dataclass(frozen=True)
+class Run:
+    """Measured channels of one drive.
+
+    Attributes
+    ----------
+    name : short name, the file's stem.
+    signals : by channel name; a channel that was not measured is absent.
+    vehicle, manoeuvre, rig, notes : as declared, empty when not.
+    wheel_reference : ``contact`` or ``hub``, or empty when the run leaves it to the rig.
+    brakes : ``off``, ``used`` or ``unknown``: whether spin rows of undriven wheels can be used.
+    vehicle_text, rig_text : full text of the files, where the log holds them.
+    problems : what was wrong with the file, one plain line each.
+    """
+
+    name: str
+    signals: Mapping[str, Signal]
+    vehicle: str = ""
+    manoeuvre: str = ""
+    rig: str = ""
+    wheel_reference: str = ""
+    brakes: str = "unknown"
+    notes: str = ""
+    vehicle_text: str = ""
+    rig_text: str = ""
+    problems: tuple[str, ...] = field(default=())
+
+    @classmethod
+    def open(cls, path: str | Path) -> Run:
+        """Read a run: an MCAP log with decoded blocks, or an exchange table (Parquet or CSV).
+
+        Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes
+        and reported in `problems`.
+        """
+        from daq import exchange  # here, because these modules build runs themselves
+
+        file = Path(path)
+        if not file.is_file():
+            raise RunError(path, ["no such file"])
+        suffix = file.suffix.lower()
+        if suffix in exchange.SUFFIXES:
+            return exchange.read_table(file)
+        if suffix == ".mcap":
+            from daq import log_run
+
+            return log_run.read_run(file)
+        raise RunError(path, [f"unknown kind of file '{suffix}': give an MCAP log (.mcap), .parquet or .csv"])
+
+    @property
+    def duration(self) -> float:
+        """Time covered by the longest channel [s]."""
+        return max((float(s.t[-1] - s.t[0]) for s in self.signals.values() if len(s.t)), default=0.0)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """Channels of the vocabulary that this run does not have."""
+        return tuple(name for name in CHANNELS if name not in self.signals)
+
+    def with_values(self, values: Mapping[str, NDArray[np.float64]]) -> Run:
+        """The same run with other values in some channels (for simulated noise and sensor faults)."""
+        signals = dict(self.signals)
+        for name, array in values.items():
+            signals[name] = replace(signals[name], values=array)
+        return replace(self, signals=signals)

@@ -1,0 +1,204 @@
+"""The vehicle: geometry, bench (K&C) tables and a-priori values, every number with its source. Read from TOML.
+
+The file format is documented in ``docs/vehicle.md``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CORNERS
+from daq.errors import VehicleError, nearest
+from daq.rig import find_shipped
+from daq.toml_reader import Quantity, Reader
+from daq.units import TO_SI
+
+FORMAT = "lacet-vehicle 1"
+
+
+@dataclass(frozen=True)
+class KinematicTable:
+    """Bench (K&C) table of one corner against suspension travel, as changes from the design position.
+
+    Attributes
+    ----------
+    travel : (n,) m, compression positive, strictly increasing.
+    half_track : (n,) m, outward positive.
+    half_wheelbase : (n,) m, forward positive.
+    toe : (n,) rad, toe-in positive.
+    camber : (n,) rad, top outward positive (ISO 8855).
+    pitch : (n,) rad, carrier rotation about body y (side view: caster change, anti-dive), nose down positive.
+    """
+
+    travel: NDArray[np.float64]
+    half_track: NDArray[np.float64]
+    half_wheelbase: NDArray[np.float64]
+    toe: NDArray[np.float64]
+    camber: NDArray[np.float64]
+    pitch: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Corner:
+    """One corner of the car at design position, body axes.
+
+    `position` is the wheel centre [m]; `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and
+    `kingpin_inclination` (top inward) the steering axis [rad]; `height` of the wheel centre above a flat road [m].
+    """
+
+    name: str
+    position: tuple[float, float, float]
+    height: float
+    tyre_radius: float
+    caster: float
+    kingpin_inclination: float
+    driven: bool
+    brakes: str
+    table: KinematicTable | None
+
+    @property
+    def side(self) -> int:
+        """+1 on the left, -1 on the right."""
+        return 1 if self.name.endswith("l") else -1
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A car. `apriori` holds values known before identification, by parameter name, for comparison only."""
+
+    name: str
+    corners: Mapping[str, Corner]
+    apriori: Mapping[str, Quantity]
+    numbers: Mapping[str, Quantity]
+    text: str
+
+    @classmethod
+    def load(cls, path: str | Path) -> Vehicle:
+        """Read a vehicle file, or one shipped with lacet by its name. Raises VehicleError with every fault at once."""
+        found = find_shipped(path, "vehicles", VehicleError)
+        return cls.parse(found.read_text(encoding="utf-8"), str(path))
+
+    @classmethod
+    def parse(cls, text: str, name: str = "vehicle") -> Vehicle:
+        """Read a vehicle from its text. Raises VehicleError with every fault at once."""
+        reader = Reader(text, name, VehicleError, FORMAT)
+        root = reader.root
+        reader.known(root, ("format", "name", "description", "geometry", "axle", "corner", "apriori"), "")
+        numbers: dict[str, Quantity] = {}
+        geometry = reader.table(root, "geometry", "", required=True)
+        reader.known(geometry, ("wheelbase",), "geometry")
+        wheelbase = _required(reader, numbers, geometry, "wheelbase", "geometry", "m")
+        axles = reader.table(root, "axle", "", required=True)
+        reader.known(axles, ("front", "rear"), "axle")
+        overrides = reader.table(root, "corner", "")
+        reader.known(overrides, CORNERS, "corner")
+        height = _front_height(reader, axles, overrides)
+        corners: dict[str, Corner] = {}
+        for corner in CORNERS:
+            axle = "front" if corner[0] == "f" else "rear"
+            base = reader.table(axles, axle, "axle", required=corner[1] == "l")
+            rows = {**base, **reader.table(overrides, corner, "corner")}
+            place = f"corner.{corner}" if corner in overrides else f"axle.{axle}"
+            corners[corner] = _corner(reader, numbers, corner, rows, place, wheelbase, height)
+        apriori = {
+            key: q
+            for key, row in reader.table(root, "apriori", "").items()
+            if (q := reader.quantity({key: row}, key, "apriori", _unit_of(row))) is not None
+        }
+        vehicle = cls(reader.text(root, "name", ""), corners, apriori, numbers, text)
+        reader.faults = list(dict.fromkeys(reader.faults))
+        reader.finish()
+        return vehicle
+
+
+_CORNER_KEYS = (
+    "track", "wheel_centre_height", "tyre_radius", "caster", "kingpin_inclination", "driven", "brakes", "kinematics",
+    "static_camber", "static_toe",
+)  # fmt: skip
+
+
+def _unit_of(row: Any) -> str:
+    from daq.units import canonical
+
+    unit = canonical(str(row.get("unit", ""))) if isinstance(row, dict) else ""
+    return TO_SI[unit][0] if unit in TO_SI else "-"
+
+
+def _required(
+    reader: Reader, numbers: dict[str, Quantity], rows: dict[str, Any], key: str, place: str, unit: str
+) -> float:
+    quantity = reader.quantity(rows, key, place, unit)
+    if quantity is None:
+        if key not in rows:
+            reader.fault(place, f"{key} is missing" + nearest(key, [k for k in rows if k not in _CORNER_KEYS]))
+        return 1.0
+    numbers[f"{place}.{key}"] = quantity
+    return quantity.value
+
+
+def _optional(
+    reader: Reader, numbers: dict[str, Quantity], rows: dict[str, Any], key: str, place: str, unit: str
+) -> float:
+    return _required(reader, numbers, rows, key, place, unit) if key in rows else 0.0
+
+
+def _front_height(reader: Reader, axles: dict[str, Any], overrides: dict[str, Any]) -> float:
+    """Mean wheel-centre height of the front axle: the height of the body origin above a flat road."""
+    rows = [{**reader.table(axles, "front", "axle"), **reader.table(overrides, c, "corner")} for c in ("fl", "fr")]
+    heights = [reader.quantity(row, "wheel_centre_height", "axle.front", "m") for row in rows]
+    return float(np.mean([h.value for h in heights if h is not None] or [0.3]))
+
+
+def _corner(
+    reader: Reader, numbers: dict[str, Quantity], name: str, rows: dict[str, Any], place: str, wheelbase: float,
+    origin_height: float,
+) -> Corner:  # fmt: skip
+    reader.known(rows, _CORNER_KEYS, place)
+    side = 1 if name.endswith("l") else -1
+    height = _required(reader, numbers, rows, "wheel_centre_height", place, "m")
+    track = _required(reader, numbers, rows, "track", place, "m")
+    # Not used by the method (cameras measure the attitude): kept with their source for the reader of the file.
+    for key in ("static_camber", "static_toe"):
+        _optional(reader, numbers, rows, key, place, "rad")
+    driven = rows.get("driven", False)
+    if not isinstance(driven, bool):
+        reader.fault(f"{place}.driven", "must be true or false")
+        driven = False
+    return Corner(
+        name=name,
+        position=(0.0 if name[0] == "f" else -wheelbase, side * track / 2, height - origin_height),
+        height=height,
+        tyre_radius=_required(reader, numbers, rows, "tyre_radius", place, "m"),
+        caster=_optional(reader, numbers, rows, "caster", place, "rad"),
+        kingpin_inclination=_optional(reader, numbers, rows, "kingpin_inclination", place, "rad"),
+        driven=driven,
+        brakes=reader.choice(rows, "brakes", place, ("outboard", "inboard"), "outboard"),
+        table=_table(reader, reader.table(rows, "kinematics", place), f"{place}.kinematics"),
+    )
+
+
+_TABLE_UNITS = {"half_track": "m", "half_wheelbase": "m", "toe": "rad", "camber": "rad", "pitch": "rad"}
+
+
+def _table(reader: Reader, rows: dict[str, Any], place: str) -> KinematicTable | None:
+    if not rows:
+        return None
+    reader.known(rows, ("travel", *_TABLE_UNITS), place)
+    travel = reader.series(rows, "travel", place, "m")
+    if travel is None or len(travel) < 2 or np.any(np.diff(travel) <= 0):
+        reader.fault(f"{place}.travel", "needs at least two travels, strictly increasing")
+        return None
+    columns = {}
+    for key, unit in _TABLE_UNITS.items():
+        values = reader.series(rows, key, place, unit)
+        if values is not None and len(values) != len(travel):
+            reader.fault(f"{place}.{key}", f"has {len(values)} values for {len(travel)} travels")
+            values = None
+        columns[key] = np.asarray(values if values is not None else np.zeros(len(travel)), float)
+    return KinematicTable(np.asarray(travel, float), **columns)

@@ -1,0 +1,1 @@
+"""One file a sub-command of ``lacet``, found by walking this folder."""

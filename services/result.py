@@ -1,0 +1,45 @@
+"""The machine-readable result every command can write with ``--json``. The formats are documented in ``docs/json.md``."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FORMAT = "lacet-result 1"
+
+DONE = 0
+BAD_INPUT = 2
+WITH_LOSSES = 3
+"""Exit codes: done; bad usage or input; done with losses or nothing identifiable."""
+
+
+def write_result(path: str | Path | None, command: str, payload: dict[str, Any]) -> None:
+    """Write ``{"format", "command", **payload}`` to `path` (``-``: standard output); nothing when `path` is None."""
+    if path is None:
+        return
+    text = json.dumps(plain({"format": FORMAT, "command": command, **payload}), indent=1, ensure_ascii=False) + "\n"
+    if str(path) == "-":
+        sys.stdout.write(text)
+    else:
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+        Path(path).write_text(text, encoding="utf-8")
+
+
+def plain(value: Any) -> Any:
+    """`value` as plain JSON: arrays become lists, numbers that are not finite become null."""
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return str(value) if isinstance(value, Path) else value
