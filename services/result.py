@@ -1,4 +1,4 @@
-"""The machine-readable result every command can write with ``--json``. The formats are documented in ``docs/json.md``."""
+"""The machine-readable result every command can write with ``--json``; formats: ``docs/json.md``."""
 
 from __future__ import annotations
 

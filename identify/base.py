@@ -1,0 +1,104 @@
+"""Base parameters: which combinations of parameters a set of equations can determine at all (Gautier, 1991)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BaseParameters:
+    """Grouping of standard parameters into base ones.
+
+    Attributes
+    ----------
+    names : all standard parameters, in the order of the columns.
+    independent : indices of the columns kept: one base parameter each, named after its own.
+    dependent : indices of the columns grouped into kept ones.
+    absent : indices of the columns without any effect.
+    relations : (b, d): base parameter i = X[independent[i]] + Σ_k relations[i, k] X[dependent[k]].
+    gap : smallest kept ÷ largest dropped pivot (∞ when nothing was dropped): how clear the rank is.
+    """
+
+    names: tuple[str, ...]
+    independent: NDArray[np.int64]
+    dependent: NDArray[np.int64]
+    absent: NDArray[np.int64]
+    relations: Array
+    gap: float
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.independent)
+
+    def grouping(self) -> Array:
+        """(b, p) matrix that turns standard parameters into base parameters."""
+        out = np.zeros((self.rank, len(self.names)))
+        out[np.arange(self.rank), self.independent] = 1.0
+        out[:, self.dependent] = self.relations
+        return out
+
+    def describe(self, i: int, tolerance: float = 1e-7) -> str:
+        """Base parameter `i` in symbols, e.g. ``XX6 + YY7 - 0.45 MX8``."""
+        terms = [self.names[int(self.independent[i])]]
+        for k, factor in enumerate(self.relations[i]):
+            if abs(factor) > tolerance:
+                size = "" if abs(abs(factor) - 1) < tolerance else f"{abs(factor):.6g} "
+                terms.append(f"{'+' if factor > 0 else '-'} {size}{self.names[int(self.dependent[k])]}")
+        return " ".join(terms)
+
+
+def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BaseParameters:
+    """Group the columns of an observation matrix into base parameters.
+
+    Columns are taken in their own order: one is kept when what it adds to those before it is larger than `tolerance`
+    times its length, so that names stay those of the first bodies and do not jump from run to run.
+
+    Parameters
+    ----------
+    W : (rows, p), or the R factor of it.
+    names : p names.
+    """
+    W = np.asarray(W, float)
+    if W.shape[0] > W.shape[1]:
+        W = np.asarray(scipy.linalg.qr(W, mode="r")[0])[: W.shape[1]]
+    lengths = np.linalg.norm(W, axis=0)
+    largest = float(np.max(lengths, initial=0.0))
+    absent = np.flatnonzero(lengths <= 1e-12 * largest)
+    present = np.flatnonzero(lengths > 1e-12 * largest)
+    unit_columns = W[:, present] / lengths[present]
+    kept: list[int] = []
+    basis = np.empty((W.shape[0], 0))
+    kept_pivot, dropped_pivot = np.inf, 0.0
+    for k in range(len(present)):
+        left = unit_columns[:, k]
+        for _ in range(2):  # twice is enough (Kahan and Parlett)
+            left = left - basis @ (basis.T @ left)
+        pivot = float(np.linalg.norm(left))
+        if pivot > tolerance:
+            kept.append(k)
+            kept_pivot = min(kept_pivot, pivot)
+            basis = np.column_stack([basis, left / pivot])
+        else:
+            dropped_pivot = max(dropped_pivot, pivot)
+    dropped = [k for k in range(len(present)) if k not in set(kept)]
+    relations = np.zeros((len(kept), len(dropped)))
+    if kept and dropped:
+        solution = np.linalg.lstsq(unit_columns[:, kept], unit_columns[:, dropped], rcond=None)[0]
+        relations = solution * lengths[present[dropped]] / lengths[present[kept]][:, None]
+        relations[np.abs(relations) < 1e-9] = 0.0
+    return BaseParameters(
+        tuple(names),
+        present[kept],
+        present[dropped],
+        absent,
+        relations,
+        kept_pivot / dropped_pivot if dropped_pivot > 0 else np.inf,
+    )

@@ -1,0 +1,150 @@
+"""The 42-body car of the paper as a modified Denavit–Hartenberg table, and its joints along a measured motion.
+
+Joints 1–6 are the posture (lateral, longitudinal, vertical, yaw, pitch, roll). Four branches of nine follow: 7–15 rear
+left, 16–24 rear right, 25–33 front left, 34–42 front right. In a branch: half track, half wheelbase, damper clearance,
+steering, camber, then two rotations about the carrier's y axis, wheel rotation, tyre deflection (which hangs on the
+carrier, never on the spinning wheel).
+
+The paper leaves q12 unnamed and calls q13 the kingpin angle. Here q12 is the carrier's pitch with suspension travel
+(caster change, from the bench table) and q13 its pitch from steering about the inclined kingpin, so that the carrier's
+attitude is Rz(q10) Rx(q11) Ry(q12 + q13), which is what cameras and bench tables give.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+
+from daq.vehicle import Corner, KinematicTable
+from identify.chain import Chain, Joint
+from identify.vectors import Array, rotation, rpy, turn
+
+CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
+"""Branches in the paper's numbering."""
+
+FIRST_JOINT = {corner: 7 + 9 * i for i, corner in enumerate(CORNER_OF_BRANCH)}
+"""Number of a branch's first joint, by corner."""
+
+CHASSIS = 6
+AXLE = {corner: first + 4 for corner, first in FIRST_JOINT.items()}
+"""Body numbers of the axles (wheel carriers): 11, 20, 29, 38."""
+CARRIER = {corner: first + 6 for corner, first in FIRST_JOINT.items()}
+"""Frames of the carriers, the last before the wheel: 13, 22, 31, 40."""
+WHEEL = {corner: first + 7 for corner, first in FIRST_JOINT.items()}
+"""Body numbers of the wheels: 14, 23, 32, 41."""
+
+# σ and the joint axis in body axes when every joint is at zero (x forward, y left, z up).
+_POSTURE = ((1, "y"), (1, "x"), (1, "z"), (0, "z"), (0, "y"), (0, "x"))
+_BRANCH = ((1, "y"), (1, "x"), (1, "z"), (0, "z"), (0, "x"), (0, "y"), (0, "y"), (0, "y"), (1, "z"))
+_AXIS = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([0, 0, 1.0])}
+
+
+@dataclass(frozen=True)
+class CarChain:
+    """The car's chain and, for every frame, the constant turn to axes an engineer thinks in.
+
+    `to_body[k]` is the 3 × 3 rotation from frame k + 1 to body-like axes (x forward, y left, z up) when every joint is
+    at zero.
+    """
+
+    chain: Chain
+    to_body: tuple[Array, ...]
+
+
+def car_chain() -> CarChain:
+    """The 42-joint table. All lengths are joint variables: half track and half wheelbase are q7, q8 and so on."""
+    joints: list[Joint] = []
+    turns: list[Array] = []
+
+    def add(ant: int, sigma: int, axis: str) -> None:
+        before = turns[ant - 1] if ant else np.eye(3)
+        x, y, z = before.T @ _AXIS[axis]
+        # Rz(γ) Rx(α) must carry z onto the new joint axis: (sin γ sin α, −cos γ sin α, cos α).
+        alpha = math.atan2(math.hypot(x, y), z)
+        gamma = math.atan2(x, -y) if alpha > 1e-9 else 0.0
+        joints.append(Joint(len(joints) + 1, ant, sigma, gamma=gamma, alpha=alpha))
+        # Multiples of a quarter turn: rounding takes the last digit off, so that axes are exact.
+        turns.append(np.round(before @ rotation(2, gamma) @ rotation(0, alpha), 12))
+
+    for k, (sigma, axis) in enumerate(_POSTURE):
+        add(k, sigma, axis)
+    for corner in CORNER_OF_BRANCH:
+        first = FIRST_JOINT[corner]
+        for k, (sigma, axis) in enumerate(_BRANCH):
+            ant = CHASSIS if k == 0 else CARRIER[corner] if k == 8 else first + k - 1
+            add(ant, sigma, axis)
+    return CarChain(Chain(joints), tuple(turns))
+
+
+@dataclass(frozen=True)
+class KinematicSlopes:
+    """Bench table of one corner along a travel history, in joint signs.
+
+    For each joint of the branch (half track, half wheelbase, toe, camber, pitch): the change of the joint (N,), its
+    slope against travel (N,) and the slope of the slope (N,), all zero without a table.
+    """
+
+    change: Array
+    slope: Array
+    curvature: Array
+
+
+def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
+    """Evaluate a corner's bench table: five rows (half track, half wheelbase, steer, camber, pitch), (5, N) each.
+
+    Signs are turned from the file's (outward, toe-in, top outward) to the joints' (y to the left, steer to the left,
+    positive about x). A cubic spline is used, so that slopes are continuous; beyond the table it goes on straight.
+    """
+    zeros = np.zeros((5, travel.size))
+    if corner.table is None:
+        return KinematicSlopes(zeros, zeros, zeros)
+    spline = table_spline(corner.table)
+    low, high = corner.table.travel[0], corner.table.travel[-1]
+    inside = np.clip(travel, low, high)
+    signs = np.array([[corner.side], [1.0], [-corner.side], [-corner.side], [1.0]])
+    slope = spline(inside, 1).T
+    beyond = np.where((travel < low) | (travel > high), 0.0, 1.0)
+    change = spline(inside).T + slope * (travel - inside)
+    return KinematicSlopes(signs * change, signs * slope, signs * spline(inside, 2).T * beyond)
+
+
+def table_spline(table: KinematicTable) -> CubicSpline:
+    """The natural cubic spline through a bench table's five columns."""
+    columns = np.stack([table.half_track, table.half_wheelbase, table.toe, table.camber, table.pitch], axis=1)
+    return CubicSpline(table.travel, columns, bc_type="natural")
+
+
+def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
+    """Pitch of the carrier that steering about the inclined kingpin brings: value, first and second slope by steer.
+
+    The carrier turns by an angle δ about the kingpin axis k (top rearward by the caster, inward by the inclination).
+    Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the steer angle alone. All three are
+    (N,); the slopes are differences of the exact relation.
+    """
+    if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
+        zero = np.zeros_like(steer)
+        return zero, zero, zero
+    axis = np.array([-math.tan(corner.caster), -corner.side * math.tan(corner.kingpin_inclination), 1.0])
+    axis = axis / np.linalg.norm(axis)
+    delta = np.linspace(-1.0, 1.0, 401)  # rad about the kingpin: beyond any steering lock
+    c, s = np.cos(delta), np.sin(delta)
+    x, y, z = axis
+    # Elements of the rotation about `axis` (Rodrigues) that give the three angles.
+    yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
+    pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
+    spline = CubicSpline(yaw, pitch)
+    return spline(steer), spline(steer, 1), spline(steer, 2)
+
+
+def carrier_to_body(steer: Array, camber: Array, pitch: Array, v: Array) -> Array:
+    """Turn `v` (3, N) from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v."""
+    return turn(2, steer, turn(0, camber, turn(1, pitch, v)))
+
+
+def orientation(angles: tuple[float, ...]) -> NDArray[np.float64]:
+    """3 × 3 rotation from a sensor's axes to body axes, from its roll, pitch, yaw [rad]."""
+    return rpy(*angles)

@@ -1,0 +1,123 @@
+"""Zero-phase Butterworth filters, central differences, resampling and decimation.
+
+Two stages, as the method asks: a pre-filter alike for all channels, before anything is multiplied or differentiated;
+then one parallel filter on both sides of the equations, before decimation. Every cut-off given is the −3 dB point of
+the two passes together.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import butter, sosfiltfilt
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Filters:
+    """Settings of the signal chain.
+
+    Attributes
+    ----------
+    rate : common rate the channels are brought to [Hz].
+    pre_cutoff : pre-filter, −3 dB of the two passes [Hz]; None leaves channels as they are (exact derivatives given).
+    fit_cutoff : parallel filter, −3 dB of the two passes [Hz].
+    order : order of one pass (5 to 8).
+    edge : left out at both ends of a run and around unusable samples [s]: the filters' transients.
+    """
+
+    rate: float = 250.0
+    pre_cutoff: float | None = 20.0
+    fit_cutoff: float = 6.0
+    order: int = 6
+    edge: float = 0.75
+
+    def __post_init__(self) -> None:
+        if not 5 <= self.order <= 8:
+            raise ValueError(f"filter order must be 5 to 8, found {self.order}")
+        if self.pre_cutoff is not None and self.pre_cutoff < 3.0 * self.fit_cutoff:
+            raise ValueError(
+                f"the pre-filter ({self.pre_cutoff:g} Hz) must be at least 3 times the fit's cut-off "
+                f"({self.fit_cutoff:g} Hz): nearer, it biases inertia and damping"
+            )
+        if 2.0 * self.fit_cutoff >= self.rate:
+            raise ValueError(f"a fit up to {self.fit_cutoff:g} Hz needs a rate above {2 * self.fit_cutoff:g} Hz")
+
+    @property
+    def step(self) -> int:
+        """Decimation: every `step`-th sample is kept, just above twice the fit's cut-off."""
+        return max(1, math.floor(self.rate / (2.2 * self.fit_cutoff)))
+
+
+def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
+    """Second-order sections of the filter whose two passes together are at −3 dB at `cutoff` [Hz].
+
+    One pass is at −1.5 dB there: |H|² = 1/(1 + (f/fd)^2n) = 1/√2 gives fd = f (√2 − 1)^(−1/2n) on the warped axis.
+    """
+    warped = math.tan(math.pi * cutoff / rate) * (math.sqrt(2.0) - 1.0) ** (-0.5 / order)
+    return np.asarray(butter(order, 2.0 / math.pi * math.atan(warped), output="sos"))
+
+
+def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
+    """Filter along the last axis without phase shift; needs more than 3 (order + 1) samples."""
+    sos = two_pass_sos(cutoff, rate, order)
+    # The default padding is too short for a low cut-off: half a period of it keeps the ends quiet.
+    pad = min(x.shape[-1] - 1, max(3 * (order + 1), int(rate / cutoff)))
+    return np.asarray(sosfiltfilt(sos, x, axis=-1, padtype="odd", padlen=pad))
+
+
+# Central differences of eighth order: at 20 Hz and 250 Hz sampling, 0.03 % low, where the three-point rule is 4 % low.
+_STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
+
+
+def derivative(x: Array, rate: float) -> Array:
+    """Time derivative along the last axis by central differences of eighth order, without phase shift."""
+    out = np.gradient(x, 1.0 / rate, axis=-1)
+    n = x.shape[-1]
+    if n >= _STENCIL.size:
+        inner = np.zeros((*x.shape[:-1], n - 8))
+        for k, weight in enumerate(_STENCIL):
+            if weight:
+                inner += weight * x[..., k : n - 8 + k]
+        out[..., 4 : n - 4] = inner * rate
+    return out
+
+
+def decimate(x: Array, filters: Filters, keep: NDArray[np.intp]) -> Array:
+    """Parallel filter, then the samples `keep` along the last axis."""
+    return zero_phase(x, filters.fit_cutoff, filters.rate, filters.order)[..., keep]
+
+
+def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, order: int) -> Array:
+    """Pre-filter a channel at its own rate and evaluate it on the common grid.
+
+    Parameters
+    ----------
+    t : (M,) s, strictly increasing, uniform or not.
+    values : (M, k) without NaN.
+    grid : (N,) s, inside the span of `t`.
+    cutoff : −3 dB of the two passes [Hz], or None not to filter.
+
+    Returns (k, N). Stamps that are not uniform are first interpolated to the channel's own mean rate.
+    """
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    uniform = t[0] + step * np.arange(len(t))
+    if np.max(np.abs(t - uniform)) > 1e-3 * step:
+        values = CubicSpline(t, values)(uniform)
+    series = np.ascontiguousarray(values.T)
+    if cutoff is not None and cutoff < 0.45 / step:
+        series = zero_phase(series, cutoff, 1.0 / step, order)
+    return _cubic(uniform, series, grid)
+
+
+def _cubic(t: Array, series: Array, grid: Array) -> Array:
+    """Cubic interpolation of uniform series (k, M) at `grid`; exact where the grid falls on samples."""
+    position = (grid - t[0]) / (t[1] - t[0])
+    if np.max(np.abs(position - np.rint(position))) < 1e-9:
+        return series[:, np.rint(position).astype(np.intp)]
+    return np.ascontiguousarray(CubicSpline(t, series, axis=1)(grid))

@@ -1,0 +1,133 @@
+"""The motion of the car along a run, from the measurements alone: what every effect's columns are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CORNERS
+from identify.chain import FrameMotion
+from identify.filters import Filters
+from identify.vectors import Array, cross, dot
+
+CHASSIS_ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
+SUSPENSION_ROWS = tuple(f"suspension.{c}" for c in CORNERS)
+TYRE_ROWS = tuple(f"tyre.{c}" for c in CORNERS)
+SPIN_ROWS = tuple(f"spin.{c}" for c in CORNERS)
+ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
+"""Every row of the equations, in the order of all reports."""
+
+
+def row_unit(row: str) -> str:
+    """Unit of a row: N, or N·m for chassis moments and spins."""
+    return "N·m" if row.startswith("spin") or row.startswith("chassis.m") else "N"
+
+
+@dataclass(frozen=True)
+class CornerMotion:
+    """One corner. Vectors are (3, N) in body axes, scalars (N,).
+
+    Attributes
+    ----------
+    travel, rate, accel : suspension travel s [m], compression positive, and its derivatives.
+    steer, camber, pitch : carrier attitude Rz(steer) Rx(camber) Ry(pitch) [rad].
+    centre : wheel centre from the body origin [m].
+    dp_ds, dphi_ds : wheel-centre position and carrier rotation per unit of travel, from the bench tables.
+    force, moment : measured wheel load, about the wheel centre [N, N·m].
+    spin_axis : the wheel's axis, to the left.
+    spin, spin_accel : wheel speed about it [rad/s], and its derivative.
+    normal : the road's normal.
+    height : wheel centre above the road along the normal [m].
+    deflection : tyre deflection δ = R0 − h/√(1 − (n·e)²) [m].
+    deflection_rate : its derivative [m/s].
+    centre_accel : specific force at the wheel centre [m/s²].
+    axle : motion of the axle's body in body-like axes.
+    wheel : motion of the wheel in its joint frame, z along the spin axis.
+    """
+
+    travel: Array
+    rate: Array
+    accel: Array
+    steer: Array
+    camber: Array
+    pitch: Array
+    centre: Array
+    dp_ds: Array
+    dphi_ds: Array
+    force: Array
+    moment: Array
+    spin_axis: Array
+    spin: Array
+    spin_accel: Array
+    normal: Array
+    height: Array
+    deflection: Array
+    deflection_rate: Array
+    centre_accel: Array
+    axle: FrameMotion
+    wheel: FrameMotion
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A run as motion and loads on one uniform time grid.
+
+    Attributes
+    ----------
+    name : the run's name.
+    t : (N,) s.
+    filters : settings the signals were brought here with.
+    reference : ``contact`` or ``hub``.
+    body : motion of the body axes' origin, in body axes.
+    velocity : (3, N) m/s of the origin over the ground in body axes, or None where no speed sensor was read.
+    attitude : (3, N) roll, pitch, yaw of the body [rad], or None where it was not measured.
+    corners : by name.
+    rows : the rows whose left side is measured, in the order of `ROWS`.
+    left_out : why each other row is absent.
+    usable : (N,) samples outside flagged intervals and filter transients, by row.
+    channels : channels the run has.
+    notes : what a reader of the result must know, one line each.
+    """
+
+    name: str
+    t: Array
+    filters: Filters
+    reference: str
+    body: FrameMotion
+    velocity: Array | None
+    attitude: Array | None
+    corners: Mapping[str, CornerMotion]
+    rows: tuple[str, ...]
+    left_out: Mapping[str, str]
+    usable: Mapping[str, NDArray[np.bool_]]
+    channels: frozenset[str]
+    notes: tuple[str, ...] = ()
+
+    def measured(self, row: str) -> Array:
+        """(N,) the measured left side of a row [N or N·m].
+
+        Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
+        the wheel load per unit of travel; a tyre row the load along the road normal; a spin row the moment about the
+        wheel's axis.
+        """
+        kind, name = row.split(".")
+        if kind == "chassis":
+            axis = "xyz".index(name[1])
+            if name[0] == "f":
+                return np.sum([c.force[axis] for c in self.corners.values()], axis=0)
+            return np.sum([c.moment[axis] + cross(c.centre, c.force)[axis] for c in self.corners.values()], axis=0)
+        corner = self.corners[name]
+        if kind == "suspension":
+            return dot(corner.force, corner.dp_ds) + dot(corner.moment, corner.dphi_ds)
+        if kind == "tyre":
+            return dot(corner.force, corner.normal)
+        return dot(corner.moment, corner.spin_axis)
+
+    def kept(self, row: str) -> NDArray[np.intp]:
+        """Indices of the samples of a row that enter the fit, after decimation."""
+        # One comb over the whole run, so that all rows are decimated at the same instants.
+        comb = np.arange(self.filters.step // 2, self.t.size, self.filters.step)
+        return comb[self.usable[row][comb]]

@@ -1,0 +1,52 @@
+"""Three-vectors over many samples, stored as arrays of shape (3, N) so that every operation runs along samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b for (3, N) arrays (either may be (3, 1))."""
+    return np.stack(
+        [
+            a[1] * b[2] - a[2] * b[1],
+            a[2] * b[0] - a[0] * b[2],
+            a[0] * b[1] - a[1] * b[0],
+        ]
+    )
+
+
+def dot(a: Array, b: Array) -> Array:
+    """a · b, (N,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def turn(axis: int, angle: Array, v: Array) -> Array:
+    """Rotate `v` (3, N) by `angle` (N,) about coordinate axis 0, 1 or 2: R(angle) v."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    c, s = np.cos(angle), np.sin(angle)
+    out = np.empty(np.broadcast_shapes(v.shape, (3, *np.shape(angle))))
+    out[axis] = v[axis]
+    out[i] = c * v[i] - s * v[j]
+    out[j] = s * v[i] + c * v[j]
+    return out
+
+
+def rotation(axis: int, angle: float) -> Array:
+    """The 3 × 3 rotation by `angle` [rad] about coordinate axis 0, 1 or 2."""
+    return turn(axis, np.full(3, angle), np.eye(3))
+
+
+def rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """R = Rz(yaw) Ry(pitch) Rx(roll), 3 × 3."""
+    return rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
+
+
+def unit(axis: int) -> Array:
+    """The coordinate axis as a (3, 1) array."""
+    out = np.zeros((3, 1))
+    out[axis] = 1.0
+    return out
