@@ -39,6 +39,14 @@ class Parameter:
         """The largest plausible magnitude."""
         return max(abs(self.low), abs(self.high))
 
+    @property
+    def prior(self) -> float:
+        """1 σ of what is known before any run: the largest plausible value is two of them.
+
+        So wide that it does not move what a run determines; it keeps what no run determines within what is plausible.
+        """
+        return 0.5 * self.largest
+
 
 @dataclass(frozen=True)
 class Effect(ABC):

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from daq.errors import NotIdentifiable
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
+from identify.effect import Effect
+from identify.filters import derivative
 from identify.model import Model
-from identify.motion import Motion
+from identify.noise import draw_noise
 from identify.reconstruct import Recording, Signals
 from identify.rows import ROWS
 from identify.sensitivity import Sensitivity
@@ -36,6 +39,8 @@ class Fit:
     sigma : row → weight's σ [N or N·m].
     residual : for each drive, row → (n,) Y − W θ − zeros, after filter and decimation.
     zeros : for each drive, names, values and priors of its sensor zeros.
+    sensitivities : for each drive, how its residual answers to its channels.
+    correction : (p,) what was added to take out the bias of noise in the regressors.
     """
 
     model: Model
@@ -48,6 +53,7 @@ class Fit:
     residual: tuple[Mapping[str, Array], ...]
     zeros: tuple[tuple[Zeros, Array], ...]
     sensitivities: tuple[Sensitivity, ...]
+    correction: Array
 
     @property
     def physics(self) -> Array:
@@ -65,7 +71,11 @@ class Fit:
 
 
 def fit(
-    model: Model, drives: Sequence[Drive], weights: Mapping[str, float] | None = None, zeros: bool = True
+    model: Model,
+    drives: Sequence[Drive],
+    weights: Mapping[str, float] | None = None,
+    zeros: bool = True,
+    unbias: bool = True,
 ) -> Fit:
     """Fit a model to runs.
 
@@ -75,28 +85,31 @@ def fit(
     drives : the runs used.
     weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
     zeros : estimate each run's sensor zeros with the sheet's σ as prior.
+    unbias : take out the bias that the sheet's noise in the regressors brings (errors in variables).
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
     corrected = tuple(drives)
     faults = np.zeros(len(model.faults))
-    out = _fit_linear(model, corrected, weights, zeros)
+    out = _fit_linear(model, corrected, weights, zeros, unbias)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = faults + step
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
-        out = _fit_linear(model, corrected, weights, zeros)
+        out = _fit_linear(model, corrected, weights, zeros, unbias)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
     if model.faults:
         theta = out.theta.copy()
         theta[theta.size - faults.size :] += faults
-        out = _with_theta(out, theta)
+        out = replace(out, theta=theta)
     return out
 
 
-def _fit_linear(model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool) -> Fit:
+def _fit_linear(
+    model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool
+) -> Fit:
     effects = model.physics
     p = sum(len(effect.parameters) for effect in effects)
     rows = [row for row in ROWS if any(row in drive.rows for drive in drives)]
@@ -111,7 +124,7 @@ def _fit_linear(model: Model, drives: tuple[Drive, ...], weights: Mapping[str, f
     if not base.rank:
         raise NotIdentifiable("no parameter of the model acts on the rows measured in these runs")
     keep = base.independent
-    prior = np.array([q.largest for effect in effects for q in effect.parameters])[keep]
+    prior = np.array([q.prior for effect in effects for q in effect.parameters])[keep]
     problem = _Problem({k: W[:, keep] for k, W in blocks.items()}, left, prior, rows)
     theta, sigma = problem.solve(weights, scale)
     full = np.zeros(p)
@@ -123,7 +136,11 @@ def _fit_linear(model: Model, drives: tuple[Drive, ...], weights: Mapping[str, f
         nuisance = tuple(zeros_of(d, s) for d, s in zip(drives, sensitivities, strict=True)) if zeros else ()
         problem = problem.with_faults(model, drives, sensitivities).with_zeros(nuisance)
         theta, sigma = problem.solve(weights, scale, start=sigma)
-    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p)
+    bias = np.zeros(len(theta))
+    if unbias:
+        bias = problem.bias(drives, effects, keep, theta, sigma)
+        theta = theta - bias
+    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p, bias)
 
 
 class _Problem:
@@ -142,9 +159,7 @@ class _Problem:
         }
         self.counts = {row: sum(len(y) for key, y in left.items() if key[1] == row) for row in rows}
 
-    def with_faults(
-        self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]
-    ) -> _Problem:
+    def with_faults(self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]) -> _Problem:
         """The same with the columns of the model's sensor faults."""
         if not model.faults:
             return self
@@ -155,7 +170,7 @@ class _Problem:
                 found = drives[d].decimated(sensitivities[d].fault(fault))
                 columns.append(found.get(row, np.zeros(len(W))))
             blocks[d, row] = np.column_stack([W, *columns])
-        prior = np.array([q.largest for fault in model.faults for q in fault.parameters])
+        prior = np.array([q.prior for fault in model.faults for q in fault.parameters])
         return _Problem(blocks, self.left, np.concatenate([self.prior, prior]), self.rows)
 
     def with_zeros(self, zeros: Sequence[Zeros]) -> _Problem:
@@ -179,16 +194,17 @@ class _Problem:
             sigma = {row: weights.get(row, scale[row]) for row in self.rows}
             return self._solve(sigma), sigma
         theta = self._solve(sigma)
+        squares = {row: R.T @ R for row, R in self.triangles.items()}
         for _ in range(50):
             before = dict(sigma)
             for row in self.rows:
                 R = self.triangles[row]
                 left = R[:, :-1] @ theta - R[:, -1]
                 sigma[row] = max(float(np.linalg.norm(left)) / np.sqrt(self.counts[row]), 1e-10 * scale[row])
-            theta = self._solve(sigma)
             if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
                 break
-        return theta, sigma
+            theta = self._solve_normal(squares, sigma)
+        return self._solve(sigma), sigma
 
     def _solve(self, sigma: Mapping[str, float]) -> Array:
         stacked = self.stacked(sigma)
@@ -197,10 +213,54 @@ class _Problem:
         p = len(self.prior)
         return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p])) / lengths
 
+    def _solve_normal(self, squares: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
+        """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
+        total = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
+        A = total[:-1, :-1] + np.diag(1.0 / self.prior**2)
+        lengths = np.sqrt(np.diag(A))
+        return np.linalg.solve(A / np.outer(lengths, lengths), total[:-1, -1] / lengths) / lengths
+
     def stacked(self, sigma: Mapping[str, float]) -> Array:
         """Weighted triangles of all rows over the priors as further equations, right-hand side last."""
         priors = np.column_stack([np.diag(1.0 / self.prior), np.zeros(len(self.prior))])
         return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), priors])
+
+    def bias(
+        self, drives: Sequence[Drive], effects: Sequence[Effect], keep: NDArray[np.int64], theta: Array,
+        sigma: Mapping[str, float],
+    ) -> Array:  # fmt: skip
+        """What noise in the regressors does to the estimate: Monte-Carlo corrected scores (Novick and Stefanski, 2002).
+
+        At the true θ the scores Wᵀ r have the mean E[δWᵀ δr] instead of zero. One draw of noise added and the same draw
+        subtracted leave just that product, and the sum over the samples is its mean.
+        """
+        p, width = len(keep), len(theta)
+        slope, constant = np.zeros((width, width)), np.zeros(width)  # E[δWᵀ δr] = constant − slope θ
+        for d, drive in enumerate(drives):
+            rng = np.random.default_rng([2002, d])
+            values = drive.recording.signals.value
+            noise = draw_noise(drive.recording, values, rng)
+            for sign in (1.0, -1.0):
+                moved = {name: array + sign * noise[name] for name, array in values.items()}
+                signals = Signals.differentiated(moved, drive.recording.filters.rate)
+                noisy = Drive(drive.recording.with_signals(signals))
+                for row in drive.rows:
+                    scale = 0.5 / sigma[row] ** 2
+                    W = self.blocks[d, row]
+                    slope -= scale * (W.T @ W)
+                    constant -= scale * (W.T @ self.left[d, row])
+                    W = np.concatenate([noisy.matrix(effects, row)[:, keep], W[:, p:]], axis=1)
+                    slope += scale * (W.T @ W)
+                    constant += scale * (W.T @ noisy.measured[row])
+        stacked = self.stacked(sigma)[:, :-1]
+        lengths = np.linalg.norm(stacked, axis=0)
+        triangle = _triangle(stacked / lengths)[:width]
+        shift = np.zeros(width)
+        for _ in range(4):  # the bias is that of the corrected estimate
+            scores = (constant - slope @ (theta - shift)) / lengths
+            half = scipy.linalg.solve_triangular(triangle, scores, trans=1)
+            shift = np.asarray(scipy.linalg.solve_triangular(triangle, half)) / lengths
+        return shift
 
     def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
         """Y − W θ of every block."""
@@ -210,6 +270,7 @@ class _Problem:
 def _result(
     model: Model, drives: tuple[Drive, ...], base: BaseParameters, problem: _Problem, theta: Array,
     sigma: Mapping[str, float], nuisance: tuple[Zeros, ...], sensitivities: tuple[Sensitivity, ...], p: int,
+    bias: Array,
 ) -> Fit:  # fmt: skip
     residual = problem.residual(theta)
     stacked = problem.stacked(sigma)[:, :-1]
@@ -233,6 +294,8 @@ def _result(
     picked = np.arange(fitted + len(model.faults))
     full = np.zeros(total)
     full[place] = theta[picked]
+    shift = np.zeros(total)
+    shift[place] = -bias[picked]
     covariance, covariance_iid = np.zeros((total, total)), np.zeros((total, total))
     covariance[np.ix_(place, place)] = robust[np.ix_(picked, picked)]
     covariance_iid[np.ix_(place, place)] = iid[np.ix_(picked, picked)]
@@ -242,13 +305,15 @@ def _result(
     return Fit(
         model, drives, base, full, covariance, covariance_iid, dict(sigma),
         tuple({row: residual[d, row] for row in drive.rows} for d, drive in enumerate(drives)), zeros, sensitivities,
+        shift,
     )  # fmt: skip
 
 
-def _with_theta(result: Fit, theta: Array) -> Fit:
-    from dataclasses import replace
-
-    return replace(result, theta=theta)
+def corrected_drive(drive: Drive, fitted: Fit) -> Drive:
+    """A run with the sensor faults of a fitted model taken out; the run itself when the model has none."""
+    if not fitted.model.faults:
+        return drive
+    return Drive(_corrected(drive.recording, fitted.model, fitted.theta[len(fitted.physics) :]))
 
 
 def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
@@ -261,8 +326,6 @@ def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
             if channel in channels:
                 slope = derived.rate.get(channel)
                 if slope is None:
-                    from identify.filters import derivative
-
                     slope = derivative(channels[channel], rate)
                 channels[channel] = fault.correct(channel, channels[channel], slope, float(p), rate)
     return recording.with_signals(Signals.differentiated(channels, rate))
@@ -278,8 +341,3 @@ def _triangle(W: Array) -> Array:
 
 def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2))) if x.size else 0.0
-
-
-def measured_motions(fitted: Fit) -> tuple[Motion, ...]:
-    """The motions of the runs used."""
-    return tuple(drive.motion for drive in fitted.drives)

@@ -8,21 +8,23 @@ multiplications: sensor zeros, gains and latencies become columns, and the noise
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.channels import CHANNELS
 from identify.effect import Effect, SensorFault
-from identify.filters import derivative, zero_phase
+from identify.filters import derivative
 from identify.geometry import build_motion
 from identify.motion import Motion
+from identify.noise import draw_noise
 from identify.reconstruct import Recording, Signals
 from identify.vectors import Array
 
 Perturbation = Mapping[str, Array]
 """Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""
 
+_PARTS = ("value", "rate", "accel")
+_COPIES = 12
 _COARSE = 0.04
 """Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
 
@@ -62,19 +64,25 @@ class Sensitivity:
         active = [e for e in effects if not isinstance(e, SensorFault)]
         theta = _active_values(effects, values)
         before = residual(build_motion(coarse), active, theta)
+        inputs = [
+            (channel, k, order)
+            for order, part in enumerate(_PARTS)
+            for channel, array in getattr(coarse.signals, part).items()
+            for k in range(array.shape[0])
+        ]
         slopes: dict[tuple[str, int, int], dict[str, Array]] = {}
-        for order, part in enumerate(("value", "rate", "accel")):
-            for channel, array in getattr(coarse.signals, part).items():
-                for k in range(array.shape[0]):
-                    step = recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order]
-                    moved = array.copy()
-                    moved[k] += step
-                    changed = {**getattr(coarse.signals, part), channel: moved}
-                    signals = _with(coarse.signals, part, changed)
-                    after = residual(build_motion(coarse.with_signals(signals)), active, theta)
-                    found = _slopes(before, after, step, recording.t, recording.t[comb])
-                    if found:
-                        slopes[channel, k, order] = found
+        # Samples do not see each other, so that many changed copies of the run go through in one pass.
+        for start in range(0, len(inputs), _COPIES):
+            group = inputs[start : start + _COPIES]
+            steps = [recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order] for channel, _, order in group]
+            after = residual(build_motion(_copies(coarse, group, steps)), active, theta)
+            for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
+                part = slice(copy * comb.size, (copy + 1) * comb.size)
+                found = _slopes(
+                    before, {row: a[part] for row, a in after.items()}, step, recording.t, recording.t[comb]
+                )
+                if found:
+                    slopes[key] = found
         return cls(recording, slopes)
 
     def response(self, perturbation: Perturbation) -> dict[str, Array]:
@@ -109,20 +117,9 @@ class Sensitivity:
         return self.response(changes)
 
     def noise(self, rng: np.random.Generator) -> dict[str, Array]:
-        """One draw of what the channels' noise does to the residual, row → (N,).
-
-        White noise of the sheet's σ at each channel's own rate has the same spectrum below the pre-filter's cut-off as
-        white noise on the grid with σ scaled by the root of the rates.
-        """
-        filters, n = self.recording.filters, self.recording.t.size
-        changes: dict[str, Array] = {}
-        for channel in dict.fromkeys(name for name, _, _ in self.slopes):
-            scale = self.recording.rig.noise(channel) * np.sqrt(filters.rate / self.recording.rates[channel])
-            white = scale * rng.standard_normal((CHANNELS[channel].width, n))
-            if filters.pre_cutoff is not None:
-                white = zero_phase(white, filters.pre_cutoff, filters.rate, filters.order)
-            changes[channel] = white
-        return self.response(changes)
+        """One draw of what the channels' noise does to the residual, row → (N,)."""
+        seen = dict.fromkeys(name for name, _, _ in self.slopes)
+        return self.response(draw_noise(self.recording, seen, rng))
 
 
 def _active_values(effects: Sequence[Effect], values: Array) -> Array:
@@ -136,8 +133,16 @@ def _active_values(effects: Sequence[Effect], values: Array) -> Array:
     return np.asarray(keep)
 
 
-def _with(signals: Signals, part: str, changed: dict[str, Array]) -> Signals:
-    return Signals(**{name: changed if name == part else getattr(signals, name) for name in ("value", "rate", "accel")})
+def _copies(recording: Recording, group: Sequence[tuple[str, int, int]], steps: Sequence[float]) -> Recording:
+    """As many copies of a recording as there are inputs, end to end, each with its own input moved by a step."""
+    n, count = recording.t.size, len(group)
+    parts: dict[str, dict[str, Array]] = {
+        part: {name: np.tile(array, count) for name, array in getattr(recording.signals, part).items()}
+        for part in _PARTS
+    }
+    for copy, ((channel, k, order), step) in enumerate(zip(group, steps, strict=True)):
+        parts[_PARTS[order]][channel][k, copy * n : (copy + 1) * n] += step
+    return replace(recording.at(np.tile(np.arange(n), count)), signals=Signals(**parts))
 
 
 def _slopes(

@@ -1,7 +1,7 @@
 """Sensor zeros: constants each run's instruments are off by, known only to the sensor sheet's tolerance.
 
-They are parameters of a run with the sheet's σ as prior: free zeros would swallow drag and cross-talk, none at all would
-turn a laser's half millimetre into a hundred newtons of tyre load.
+They are parameters of a run with the sheet's σ as prior: free zeros would swallow drag and cross-talk, none at all
+would turn a laser's half millimetre into a hundred newtons of tyre load.
 """
 
 from __future__ import annotations

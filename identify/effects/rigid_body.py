@@ -14,11 +14,12 @@ from identify.motion import CornerMotion, Motion
 from identify.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
 from identify.vectors import Array, cross, dot, turn
 
-# Largest plausible values: a loaded light truck's chassis, its axles (with hub, brake and arm) and its wheels.
+# Largest plausible values: a loaded light truck's chassis; an axle (hub, brake, knuckle, share of the arms) of at most
+# 100 kg within 0.2 m of its wheel centre; a wheel of at most 60 kg and 0.4 m.
 _LARGEST = {
     "chassis": {"kg": 1e4, "kg·m": 2e4, "kg·m²": 5e4},
-    "axle": {"kg": 150.0, "kg·m": 15.0, "kg·m²": 5.0},
-    "wheel": {"kg": 80.0, "kg·m": 8.0, "kg·m²": 5.0},
+    "axle": {"kg": 100.0, "kg·m": 5.0, "kg·m²": 3.0},
+    "wheel": {"kg": 60.0, "kg·m": 5.0, "kg·m²": 4.0},
 }
 
 

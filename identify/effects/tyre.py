@@ -71,7 +71,7 @@ class OutboardMass(_TyreForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Mass."""
-        return (self.named("m", "kg", 0.0, 200.0, "positive"),)
+        return (self.named("m", "kg", 0.0, 80.0, "positive"),)
 
     def law(self, corner: CornerMotion) -> Array:
         """−a·e."""

@@ -1,0 +1,67 @@
+"""The noise floor: what the sensor sheet alone does to the residual, simulated through the whole pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identify.drive import Drive
+from identify.fit import Fit
+from identify.sensitivity import Sensitivity
+from identify.vectors import Array
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class NoiseFloor:
+    """Simulated residuals of a model that lacks nothing.
+
+    Attributes
+    ----------
+    draws : for each drive, row → (D, n) residual after filter and decimation, from the channels' noise alone.
+    by_drive : for each drive, row → its RMS [N or N·m].
+    sigma : row → RMS over all drives: the weights of the ranking.
+    """
+
+    draws: tuple[Mapping[str, Array], ...]
+    by_drive: tuple[Mapping[str, float], ...]
+    sigma: Mapping[str, float]
+
+    @property
+    def count(self) -> int:
+        """Number of draws."""
+        return next(iter(self.draws[0].values())).shape[0]
+
+
+def simulate_floor(
+    drives: Sequence[Drive], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
+    progress: Progress | None = None,
+) -> NoiseFloor:  # fmt: skip
+    """Draw the residual's noise `draws` times on every run."""
+    out: list[dict[str, Array]] = []
+    done, total = 0, draws * len(drives)
+    for number, (drive, sensitivity) in enumerate(zip(drives, sensitivities, strict=True)):
+        rng = np.random.default_rng([seed, number])
+        parts: dict[str, list[Array]] = {row: [] for row in drive.rows}
+        for _ in range(draws):
+            for row, series in drive.decimated(sensitivity.noise(rng)).items():
+                parts[row].append(series)
+            done += 1
+            if progress is not None:
+                progress(done, total)
+        out.append({row: np.stack(series) for row, series in parts.items()})
+    by_drive = tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in part.items()} for part in out)
+    rows = dict.fromkeys(row for part in out for row in part)
+    sigma = {
+        row: float(np.sqrt(np.mean(np.concatenate([part[row].ravel() for part in out if row in part]) ** 2)))
+        for row in rows
+    }
+    return NoiseFloor(tuple(out), by_drive, sigma)
+
+
+def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:
+    """The noise floor of a fit, on its own runs."""
+    return simulate_floor(fitted.drives, fitted.sensitivities, draws, seed, progress)
