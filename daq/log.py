@@ -135,7 +135,7 @@ class LogWriter:
 
         `now_ns` is of the clock that stamps the frames [ns].
         """
-        if self._open_bytes and not 0 <= now_ns - self._open_first_ns < self._chunk_ns:
+        if self._open_bytes and abs(now_ns - self._open_first_ns) >= self._chunk_ns:
             self.flush()
 
     def flush(self) -> None:
@@ -143,7 +143,7 @@ class LogWriter:
         self._check()
         try:
             self._file.flush()
-            if self._fsync_ns is not None and not 0 <= self._last_ns - self._synced_ns < self._fsync_ns:
+            if self._fsync_ns is not None and self._last_ns - self._synced_ns >= self._fsync_ns:
                 self._file.sync()
                 self._synced_ns = self._last_ns
         except OSError as error:
@@ -216,7 +216,7 @@ class LogWriter:
         log_ns = max(0, log_ns)
         if not self._open_bytes:
             self._open_first_ns = log_ns
-        elif not 0 <= log_ns - self._open_first_ns < self._chunk_ns or self._open_bytes >= self._chunk_bytes:
+        elif abs(log_ns - self._open_first_ns) >= self._chunk_ns or self._open_bytes >= self._chunk_bytes:
             self.flush()
             self._open_first_ns = log_ns
         self._file.message(topic, kind, data, log_ns, sequence)
