@@ -9,7 +9,7 @@ from daq.blocks import Block
 from daq.frames import Frames
 
 State = Any
-"""A driver's memory between batches: an immutable value of the driver's own type. ``counts(state)`` reads its ledger."""
+"""A driver's memory between batches: an immutable value of its own type. ``counts(state)`` reads its ledger."""
 
 
 class Driver(Protocol):
@@ -23,6 +23,8 @@ class Driver(Protocol):
     """Driver name as used in rig files."""
     channels: tuple[str, ...]
     """Channels this instance produces."""
+    documents: dict[str, str]
+    """File name → full text of each file this instance read its layout from (a DBC); empty where there is none."""
 
     def start(self) -> State:
         """State before the first frame."""
