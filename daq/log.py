@@ -84,7 +84,6 @@ class LogWriter:
         self._channels: dict[str, Tally] = {}
         self._sources: dict[str, Tally] = {}
         self._stored: tuple[dict[str, Tally], dict[str, Tally]] = ({}, {})
-        self._unstored: dict[str, int] = {}
         self._chunk_bytes = chunk_bytes
         self._chunk_ns = round(chunk_seconds * 1e9)
         self._fsync_ns = None if fsync_seconds is None else round(fsync_seconds * 1e9)
@@ -116,8 +115,10 @@ class LogWriter:
             return b""
         tally = self._sources.get(frames.source, Tally())
         data = frames_to_bytes(frames, tally.messages)
-        self._sources[frames.source] = tally.add(data, len(frames))
-        self._put(raw_topic(frames.source), pb.RawFrames, data, int(frames.t_ns[-1]), tally.messages)
+        try:
+            self._put(raw_topic(frames.source), pb.RawFrames, data, int(frames.t_ns[-1]), tally.messages)
+        finally:  # counted, stored or not; what is stored is noted by flush()
+            self._sources[frames.source] = tally.add(data, len(frames))
         return data
 
     def write_block(self, block: Block) -> bytes:
@@ -126,8 +127,10 @@ class LogWriter:
             return b""
         tally = self._channels.get(block.channel, Tally())
         data = block_to_bytes(block, tally.messages, self._axes.get(block.channel))
-        self._channels[block.channel] = tally.add(data, len(block))
-        self._put(decoded_topic(block.channel), pb.DecodedBlock, data, int(block.t_ns[-1]), tally.messages)
+        try:
+            self._put(decoded_topic(block.channel), pb.DecodedBlock, data, int(block.t_ns[-1]), tally.messages)
+        finally:
+            self._channels[block.channel] = tally.add(data, len(block))
         return data
 
     def tick(self, now_ns: int) -> None:
@@ -165,7 +168,14 @@ class LogWriter:
     @property
     def losses(self) -> dict[str, dict[str, int]]:
         """Samples and frames that could not be stored, by channel and source."""
-        return {name: {DISK: number} for name, number in self._unstored.items() if number}
+        if self.error is None:
+            return {}
+        lost = {
+            name: tally.samples - stored.get(name, Tally()).samples
+            for tallies, stored in zip((self._channels, self._sources), self._stored, strict=True)
+            for name, tally in tallies.items()
+        }
+        return {name: {DISK: number} for name, number in lost.items() if number}
 
     def close(self, stop: StopRecord | None = None) -> None:
         """Write the stop record, the manifest and the index, and close. Closing again does nothing.
@@ -225,13 +235,7 @@ class LogWriter:
 
     def _check(self) -> None:
         if self.error is not None:
-            self._count_unstored()
             raise self.error
-
-    def _count_unstored(self) -> None:
-        for tallies, stored in zip((self._channels, self._sources), self._stored, strict=True):
-            for name, tally in tallies.items():
-                self._unstored[name] = tally.samples - stored.get(name, Tally()).samples
 
     def _fail(self, error: OSError) -> None:
         self.error = LogWriteError(
@@ -241,7 +245,6 @@ class LogWriter:
                 "and readable. Make room or choose another disk, and start a new run"
             ],
         )
-        self._count_unstored()
         raise self.error from error
 
 

@@ -223,8 +223,8 @@ def _inside(contents: bytes, chunk: int) -> tuple[list[Place], list[Schema | Cha
         if position > len(contents):
             raise ValueError("its records do not fit in it")
         if opcode == Opcode.MESSAGE:
-            head = _MESSAGE.unpack_from(contents, begin)
-            places.append(Place(*head, chunk, begin + _MESSAGE.size, position))
+            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(contents, begin)
+            places.append(Place(channel, sequence, log_ns, publish_ns, chunk, begin + _MESSAGE.size, position))
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
             definitions.append(_parse(opcode, contents[begin:position]))
     return places, definitions

@@ -17,8 +17,10 @@ from daq.wire import StopRecord
 from drivers import open_driver
 from drivers.base import Driver, State
 
-NO_LOSS = frozenset({"received", "samples", "saturated", "unknown_ident", "no_driver"})
-"""Entries of a ledger that do not say that a sample was lost."""
+NO_LOSS = frozenset(
+    {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}
+)
+"""Entries of a ledger that do not say that something the sensor sent was lost on the way."""
 
 WINDOW_NS = 100_000_000
 """Duration of the blocks that `write_decoded` stores [ns]."""
