@@ -115,12 +115,13 @@ class McapScan:
             if size - position == len(MCAP0_MAGIC) and self.finished:
                 self.finished = head == MCAP0_MAGIC
                 break
-            opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, _LARGEST)
+            opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
             end = position + _HEAD.size + length
-            if opcode == 0 or (opcode not in _KNOWN and opcode < 0x80) or length > _LARGEST or end > size:
+            if not _plausible(head) or end > size or not _followed(file, opcode, position, end):
                 self.finished = False
                 position = self._resume(file, position, size, "no whole record")
                 continue
+            file.seek(position + _HEAD.size)
             self._record(file, opcode, position + _HEAD.size, length)
             position = end
         else:
@@ -181,6 +182,32 @@ class McapScan:
             self.schemas[record.id] = record
         else:
             self.channels[record.id] = record
+
+
+def _plausible(head: bytes) -> bool:
+    """Whether a record can begin like this. Opcodes from 0x80 are others' own and are passed over."""
+    if len(head) < _HEAD.size:
+        return False
+    opcode, length = _HEAD.unpack(head)
+    return (opcode in _KNOWN or opcode >= 0x80) and length <= _LARGEST
+
+
+def _followed(file: BinaryIO, opcode: int, position: int, end: int) -> bool:
+    """Whether what a record says of its length can be true: a wrong one would leap over good chunks."""
+    if opcode == Opcode.CHUNK and _chunk_end(file, position) != end:
+        return False
+    file.seek(end)
+    head = file.read(_HEAD.size)
+    return len(head) < _HEAD.size or _plausible(head)
+
+
+def _chunk_end(file: BinaryIO, position: int) -> int:
+    """Where a chunk record ends by the sizes inside it."""
+    begin = position + _HEAD.size + _CHUNK.size
+    file.seek(begin)
+    name = int.from_bytes(file.read(4), "little")
+    file.seek(begin + 4 + name)
+    return begin + 4 + name + 8 + int.from_bytes(file.read(8), "little")
 
 
 def _parse(opcode: int, data: bytes) -> Schema | Channel | Metadata:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
@@ -52,8 +52,8 @@ class Whole:
     """A whole log, and for each chunk where it ends and how many messages of each topic it holds."""
 
     path: Path
-    data: bytes
-    chunks: list[tuple[int, dict[str, int]]]
+    data: bytes = field(repr=False)
+    chunks: list[tuple[int, dict[str, int]]] = field(repr=False)
 
 
 @pytest.fixture(scope="module")
@@ -208,6 +208,21 @@ def test_a_wrong_byte_costs_its_chunk_and_is_told(
     whole_stop = reader.stop is not None and reader.start == START
     if len(got) < len(expected) or len(rates) < 300 or not whole_stop:
         assert reader.damage
+
+
+def test_a_wrong_length_does_not_leap_over_good_chunks(tmp_path: Path, whole: Whole):
+    """For every record of the file: its length grown by 64 bytes and by 16 KiB."""
+    position = 8
+    while position + 9 < len(whole.data):
+        for byte, bit in ((1, 0x40), (2, 0x40)):
+            wrong = bytearray(whole.data)
+            wrong[position + byte] ^= bit
+            path = tmp_path / "wrong.mcap"
+            path.write_bytes(wrong)
+            reader = LogReader(path)
+            assert len(reader.frames("can0")) >= 560, (position, byte)
+            assert reader.damage, (position, byte)
+        position += 9 + int.from_bytes(whole.data[position + 1 : position + 9], "little")
 
 
 def test_two_lost_chunks_are_named(tmp_path: Path, whole: Whole):
