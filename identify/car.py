@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,7 @@ class CarChain:
     to_body: tuple[Array, ...]
 
 
+@cache
 def car_chain() -> CarChain:
     """The 42-joint table. All lengths are joint variables: half track and half wheelbase are q7, q8 and so on."""
     joints: list[Joint] = []

@@ -8,22 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
 from identify.chain import FrameMotion
 from identify.filters import Filters
 from identify.vectors import Array, cross, dot
-
-CHASSIS_ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
-SUSPENSION_ROWS = tuple(f"suspension.{c}" for c in CORNERS)
-TYRE_ROWS = tuple(f"tyre.{c}" for c in CORNERS)
-SPIN_ROWS = tuple(f"spin.{c}" for c in CORNERS)
-ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
-"""Every row of the equations, in the order of all reports."""
-
-
-def row_unit(row: str) -> str:
-    """Unit of a row: N, or N·m for chassis moments and spins."""
-    return "N·m" if row.startswith("spin") or row.startswith("chassis.m") else "N"
 
 
 @dataclass(frozen=True)

@@ -25,10 +25,10 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def turn(axis: int, angle: Array, v: Array) -> Array:
-    """Rotate `v` (3, N) by `angle` (N,) about coordinate axis 0, 1 or 2: R(angle) v."""
+    """Rotate `v` (3, …, N) by `angle` (N,) about coordinate axis 0, 1 or 2: R(angle) v."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle), np.sin(angle)
-    out = np.empty(np.broadcast_shapes(v.shape, (3, *np.shape(angle))))
+    out = np.empty((3, *np.broadcast_shapes(v.shape[1:], np.shape(angle))))
     out[axis] = v[axis]
     out[i] = c * v[i] - s * v[j]
     out[j] = s * v[i] + c * v[j]

@@ -1,0 +1,155 @@
+"""What a physical effect is: named parameters and, for a motion, the columns they multiply.
+
+A model is a sum of effects and nothing else; a rigid body is an effect too. To add one, write one class in one file in
+``identify/effects/`` (or in a folder named in a study): it is found by walking.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import ClassVar, Self
+
+import numpy as np
+
+from daq.vehicle import Vehicle
+from identify.motion import Motion
+from identify.vectors import Array
+
+AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of an effect.
+
+    `name` is ``effect.parameter`` (rigid bodies: as in the paper, ``XX6``); `unit` is SI; `low` and `high` bound what
+    is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    expect: str = "any"
+
+    @property
+    def largest(self) -> float:
+        """The largest plausible magnitude."""
+        return max(abs(self.low), abs(self.high))
+
+
+@dataclass(frozen=True)
+class Effect(ABC):
+    """A physical effect, or a fault of the instruments, at one place.
+
+    Attributes
+    ----------
+    where : ``front``, ``rear``, a corner, a sensor or nothing, as the effect's variants say.
+    shape : constants that are not linear (a gap, a speed), by name; searched over `grids`.
+    """
+
+    where: str = ""
+    shape: Mapping[str, float] = field(default_factory=dict)
+
+    name: ClassVar[str]
+    """Family name, e.g. ``anti_roll_bar``."""
+    about: ClassVar[str]
+    """What it is, in one line."""
+    signature: ClassVar[str]
+    """What it looks like in the residual when it is missing."""
+    shown_by: ClassVar[str]
+    """Which manoeuvre shows it."""
+    source: ClassVar[str]
+    """Where the law is written down."""
+    base: ClassVar[bool] = False
+    """Whether it belongs to the base model."""
+    needs: ClassVar[tuple[str, ...]] = ()
+    """Channels it needs beyond those of the rows it acts on."""
+    grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}
+    """Values tried for each shape constant, SI."""
+
+    @property
+    def key(self) -> str:
+        """``family.where``, the name used everywhere."""
+        return f"{self.name}.{self.where}" if self.where else self.name
+
+    @property
+    @abstractmethod
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The effect's linear parameters."""
+
+    @classmethod
+    @abstractmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """The places this effect can act on a vehicle, for wheel loads in `reference`."""
+
+    @abstractmethod
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
+
+    def force(self, motion: Motion, values: Array) -> dict[str, Array]:
+        """Right-hand side for parameter values (p,): row → (N,)."""
+        return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
+
+    def shapes(self) -> list[Self]:
+        """This effect with each combination of its shape constants tried by the search (itself when it has none)."""
+        out = [self]
+        for name, values in self.grids.items():
+            out = [replace(one, shape={**one.shape, name: value}) for one in out for value in values]
+        return out
+
+    def corners(self) -> tuple[str, ...]:
+        """The corners an axle or corner effect acts on."""
+        return AXLES.get(self.where, (self.where,))
+
+    def named(self, parameter: str, unit: str, low: float, high: float, expect: str = "any") -> Parameter:
+        """A parameter of this effect, ``effect.where.parameter``."""
+        return Parameter(f"{self.key}.{parameter}", unit, low, high, expect)
+
+
+class SuspensionForce(Effect):
+    """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
+
+    A subclass gives `law` and one parameter; front and rear axle and each single corner are its variants.
+    """
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """Both axles (the same parameter left and right) and each corner."""
+        return [cls(where) for where in (*AXLES, *vehicle.corners)]
+
+    @abstractmethod
+    def law(self, travel: Array, rate: Array) -> Array:
+        """(N,) force per unit of the parameter [N]."""
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """The law at the corners acted on."""
+        parts = {c: motion.corners[c] for c in self.corners()}
+        return {f"suspension.{c}": self.law(part.travel, part.rate)[None] for c, part in parts.items()}
+
+
+class SensorFault(Effect):
+    """A fault of the instruments. It competes with the physics: its column is the change of Y − W θ̂ per unit."""
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """A fault has no columns of its own: they follow from the model it is seen through."""
+        return {}
+
+    @abstractmethod
+    def channels(self) -> tuple[str, ...]:
+        """The channels the fault is in."""
+
+    @abstractmethod
+    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
+        """Change of a channel (k, N) per unit of the parameter, from its values and their rates (k, N)."""
+
+    @property
+    @abstractmethod
+    def tolerance(self) -> str:
+        """Which entry of the rig's sensor sheet bounds it: ``zero``, ``gain``, ``latency``."""
+
+    def correct(self, channel: str, value: Array, rate: Array, p: float, sample_rate: float) -> Array:
+        """A channel (k, N) with a fault of size `p` taken out, to first order."""
+        return value - p * self.perturb(channel, value, rate)

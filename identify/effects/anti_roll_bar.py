@@ -1,0 +1,36 @@
+"""Anti-roll bars."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from daq.vehicle import Vehicle
+from identify.effect import AXLES, Effect, Parameter
+from identify.motion import Motion
+from identify.vectors import Array
+
+
+class AntiRollBar(Effect):
+    """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite."""
+
+    name = "anti_roll_bar"
+    about = "anti-roll bar: couples left and right travel of an axle"
+    signature = "left and right suspension rows follow the difference of travel, with opposite signs"
+    shown_by = "steering or one-sided bumps together with heave: roll against heave"
+    source = "Venture et al. (2003); paper, table 6 (karf, karr)"
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """Both axles."""
+        return [cls(axle) for axle in AXLES]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Stiffness k, per metre of travel difference."""
+        return (self.named("k", "N/m", -1e5, 1e5, "positive"),)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """s_left − s_right on the left, its opposite on the right."""
+        left, right = self.corners()
+        difference = motion.corners[left].travel - motion.corners[right].travel
+        return {f"suspension.{left}": difference[None], f"suspension.{right}": -difference[None]}

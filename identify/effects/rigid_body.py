@@ -1,0 +1,113 @@
+"""The rigid bodies of the car: chassis, axles, wheels."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+
+from daq.vehicle import Vehicle
+from identify.car import AXLE, CHASSIS, WHEEL, car_chain
+from identify.chain import FrameMotion
+from identify.effect import Effect, Parameter
+from identify.motion import CornerMotion, Motion
+from identify.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
+from identify.vectors import Array, cross, dot, turn
+
+# Largest plausible values: a loaded light truck's chassis, its axles (with hub, brake and arm) and its wheels.
+_LARGEST = {
+    "chassis": {"kg": 1e4, "kg·m": 2e4, "kg·m²": 5e4},
+    "axle": {"kg": 150.0, "kg·m": 15.0, "kg·m²": 5.0},
+    "wheel": {"kg": 80.0, "kg·m": 8.0, "kg·m²": 5.0},
+}
+
+
+class RigidBody(Effect):
+    """Inertia of one body (Newton and Euler, through the modified DH chain).
+
+    Chassis and axles are given in body-like axes (x forward, y left, z up), axles about their wheel centre, as the
+    paper prints them; wheels in their joint frame, whose z is the spin axis (ZZ14), as bodies of revolution.
+    """
+
+    name = "body"
+    about = "inertia of a rigid body: mass, first moments, inertia tensor"
+    signature = "every chassis row follows acceleration and angular acceleration"
+    shown_by = "sinus steering for yaw and roll, braking or bumps for pitch"
+    source = "Khalil and Dombre (2002), chapter 9; Venture et al. (2003)"
+    base = True
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """Chassis, four axles, four wheels."""
+        corners = tuple(vehicle.corners)
+        return [cls("chassis"), *(cls(f"axle.{c}") for c in corners), *(cls(f"wheel.{c}") for c in corners)]
+
+    @property
+    def number(self) -> int:
+        """The body's number in the paper."""
+        kind, _, corner = self.where.partition(".")
+        return CHASSIS if kind == "chassis" else (AXLE if kind == "axle" else WHEEL)[corner]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """``XX6 … M6`` and so on."""
+        names = zip(PARAMETERS, UNITS, strict=True)
+        if self.where.startswith("wheel"):  # a balanced body of revolution
+            names = (("ZZ", "kg·m²"), ("XX", "kg·m²"), ("MZ", "kg·m"), ("M", "kg"))
+        largest = _LARGEST[self.where.partition(".")[0]]
+        return tuple(Parameter(f"{n}{self.number}", u, -largest[u], largest[u]) for n, u in names)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """Chassis rows, and for axles and wheels the suspension and spin rows they act on."""
+        if self.where == "chassis":
+            body = motion.body
+            table = wrench_regressor(body.omega, body.omega_dot, body.accel)
+            return {row: table[k] for k, row in enumerate(_CHASSIS)}
+        corner = motion.corners[self.where.partition(".")[2]]
+        table = wrench_regressor(*_vectors(self._frame(corner)))
+        if self.where.startswith("wheel"):  # fold the ten into the four of a body of revolution
+            table = np.stack([table[:, 5], table[:, 0] + table[:, 3], table[:, 8], table[:, 9]], axis=1)
+        return self._rows(corner, table[:3], table[3:])
+
+    def force(self, motion: Motion, values: Array) -> dict[str, Array]:
+        """By Newton and Euler directly, without the regressor."""
+        if self.where == "chassis":
+            force, moment = wrench(*_vectors(motion.body), values)
+            return {row: (*force, *moment)[k] for k, row in enumerate(_CHASSIS)}
+        corner = motion.corners[self.where.partition(".")[2]]
+        if self.where.startswith("wheel"):
+            zz, xx, mz, m = values
+            values = np.array([xx, 0, 0, xx, 0, zz, 0, 0, mz, m])
+        force, moment = wrench(*_vectors(self._frame(corner)), values)
+        return self._rows(corner, force, moment)
+
+    def _frame(self, corner: CornerMotion) -> FrameMotion:
+        return corner.wheel if self.where.startswith("wheel") else corner.axle
+
+    def _rows(self, corner: CornerMotion, force: Array, moment: Array) -> dict[str, Array]:
+        """Carry a wrench about the wheel centre, (3, …, N) in the body's frame, to the rows it acts on."""
+        name = self.where.partition(".")[2]
+        spin = None
+        if self.where.startswith("wheel"):
+            to_carrier = car_chain().to_body[self.number - 1]
+            force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
+            spin = moment[1]
+            force, moment = turn(1, corner.pitch, force), turn(1, corner.pitch, moment)
+        force = turn(2, corner.steer, turn(0, corner.camber, force))
+        moment = turn(2, corner.steer, turn(0, corner.camber, moment))
+        centre, dp_ds, dphi_ds = (
+            v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, corner.dphi_ds)
+        )
+        about_origin = moment + cross(centre, force)
+        out = {row: (*force, *about_origin)[k] for k, row in enumerate(_CHASSIS)}
+        out[f"suspension.{name}"] = dot(force, dp_ds) + dot(moment, dphi_ds)
+        if spin is not None:
+            out[f"spin.{name}"] = spin
+        return out
+
+
+_CHASSIS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
+
+
+def _vectors(frame: FrameMotion) -> tuple[Array, Array, Array]:
+    return frame.omega, frame.omega_dot, frame.accel

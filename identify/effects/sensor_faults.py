@@ -1,0 +1,100 @@
+"""Faults of the instruments that can pass for physics."""
+
+from __future__ import annotations
+
+from typing import Self
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from daq.channels import CHANNELS, CORNERS
+from daq.vehicle import Vehicle
+from identify.effect import Parameter, SensorFault
+from identify.vectors import Array
+
+_GROUPS: dict[str, tuple[str, ...]] = {
+    "wheel": ("wheel.force", "wheel.moment"),
+    "imu": ("imu.accel", "imu.rate"),
+    "laser": ("laser.ground", "laser.hub"),
+    "camera": ("camera.steer", "camera.camber"),
+    "correvit": ("correvit.speed",),
+}
+
+
+def _channels(families: tuple[str, ...], corners: tuple[str, ...] = CORNERS) -> tuple[str, ...]:
+    return tuple(
+        name for name, channel in CHANNELS.items() if channel.family in families and channel.corner in (*corners, None)
+    )
+
+
+class SensorLatency(SensorFault):
+    """Samples of one instrument stamped later than the rig file says: y(t) = x(t − τ)."""
+
+    name = "sensor_latency"
+    about = "an instrument later than the rig file says"
+    signature = "every row it enters follows the rate of what it measures"
+    shown_by = "anything fast: rough road, fast steering"
+    source = "method, section 7"
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """Each kind of instrument."""
+        return [cls(group) for group in _GROUPS]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Additional latency τ."""
+        return (self.named("tau", "s", -0.05, 0.05),)
+
+    def channels(self) -> tuple[str, ...]:
+        """All channels of the instrument."""
+        return _channels(_GROUPS[self.where])
+
+    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
+        """−dx/dt."""
+        return -rate
+
+    def correct(self, channel: str, value: Array, rate: Array, p: float, sample_rate: float) -> Array:
+        """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""
+        samples = np.arange(value.shape[1], dtype=float)
+        return np.asarray(CubicSpline(samples, value, axis=1)(np.clip(samples + p * sample_rate, 0, samples[-1])))
+
+    @property
+    def tolerance(self) -> str:
+        """The sheet's latency."""
+        return "latency"
+
+
+class SensorGain(SensorFault):
+    """One instrument's scale off: y = (1 + g) x."""
+
+    name = "sensor_gain"
+    about = "an instrument's scale off by a fraction"
+    signature = "every row it enters is too large or too small in proportion"
+    shown_by = "large signals"
+    source = "method, section 7"
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+        """Each wheel's force, each hub laser."""
+        families = (("wheel.force", "force"), ("laser.hub", "hub"))
+        return [cls(f"{what}.{corner}") for _, what in families for corner in vehicle.corners]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Relative gain error g."""
+        return (self.named("g", "-", -0.2, 0.2),)
+
+    def channels(self) -> tuple[str, ...]:
+        """The one channel."""
+        what, corner = self.where.split(".")
+        return (f"wheel.{corner}.force" if what == "force" else f"laser.{corner}.hub",)
+
+    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
+        """x."""
+        return value
+
+    @property
+    def tolerance(self) -> str:
+        """The sheet's gain."""
+        return "gain"

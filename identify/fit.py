@@ -1,0 +1,285 @@
+"""Weighted least squares over several runs, with weights by row to a fixed point and sensor zeros as priors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from daq.errors import NotIdentifiable
+from identify.base import BaseParameters, find_base
+from identify.drive import Drive
+from identify.model import Model
+from identify.motion import Motion
+from identify.reconstruct import Recording, Signals
+from identify.rows import ROWS
+from identify.sensitivity import Sensitivity
+from identify.stats import clustered_scores, hac
+from identify.vectors import Array
+from identify.zeros import Zeros, zeros_of
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    Attributes
+    ----------
+    model : what was fitted.
+    drives : the runs used, sensor faults of the model taken out.
+    base : grouping of the model's parameters into what the runs' equations depend on at all.
+    theta : (p,) every parameter; those grouped into others are zero.
+    covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included.
+    covariance_iid : the same as if residuals were independent, as the paper's sxr % has it.
+    sigma : row → weight's σ [N or N·m].
+    residual : for each drive, row → (n,) Y − W θ − zeros, after filter and decimation.
+    zeros : for each drive, names, values and priors of its sensor zeros.
+    """
+
+    model: Model
+    drives: tuple[Drive, ...]
+    base: BaseParameters
+    theta: Array
+    covariance: Array
+    covariance_iid: Array
+    sigma: Mapping[str, float]
+    residual: tuple[Mapping[str, Array], ...]
+    zeros: tuple[tuple[Zeros, Array], ...]
+    sensitivities: tuple[Sensitivity, ...]
+
+    @property
+    def physics(self) -> Array:
+        """Values of the physics' parameters, without those of sensor faults."""
+        return self.theta[: sum(len(e.parameters) for e in self.model.physics)]
+
+    @property
+    def rows(self) -> tuple[str, ...]:
+        """Rows that any run has, in the order of reports."""
+        return tuple(row for row in ROWS if any(row in drive.rows for drive in self.drives))
+
+    def value(self, name: str) -> float:
+        """A parameter by name."""
+        return float(self.theta[self.model.names.index(name)])
+
+
+def fit(
+    model: Model, drives: Sequence[Drive], weights: Mapping[str, float] | None = None, zeros: bool = True
+) -> Fit:
+    """Fit a model to runs.
+
+    Parameters
+    ----------
+    model : what to fit.
+    drives : the runs used.
+    weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
+    zeros : estimate each run's sensor zeros with the sheet's σ as prior.
+
+    Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
+    """
+    corrected = tuple(drives)
+    faults = np.zeros(len(model.faults))
+    out = _fit_linear(model, corrected, weights, zeros)
+    # A sensor fault is linear only for small values: take out what was found and look again.
+    for _ in range(4 if model.faults else 0):
+        step = out.theta[out.theta.size - faults.size :]
+        faults = faults + step
+        corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
+        out = _fit_linear(model, corrected, weights, zeros)
+        if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
+            break
+    if model.faults:
+        theta = out.theta.copy()
+        theta[theta.size - faults.size :] += faults
+        out = _with_theta(out, theta)
+    return out
+
+
+def _fit_linear(model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool) -> Fit:
+    effects = model.physics
+    p = sum(len(effect.parameters) for effect in effects)
+    rows = [row for row in ROWS if any(row in drive.rows for drive in drives)]
+    if not rows:
+        reasons = sorted({why for drive in drives for why in drive.motion.left_out.values()})
+        raise NotIdentifiable("no row of the equations is measured in these runs: " + "; ".join(reasons))
+    blocks = {(d, row): drive.matrix(effects, row) for d, drive in enumerate(drives) for row in drive.rows}
+    left = {(d, row): drive.measured[row] for d, drive in enumerate(drives) for row in drive.rows}
+    scale = {row: _rms(np.concatenate([y for (_, r), y in left.items() if r == row])) or 1.0 for row in rows}
+    stacked = _triangle(np.concatenate([W / scale[row] for (_, row), W in blocks.items()]))
+    base = find_base(stacked, [q.name for effect in effects for q in effect.parameters])
+    if not base.rank:
+        raise NotIdentifiable("no parameter of the model acts on the rows measured in these runs")
+    keep = base.independent
+    prior = np.array([q.largest for effect in effects for q in effect.parameters])[keep]
+    problem = _Problem({k: W[:, keep] for k, W in blocks.items()}, left, prior, rows)
+    theta, sigma = problem.solve(weights, scale)
+    full = np.zeros(p)
+    full[keep] = theta
+    sensitivities: tuple[Sensitivity, ...] = ()
+    nuisance: tuple[Zeros, ...] = ()
+    if zeros or model.faults:
+        sensitivities = tuple(Sensitivity.of(drive.recording, effects, full) for drive in drives)
+        nuisance = tuple(zeros_of(d, s) for d, s in zip(drives, sensitivities, strict=True)) if zeros else ()
+        problem = problem.with_faults(model, drives, sensitivities).with_zeros(nuisance)
+        theta, sigma = problem.solve(weights, scale, start=sigma)
+    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p)
+
+
+class _Problem:
+    """Blocks of the equations by run and row, and the priors of their columns."""
+
+    def __init__(
+        self, blocks: dict[tuple[int, str], Array], left: dict[tuple[int, str], Array], prior: Array, rows: list[str]
+    ):
+        self.blocks, self.left, self.prior, self.rows = blocks, left, prior, rows
+        # One triangle a row: weights can then be iterated without touching the samples again.
+        self.triangles = {
+            row: _triangle(
+                np.concatenate([np.column_stack([W, left[key]]) for key, W in blocks.items() if key[1] == row])
+            )
+            for row in rows
+        }
+        self.counts = {row: sum(len(y) for key, y in left.items() if key[1] == row) for row in rows}
+
+    def with_faults(
+        self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]
+    ) -> _Problem:
+        """The same with the columns of the model's sensor faults."""
+        if not model.faults:
+            return self
+        blocks = {}
+        for (d, row), W in self.blocks.items():
+            columns = []
+            for fault in model.faults:
+                found = drives[d].decimated(sensitivities[d].fault(fault))
+                columns.append(found.get(row, np.zeros(len(W))))
+            blocks[d, row] = np.column_stack([W, *columns])
+        prior = np.array([q.largest for fault in model.faults for q in fault.parameters])
+        return _Problem(blocks, self.left, np.concatenate([self.prior, prior]), self.rows)
+
+    def with_zeros(self, zeros: Sequence[Zeros]) -> _Problem:
+        """The same with each run's zeros, side by side."""
+        if not zeros:
+            return self
+        starts = np.concatenate([[0], np.cumsum([len(z.names) for z in zeros])]).astype(int)
+        blocks = {}
+        for (d, row), W in self.blocks.items():
+            wide = np.zeros((len(W), starts[-1]))
+            wide[:, starts[d] : starts[d + 1]] = zeros[d].columns[row]
+            blocks[d, row] = np.column_stack([W, wide])
+        return _Problem(blocks, self.left, np.concatenate([self.prior, *(z.sigma for z in zeros)]), self.rows)
+
+    def solve(
+        self, weights: Mapping[str, float] | None, scale: Mapping[str, float], start: Mapping[str, float] | None = None
+    ) -> tuple[Array, dict[str, float]]:
+        """Parameters and row σ: with frozen weights at once, else iterated to a fixed point."""
+        sigma = dict(start or scale)
+        if weights is not None:
+            sigma = {row: weights.get(row, scale[row]) for row in self.rows}
+            return self._solve(sigma), sigma
+        theta = self._solve(sigma)
+        for _ in range(50):
+            before = dict(sigma)
+            for row in self.rows:
+                R = self.triangles[row]
+                left = R[:, :-1] @ theta - R[:, -1]
+                sigma[row] = max(float(np.linalg.norm(left)) / np.sqrt(self.counts[row]), 1e-10 * scale[row])
+            theta = self._solve(sigma)
+            if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
+                break
+        return theta, sigma
+
+    def _solve(self, sigma: Mapping[str, float]) -> Array:
+        stacked = self.stacked(sigma)
+        lengths = np.linalg.norm(stacked[:, :-1], axis=0)
+        triangle = _triangle(stacked / np.append(lengths, 1.0))
+        p = len(self.prior)
+        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p])) / lengths
+
+    def stacked(self, sigma: Mapping[str, float]) -> Array:
+        """Weighted triangles of all rows over the priors as further equations, right-hand side last."""
+        priors = np.column_stack([np.diag(1.0 / self.prior), np.zeros(len(self.prior))])
+        return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), priors])
+
+    def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
+        """Y − W θ of every block."""
+        return {key: self.left[key] - W @ theta for key, W in self.blocks.items()}
+
+
+def _result(
+    model: Model, drives: tuple[Drive, ...], base: BaseParameters, problem: _Problem, theta: Array,
+    sigma: Mapping[str, float], nuisance: tuple[Zeros, ...], sensitivities: tuple[Sensitivity, ...], p: int,
+) -> Fit:  # fmt: skip
+    residual = problem.residual(theta)
+    stacked = problem.stacked(sigma)[:, :-1]
+    lengths = np.linalg.norm(stacked, axis=0)
+    triangle = _triangle(stacked / lengths)[: len(theta)]
+    inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(len(theta)))) / lengths[:, None]
+    iid = inverse @ inverse.T
+    spread = np.diag(1.0 / problem.prior**2)
+    for d, drive in enumerate(drives):
+        comb = np.arange(drive.recording.t.size // drive.recording.filters.step + 1)
+        scores = clustered_scores(
+            {row: (problem.blocks[d, row], residual[d, row], sigma[row]) for row in drive.rows},
+            {row: drive.index[row] // drive.recording.filters.step for row in drive.rows},
+            comb.size,
+        )
+        spread += hac(scores)
+    robust = iid @ spread @ iid
+    fitted = len(base.independent)
+    total = p + len(model.faults)
+    place = np.concatenate([base.independent, np.arange(p, total)]).astype(int)
+    picked = np.arange(fitted + len(model.faults))
+    full = np.zeros(total)
+    full[place] = theta[picked]
+    covariance, covariance_iid = np.zeros((total, total)), np.zeros((total, total))
+    covariance[np.ix_(place, place)] = robust[np.ix_(picked, picked)]
+    covariance_iid[np.ix_(place, place)] = iid[np.ix_(picked, picked)]
+    rest = theta[len(picked) :]
+    ends = np.cumsum([len(z.names) for z in nuisance])
+    zeros = tuple((z, part) for z, part in zip(nuisance, np.split(rest, ends[:-1]), strict=True)) if nuisance else ()
+    return Fit(
+        model, drives, base, full, covariance, covariance_iid, dict(sigma),
+        tuple({row: residual[d, row] for row in drive.rows} for d, drive in enumerate(drives)), zeros, sensitivities,
+    )  # fmt: skip
+
+
+def _with_theta(result: Fit, theta: Array) -> Fit:
+    from dataclasses import replace
+
+    return replace(result, theta=theta)
+
+
+def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
+    """A recording with sensor faults of these sizes taken out."""
+    rate = recording.filters.rate
+    channels = dict(recording.signals.value)
+    derived = Signals.differentiated(channels, rate)
+    for fault, p in zip(model.faults, values, strict=True):
+        for channel in fault.channels():
+            if channel in channels:
+                slope = derived.rate.get(channel)
+                if slope is None:
+                    from identify.filters import derivative
+
+                    slope = derivative(channels[channel], rate)
+                channels[channel] = fault.correct(channel, channels[channel], slope, float(p), rate)
+    return recording.with_signals(Signals.differentiated(channels, rate))
+
+
+def _triangle(W: Array) -> Array:
+    """The R factor, square even when there are fewer rows than columns."""
+    R = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0])[: W.shape[1]]
+    if R.shape[0] < W.shape[1]:
+        R = np.concatenate([R, np.zeros((W.shape[1] - R.shape[0], W.shape[1]))])
+    return R
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x**2))) if x.size else 0.0
+
+
+def measured_motions(fitted: Fit) -> tuple[Motion, ...]:
+    """The motions of the runs used."""
+    return tuple(drive.motion for drive in fitted.drives)

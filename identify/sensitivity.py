@@ -1,0 +1,155 @@
+"""How the residual Y − W θ answers to small changes of the measured channels.
+
+The motion is built point by point, so the residual at one instant depends on the channels and their derivatives at that
+instant alone. Its derivatives by them, taken once on a coarse comb, turn every fault and every noise draw into a few
+multiplications: sensor zeros, gains and latencies become columns, and the noise floor is simulated in seconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.channels import CHANNELS
+from identify.effect import Effect, SensorFault
+from identify.filters import derivative, zero_phase
+from identify.geometry import build_motion
+from identify.motion import Motion
+from identify.reconstruct import Recording, Signals
+from identify.vectors import Array
+
+Perturbation = Mapping[str, Array]
+"""Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""
+
+_COARSE = 0.04
+"""Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
+
+
+def residual(motion: Motion, effects: Sequence[Effect], values: Array) -> dict[str, Array]:
+    """Y − W θ at full rate, row → (N,), by each effect's own force law."""
+    out = {row: motion.measured(row).copy() for row in motion.rows}
+    start = 0
+    for effect in effects:
+        stop = start + len(effect.parameters)
+        for row, force in effect.force(motion, values[start:stop]).items():
+            if row in out:
+                out[row] -= force
+        start = stop
+    return out
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of the residual by channels.
+
+    Attributes
+    ----------
+    recording : what it was taken on.
+    slopes : (channel, component, order of derivative) → row → (N,) or a scalar where it is constant.
+    """
+
+    recording: Recording
+    slopes: Mapping[tuple[str, int, int], Mapping[str, Array]]
+
+    @classmethod
+    def of(cls, recording: Recording, effects: Sequence[Effect], values: Array) -> Sensitivity:
+        """Take the derivatives at parameter values θ."""
+        every = max(1, round(_COARSE * recording.filters.rate))
+        comb = np.arange(0, recording.t.size, every)
+        coarse = recording.at(comb)
+        active = [e for e in effects if not isinstance(e, SensorFault)]
+        theta = _active_values(effects, values)
+        before = residual(build_motion(coarse), active, theta)
+        slopes: dict[tuple[str, int, int], dict[str, Array]] = {}
+        for order, part in enumerate(("value", "rate", "accel")):
+            for channel, array in getattr(coarse.signals, part).items():
+                for k in range(array.shape[0]):
+                    step = recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order]
+                    moved = array.copy()
+                    moved[k] += step
+                    changed = {**getattr(coarse.signals, part), channel: moved}
+                    signals = _with(coarse.signals, part, changed)
+                    after = residual(build_motion(coarse.with_signals(signals)), active, theta)
+                    found = _slopes(before, after, step, recording.t, recording.t[comb])
+                    if found:
+                        slopes[channel, k, order] = found
+        return cls(recording, slopes)
+
+    def response(self, perturbation: Perturbation) -> dict[str, Array]:
+        """Change of the residual at full rate, row → (N,), for a change of channels."""
+        rate = self.recording.filters.rate
+        out: dict[str, Array] = {}
+        for channel, change in perturbation.items():
+            orders = {order for name, _, order in self.slopes if name == channel}
+            series = [change, derivative(change, rate) if orders & {1, 2} else change]
+            series.append(derivative(series[1], rate) if 2 in orders else change)
+            for k in range(change.shape[0]):
+                for order in sorted(orders):
+                    for row, slope in self.slopes.get((channel, k, order), {}).items():
+                        term = slope * series[order][k]
+                        out[row] = out[row] + term if row in out else term
+        return out
+
+    def zero(self, channel: str, component: int) -> dict[str, Array]:
+        """Change of the residual per unit of a constant added to a channel's component, row → (N,)."""
+        ones = np.ones(self.recording.t.size)
+        return {row: slope * ones for row, slope in self.slopes.get((channel, component, 0), {}).items()}
+
+    def fault(self, fault: SensorFault) -> dict[str, Array]:
+        """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
+        values = self.recording.signals.value
+        rate = self.recording.filters.rate
+        changes = {
+            channel: fault.perturb(channel, values[channel], derivative(values[channel], rate))
+            for channel in fault.channels()
+            if channel in values
+        }
+        return self.response(changes)
+
+    def noise(self, rng: np.random.Generator) -> dict[str, Array]:
+        """One draw of what the channels' noise does to the residual, row → (N,).
+
+        White noise of the sheet's σ at each channel's own rate has the same spectrum below the pre-filter's cut-off as
+        white noise on the grid with σ scaled by the root of the rates.
+        """
+        filters, n = self.recording.filters, self.recording.t.size
+        changes: dict[str, Array] = {}
+        for channel in dict.fromkeys(name for name, _, _ in self.slopes):
+            scale = self.recording.rig.noise(channel) * np.sqrt(filters.rate / self.recording.rates[channel])
+            white = scale * rng.standard_normal((CHANNELS[channel].width, n))
+            if filters.pre_cutoff is not None:
+                white = zero_phase(white, filters.pre_cutoff, filters.rate, filters.order)
+            changes[channel] = white
+        return self.response(changes)
+
+
+def _active_values(effects: Sequence[Effect], values: Array) -> Array:
+    keep: list[float] = []
+    start = 0
+    for effect in effects:
+        stop = start + len(effect.parameters)
+        if not isinstance(effect, SensorFault):
+            keep.extend(values[start:stop])
+        start = stop
+    return np.asarray(keep)
+
+
+def _with(signals: Signals, part: str, changed: dict[str, Array]) -> Signals:
+    return Signals(**{name: changed if name == part else getattr(signals, name) for name in ("value", "rate", "accel")})
+
+
+def _slopes(
+    before: Mapping[str, Array], after: Mapping[str, Array], step: float, t: Array, coarse: Array
+) -> dict[str, Array]:
+    """Differences of residuals as slopes; rows without any are left out, constant ones are scalars."""
+    out: dict[str, Array] = {}
+    for row, base in before.items():
+        slope = (after[row] - base) / step
+        largest = float(np.max(np.abs(slope)))
+        if largest * step < 1e-9 * (1.0 + float(np.max(np.abs(base)))):
+            continue
+        spread = float(np.ptp(slope))
+        out[row] = np.asarray(np.mean(slope)) if spread < 1e-6 * largest else np.interp(t, coarse, slope)
+    return out
