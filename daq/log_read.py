@@ -142,14 +142,17 @@ class LogReader:
     def _made_up_start(self) -> StartRecord:
         known = self._scan.metadata.get(META_START, {})
         self.damage.append("the start record is lost: the rig file and its documents must be given anew")
-        texts = {name: known.get(name, "") for name in ("run_id", "vehicle", "manoeuvre", "notes", "software")}
         started = known.get("started_ns", "")
         first = min((place.log_ns for place in self._scan.places), default=0)
         return StartRecord(
+            run_id=known.get("run_id", ""),
             started_ns=int(started) if started.lstrip("-").isdigit() else first,
+            vehicle=known.get("vehicle", ""),
+            manoeuvre=known.get("manoeuvre", ""),
             wheel_reference=known.get("wheel_reference", "contact"),
             brakes=known.get("brakes", "unknown"),
-            **texts,
+            notes=known.get("notes", ""),
+            software=known.get("software", ""),
         )
 
     def _gaps(self) -> list[str]:

@@ -64,9 +64,7 @@ class Fit:
         return float(self.theta[self.model.names.index(name)])
 
 
-def fit(
-    model: Model, drives: Sequence[Drive], weights: Mapping[str, float] | None = None, zeros: bool = True
-) -> Fit:
+def fit(model: Model, drives: Sequence[Drive], weights: Mapping[str, float] | None = None, zeros: bool = True) -> Fit:
     """Fit a model to runs.
 
     Parameters
@@ -142,9 +140,7 @@ class _Problem:
         }
         self.counts = {row: sum(len(y) for key, y in left.items() if key[1] == row) for row in rows}
 
-    def with_faults(
-        self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]
-    ) -> _Problem:
+    def with_faults(self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]) -> _Problem:
         """The same with the columns of the model's sensor faults."""
         if not model.faults:
             return self

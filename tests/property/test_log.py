@@ -225,6 +225,18 @@ def test_a_wrong_length_does_not_leap_over_good_chunks(tmp_path: Path, whole: Wh
         position += 9 + int.from_bytes(whole.data[position + 1 : position + 9], "little")
 
 
+def test_the_chunk_that_defines_a_topic_may_be_lost(tmp_path: Path, whole: Whole):
+    """In an unfinished file, which has no index to repeat the definitions: the later chunks keep their meaning."""
+    first = whole.chunks[1][0]
+    wrong = bytearray(whole.data[: whole.chunks[10][0]])
+    wrong[first - 20] ^= 0xFF
+    path = tmp_path / "wrong.mcap"
+    path.write_bytes(wrong)
+    reader = LogReader(path)
+    assert len(reader.frames("can0")) == 20 * sum(counts["/raw/can0"] for _, counts in whole.chunks[2:11])
+    assert len(reader.blocks()["imu.rate"]) == 10 * sum(counts["/decoded/imu/rate"] for _, counts in whole.chunks[2:11])
+
+
 def test_two_lost_chunks_are_named(tmp_path: Path, whole: Whole):
     wrong = bytearray(whole.data)
     for k in (4, 9):

@@ -11,8 +11,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
+from daq.blocks import Block, Flag
+from daq.channels import CHANNELS, CORNERS
 from daq.frames import Frames
 from daq.log import LogReader, LogWriter, StartRecord, StopRecord
 from daq.rig import Rig
@@ -185,6 +185,32 @@ def test_losses_are_named_and_exit_with_3(tmp_path: Path, frames: list[Frames], 
     assert stop is not None
     assert sum(stop.losses["can0"].values()) > 0
     assert "lost" in capsys.readouterr().out
+
+
+def test_a_sample_cut_off_by_the_end_is_flagged(tmp_path: Path, frames: list[Frames]):
+    path = record(tmp_path / "raw.mcap", [batch[:-1] if batch.source == "can0" else batch for batch in frames])
+    out = tmp_path / "run.mcap"
+    assert main(["decode", str(path), "-o", str(out)]) == 3
+    blocks = LogReader(out).blocks()
+    flags = np.array([blocks[f"wheel.{c}.force"].flags for c in CORNERS])
+    assert flags.shape == (4, 1000)
+    assert np.count_nonzero(flags & Flag.INCOMPLETE) == 1
+    assert flags[:, -1].any()
+
+
+def test_a_stamp_that_goes_back_does_not_change_the_order(tmp_path: Path, frames: list[Frames]):
+    def late(batch: Frames) -> Frames:
+        t_ns = batch.t_ns.copy()
+        t_ns[len(t_ns) // 2] -= 10**9
+        return Frames(batch.source, t_ns, batch.ident, batch.offset, batch.data)
+
+    backwards = [late(batch) for batch in frames]
+    path = record(tmp_path / "raw.mcap", backwards)
+    main(["decode", str(path), "-o", str(tmp_path / "run.mcap")])
+    reader = LogReader(tmp_path / "run.mcap")
+    for batch in backwards:
+        np.testing.assert_array_equal(reader.frames(batch.source).t_ns, batch.t_ns)
+        np.testing.assert_array_equal(reader.frames(batch.source).data, batch.data)
 
 
 def test_unknown_ids_are_counted_and_cost_nothing(tmp_path: Path, frames: list[Frames]):
