@@ -1,0 +1,206 @@
+"""A sensor's own clock against the receipt stamps: the lower envelope of (arrival − device) as a line.
+
+A frame can be late, never early. Delays on the way (a USB latency timer, a busy scheduler) therefore lie *above* the
+line that the least delayed frames make, and that line is the sensor's clock seen by the recording machine's, up to the
+least delay there ever is. A least-squares line would keep the mean delay as a bias.
+
+Of all lines below the points, the one nearest to them on average touches the lower convex hull above the mean of the
+device stamps: a linear program with two unknowns, solved exactly by exchanging its two touching points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+MAX_DRIFT = 500e-6
+"""Quartz clocks drift by less than this against each other; a steeper envelope comes from too short a stretch."""
+
+SHORT_NS = 1_000_000_000
+"""A stretch shorter than this between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
+
+STEADY_NS = 10_000_000_000
+"""A stretch shorter than this takes its drift from the longest one [ns]."""
+
+
+@dataclass(frozen=True)
+class ClockSegment:
+    """A stretch over which the device clock runs on without a jump.
+
+    Attributes
+    ----------
+    start, stop : samples ``start … stop − 1``.
+    arrival_ns : stamp of its first sample [ns].
+    device_ns : device stamp the line refers to [ns].
+    offset_ns : arrival minus device there, on the envelope [ns].
+    drift : how much faster the arrival clock runs, as a fraction (1e-6 is 1 ppm).
+    """
+
+    start: int
+    stop: int
+    arrival_ns: int
+    device_ns: int
+    offset_ns: int
+    drift: float
+
+    def apply(self, device_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Device stamps on the arrival clock [ns]."""
+        since = device_ns - self.device_ns
+        return device_ns + self.offset_ns + np.rint(self.drift * since).astype(np.int64)
+
+
+@dataclass(frozen=True)
+class ClockFit:
+    """The device clock on the arrival clock.
+
+    Attributes
+    ----------
+    segments : one a stretch between jumps, in order.
+    jumps : (J,) int64, index of the first sample after each jump of either clock.
+    outliers : (O,) int64, samples whose device stamp fits nothing before or after it.
+    delay_mean_ns, delay_std_ns, delay_max_ns : of the arrivals above the envelope [ns]: what fitting takes away.
+    misfit_ns : the largest gap between the line and the least delayed of any 100 consecutive samples [ns]: large when
+        the drift is not constant, or for a jump too small to be told from a delay.
+    """
+
+    segments: tuple[ClockSegment, ...]
+    jumps: NDArray[np.int64]
+    outliers: NDArray[np.int64]
+    delay_mean_ns: float
+    delay_std_ns: float
+    delay_max_ns: float
+    misfit_ns: float
+
+    @property
+    def offset_ns(self) -> int:
+        """Arrival minus device at the first sample, on the envelope [ns]."""
+        return self.segments[0].offset_ns
+
+    @property
+    def drift(self) -> float:
+        """Drift of the longest segment, as a fraction."""
+        return max(self.segments, key=lambda segment: segment.stop - segment.start).drift
+
+    def apply(self, device_ns: NDArray[np.int64], arrival_ns: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+        """Device stamps on the arrival clock.
+
+        Parameters
+        ----------
+        device_ns : (N,) device stamps [ns].
+        arrival_ns : (N,) their arrivals [ns], which tell the segments apart; not needed when there is one only.
+
+        Raises
+        ------
+        ValueError : there are several segments and no arrivals.
+        """
+        device = np.asarray(device_ns, np.int64)
+        if len(self.segments) == 1:
+            return self.segments[0].apply(device)
+        if arrival_ns is None:
+            raise ValueError("the device clock jumped: give the arrivals, which tell its segments apart")
+        starts = np.array([segment.arrival_ns for segment in self.segments])
+        which = np.clip(np.searchsorted(starts, arrival_ns, side="right") - 1, 0, None)
+        out = np.empty_like(device)
+        for number, segment in enumerate(self.segments):
+            out[which == number] = segment.apply(device[which == number])
+        return out
+
+
+def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_ns: int = 100_000_000) -> ClockFit:
+    """Fit the lower envelope of (arrival − device).
+
+    Parameters
+    ----------
+    arrival_ns : (N,) receipt stamps, in the order received [ns]; N ≥ 1.
+    device_ns : (N,) the sensor's own stamps, unwrapped [ns].
+    jump_ns : a step of (arrival − device) larger than this that lasts is a jump of a clock [ns]; one that does not is
+        a delay.
+
+    Raises
+    ------
+    ValueError : no samples, or arrays of different lengths.
+    """
+    arrival, device = np.asarray(arrival_ns, np.int64), np.asarray(device_ns, np.int64)
+    if not len(arrival) or arrival.shape != device.shape:
+        raise ValueError(f"{len(arrival)} arrivals, {len(device)} device stamps")
+    lag = arrival - device
+    group, outlier = _stretches(lag, arrival, jump_ns)
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    stops = np.append(starts[1:], len(lag))
+    spans = [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+    good = [np.arange(a, b)[~outlier[a:b]] for a, b in spans]
+    longest = max(good, key=len)
+    drift = _envelope_slope(device[longest], lag[longest])
+    segments = []
+    for (a, b), rows in zip(spans, good, strict=True):
+        steady = rows[-1] - rows[0] > 1 and device[rows[-1]] - device[rows[0]] >= STEADY_NS
+        slope = _envelope_slope(device[rows], lag[rows]) if steady else drift
+        offset = int(np.floor(np.min((lag[rows] - lag[a]) - slope * (device[rows] - device[a])))) + int(lag[a])
+        segments.append(ClockSegment(a, b, int(arrival[a]), int(device[a]), offset, slope))
+    parts = [arrival[rows] - s.apply(device[rows]) for s, rows in zip(segments, good, strict=True)]
+    delay = np.concatenate(parts).astype(float)
+    windows = [np.minimum.reduceat(part, np.arange(0, max(len(part) - 99, 1), 100)).max() for part in parts]
+    return ClockFit(
+        tuple(segments),
+        starts[1:].astype(np.int64),
+        np.flatnonzero(outlier).astype(np.int64),
+        float(delay.mean()),
+        float(delay.std()),
+        float(delay.max()),
+        float(max(windows)),
+    )
+
+
+def _envelope_slope(device: NDArray[np.int64], lag: NDArray[np.int64]) -> float:
+    """Slope of the line below all points (device, lag) that is nearest to them on average, within `MAX_DRIFT`."""
+    x = (device - device[0]).astype(float)
+    y = (lag - lag[0]).astype(float)
+    x -= x.mean()
+    left, right = np.flatnonzero(x < 0), np.flatnonzero(x >= 0)
+    if not len(left) or not len(right):
+        return 0.0
+    # Touching points on either side of the mean. Whatever lies below their line replaces the one on its side; each
+    # exchange raises the optimum of a concave function with finitely many corners, so this ends, after a few rounds.
+    a, b = left[np.argmin(y[left])], right[np.argmin(y[right])]
+    while True:
+        slope = (y[b] - y[a]) / (x[b] - x[a])
+        below = y - y[a] - slope * (x - x[a])
+        lowest = int(np.argmin(below))
+        if below[lowest] > -1e-3 or lowest in (a, b):  # 1e-3 ns: rounding
+            return float(np.clip(slope, -MAX_DRIFT, MAX_DRIFT))
+        a, b = (lowest, b) if x[lowest] < 0 else (a, lowest)
+
+
+def _stretches(
+    lag: NDArray[np.int64], arrival: NDArray[np.int64], jump_ns: int
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Number of the stretch without a jump for each sample (0, 1, …), and the samples that belong to none.
+
+    The record is cut wherever `lag` steps. Pieces whose least lags agree are one clock, whatever delays lie between;
+    so are short pieces between two that agree.
+    """
+    cuts = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(lag)) > jump_ns) + 1))
+    stops = np.append(cuts[1:], len(lag))
+    levels = np.minimum.reduceat(lag, cuts)
+    length = arrival[stops - 1] - arrival[cuts]
+    group, outlier = np.zeros(len(lag), np.int64), np.zeros(len(lag), bool)
+    number, level, seen, waiting = 0, int(levels[0]), int(arrival[stops[0] - 1]), []
+    for k in range(1, len(cuts)):  # over the steps, of which there are few
+        room = jump_ns + MAX_DRIFT * abs(int(arrival[cuts[k]]) - seen)
+        agrees = abs(int(levels[k]) - level) <= room
+        last = k == len(cuts) - 1
+        if not agrees and length[k] < SHORT_NS and not last:
+            waiting.append(k)
+            continue
+        for j in waiting:  # they stay with the clock before them: late ones are harmless to it, early ones are wrong
+            if levels[j] < level:
+                outlier[cuts[j] : stops[j]] = True
+            group[cuts[j] : stops[j]] = number
+        waiting = []
+        if not agrees:
+            number += 1
+        level, seen = int(levels[k]), int(arrival[stops[k] - 1])
+        group[cuts[k] : stops[k]] = number
+    return group, outlier

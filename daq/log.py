@@ -1,0 +1,254 @@
+"""The run log, writing side: one MCAP file a run, readable up to the last whole chunk whatever happens.
+
+Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``.
+The page ``docs/log.md`` describes the format. `LogReader` and `recover` are in `daq.log_read` and offered here too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from daq.blocks import Block
+from daq.errors import RunError
+from daq.frames import Frames
+from daq.log_read import LogReader, recover
+from daq.mcap_write import McapWriter
+from daq.schema import lacet_pb2 as pb
+from daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
+from daq.wire import (
+    Manifest,
+    StartRecord,
+    StopRecord,
+    Tally,
+    block_to_bytes,
+    frames_to_bytes,
+    manifest_to_bytes,
+    start_to_bytes,
+    stop_to_bytes,
+)
+
+__all__ = ["LogReader", "LogWriteError", "LogWriter", "StartRecord", "StopRecord", "recover"]
+
+DISK = "disk"
+"""Cause under which a log counts what it could not store."""
+
+
+class LogWriteError(RunError):
+    """A log that cannot be written any further. What was recorded before stays in the file, readable."""
+
+
+class LogWriter:
+    """Write one run. Nothing is buffered for longer than one chunk.
+
+    A chunk is closed and handed to the operating system when it holds `chunk_bytes`, when its messages span
+    `chunk_seconds`, and by `tick`; that much is lost when the process is killed. The same calls give the same bytes.
+
+    Parameters
+    ----------
+    path : file to make.
+    start : the start record; it is on the disk when this returns.
+    chunk_bytes : size of a chunk before compression [bytes].
+    chunk_seconds : duration of a chunk [s].
+    fsync_seconds : how often to make the operating system write to the medium [s], which is what is lost when the
+        power fails; None leaves it to the operating system.
+    axes : channel → axes where the rig file declares others than the vocabulary.
+    overwrite : replace a file of that name; otherwise it is an error.
+
+    Raises
+    ------
+    LogWriteError : the file exists or cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        start: StartRecord,
+        *,
+        chunk_bytes: int = 256 * 1024,
+        chunk_seconds: float = 0.1,
+        fsync_seconds: float | None = None,
+        axes: Mapping[str, str] | None = None,
+        overwrite: bool = False,
+    ):
+        self.path = Path(path)
+        self.start = start
+        self.error: LogWriteError | None = None
+        """Why nothing more can be written, None while all is well."""
+        self.closed = False
+        self._axes = dict(axes or {})
+        self._channels: dict[str, Tally] = {}
+        self._sources: dict[str, Tally] = {}
+        self._stored: tuple[dict[str, Tally], dict[str, Tally]] = ({}, {})
+        self._chunk_bytes = chunk_bytes
+        self._chunk_ns = round(chunk_seconds * 1e9)
+        self._fsync_ns = None if fsync_seconds is None else round(fsync_seconds * 1e9)
+        self._open_bytes = 0
+        self._open_first_ns = 0
+        self._last_ns = self._synced_ns = max(0, start.started_ns)
+        try:
+            self._file = McapWriter(self.path, overwrite)
+        except FileExistsError as error:
+            raise LogWriteError(path, ["the file exists: give another name, or remove it"]) from error
+        except OSError as error:
+            raise LogWriteError(path, [f"cannot be made: {error.strerror}; check folder and permissions"]) from error
+        try:
+            self._file.metadata(META_START, _start_metadata(start))
+            self._put(START, pb.StartRecord, start_to_bytes(start), self._last_ns, 0)
+            self.flush()
+        except BaseException:
+            self._file.abandon()
+            raise
+
+    def write_frames(self, frames: Frames) -> bytes:
+        """Store a batch of raw frames; return the `RawFrames` message stored, empty for an empty batch.
+
+        Raises
+        ------
+        LogWriteError : the disk is full or fails; now and at every further call, which is counted in `losses`.
+        """
+        if not len(frames):
+            return b""
+        tally = self._sources.get(frames.source, Tally())
+        data = frames_to_bytes(frames, tally.messages)
+        try:
+            self._put(raw_topic(frames.source), pb.RawFrames, data, int(frames.t_ns[-1]), tally.messages)
+        finally:  # counted, stored or not; what is stored is noted by flush()
+            self._sources[frames.source] = tally.add(data, len(frames))
+        return data
+
+    def write_block(self, block: Block) -> bytes:
+        """Store a block; return the message stored, empty for an empty block. Raises as `write_frames`."""
+        if not len(block):
+            return b""
+        tally = self._channels.get(block.channel, Tally())
+        data = block_to_bytes(block, tally.messages, self._axes.get(block.channel))
+        try:
+            self._put(decoded_topic(block.channel), pb.DecodedBlock, data, int(block.t_ns[-1]), tally.messages)
+        finally:
+            self._channels[block.channel] = tally.add(data, len(block))
+        return data
+
+    def tick(self, now_ns: int) -> None:
+        """Close the open chunk when it is older than `chunk_seconds`; call a few times in that time.
+
+        `now_ns` is of the clock that stamps the frames [ns].
+        """
+        if self._open_bytes and abs(now_ns - self._open_first_ns) >= self._chunk_ns:
+            self.flush()
+
+    def flush(self) -> None:
+        """Close the open chunk and hand it to the operating system. Raises as `write_frames`."""
+        self._check()
+        try:
+            self._file.flush()
+            if self._fsync_ns is not None and self._last_ns - self._synced_ns >= self._fsync_ns:
+                self._file.sync()
+                self._synced_ns = self._last_ns
+        except OSError as error:
+            self._fail(error)
+        self._stored = (dict(self._channels), dict(self._sources))
+        self._open_bytes = 0
+
+    def manifest(self) -> Manifest:
+        """What the file holds, the open chunk included."""
+        channels, sources = (self._channels, self._sources) if self.error is None else self._stored
+        return Manifest(self.start.run_id, dict(channels), dict(sources), self.losses)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Samples or frames stored, by channel and source."""
+        manifest = self.manifest()
+        return {name: tally.samples for name, tally in (*manifest.channels.items(), *manifest.sources.items())}
+
+    @property
+    def losses(self) -> dict[str, dict[str, int]]:
+        """Samples and frames that could not be stored, by channel and source."""
+        if self.error is None:
+            return {}
+        lost = {
+            name: tally.samples - stored.get(name, Tally()).samples
+            for tallies, stored in zip((self._channels, self._sources), self._stored, strict=True)
+            for name, tally in tallies.items()
+        }
+        return {name: {DISK: number} for name, number in lost.items() if number}
+
+    def close(self, stop: StopRecord | None = None) -> None:
+        """Write the stop record, the manifest and the index, and close. Closing again does nothing.
+
+        Parameters
+        ----------
+        stop : None for ``end of input`` at the last stamp. Counts of its own are added to it.
+
+        Raises
+        ------
+        LogWriteError : the disk is full or fails; the file is closed without a stop record.
+        """
+        if self.closed:
+            return
+        self.closed = True
+        stop = stop or StopRecord(self._last_ns, "end of input")
+        stop = StopRecord(stop.stopped_ns, stop.reason, {**self.counts, **stop.counts}, stop.losses)
+        try:
+            self._check()
+            manifest = Manifest(self.start.run_id, self._channels, self._sources, stop.losses)
+            end_ns = max(self._last_ns, stop.stopped_ns)
+            self._put(STOP, pb.StopRecord, stop_to_bytes(stop), end_ns, 0)
+            self._put(MANIFEST, pb.Manifest, manifest_to_bytes(manifest), end_ns, 0)
+            self._file.metadata(META_STOP, {"stopped_ns": str(stop.stopped_ns), "reason": stop.reason})
+            try:
+                self._file.finish()
+                if self._fsync_ns is not None:
+                    self._file.sync()
+            except OSError as error:
+                self._fail(error)
+        finally:
+            self._file.abandon()
+
+    def __enter__(self) -> LogWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is None:
+            self.close()
+            return
+        with contextlib.suppress(LogWriteError):  # the exception on its way out is the one to see
+            self.close(StopRecord(self._last_ns, f"{type(error).__name__}: {error}".strip(": ")))
+
+    def _put(self, topic: str, kind: Any, data: bytes, log_ns: int, sequence: int) -> None:
+        self._check()
+        log_ns = max(0, log_ns)
+        if not self._open_bytes:
+            self._open_first_ns = log_ns
+        elif abs(log_ns - self._open_first_ns) >= self._chunk_ns or self._open_bytes >= self._chunk_bytes:
+            self.flush()
+            self._open_first_ns = log_ns
+        self._file.message(topic, kind, data, log_ns, sequence)
+        self._open_bytes += len(data)
+        self._last_ns = max(self._last_ns, log_ns)
+
+    def _check(self) -> None:
+        if self.error is not None:
+            raise self.error
+
+    def _fail(self, error: OSError) -> None:
+        self.error = LogWriteError(
+            self.path,
+            [
+                f"writing failed: {error.strerror or error}; everything up to byte {self._file.stored} is in the file "
+                "and readable. Make room or choose another disk, and start a new run"
+            ],
+        )
+        raise self.error from error
+
+
+def _start_metadata(start: StartRecord) -> dict[str, str]:
+    """What a viewer shows of the start record without decoding messages."""
+    names = ("run_id", "started_ns", "vehicle", "manoeuvre", "wheel_reference", "brakes", "notes", "software")
+    return {name: str(getattr(start, name)) for name in names}

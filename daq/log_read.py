@@ -1,0 +1,249 @@
+"""The run log, reading side: whole, unfinished, cut off or damaged files alike."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+
+from daq.blocks import Block
+from daq.errors import RunError, UsageError, nearest
+from daq.frames import Frames
+from daq.mcap_read import McapScan, Place
+from daq.mcap_write import McapWriter
+from daq.schema import lacet_pb2 as pb
+from daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
+from daq.wire import (
+    Manifest,
+    StartRecord,
+    StopRecord,
+    WireError,
+    block_from_bytes,
+    frames_from_bytes,
+    manifest_from_bytes,
+    start_from_bytes,
+    start_to_bytes,
+    stop_from_bytes,
+    stop_to_bytes,
+)
+
+
+class LogReader:
+    """Read one run.
+
+    Attributes
+    ----------
+    path : the file.
+    start : the start record; made up of what is known when it is lost, which `damage` says.
+    stop : the stop record, None when the file has none.
+    manifest : what the writer says it stored, None when it did not come to that.
+    damage : what is lost or missing, one line each; empty for a whole log. Reading may add to it.
+
+    Raises
+    ------
+    RunError : there is no such file, it is no MCAP file, or nothing of a lacet log is in it.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]):
+        self.path = Path(path)
+        self._scan = _scan(self.path)
+        self.damage: list[str] = self._scan.damage
+        self._topics: dict[str, list[Place]] = defaultdict(list)
+        for place in self._scan.places:
+            self._topics[self._scan.channels[place.channel].topic].append(place)
+        if not any(topic.startswith((RAW, DECODED, "/lacet/")) for topic in self._topics):
+            topics = ", ".join(sorted(self._topics)[:8]) or "none"
+            if self._scan.damage or not self._scan.finished:
+                raise RunError(path, ["cut off or damaged before the first whole record: nothing can be read from it"])
+            raise RunError(path, [f"an MCAP file, but not a lacet log (its topics: {topics}); give one made by lacet"])
+        self.manifest: Manifest | None = self._one(MANIFEST, manifest_from_bytes)
+        self.stop: StopRecord | None = self._one(STOP, stop_from_bytes)
+        self.start: StartRecord = self._one(START, start_from_bytes) or self._made_up_start()
+        self.damage += self._gaps()
+        if self.stop is None:
+            self.damage.append("no stop record: the recording was not closed; what came after the last chunk is lost")
+        elif not self._scan.finished:
+            self.damage.append("the index at the end is missing or damaged; no data is lost by that")
+        self.damage += self._scan.metadata.get(META_RECOVERED, {}).values()
+
+    def sources(self) -> list[str]:
+        """Buses with raw frames, in alphabetical order."""
+        return sorted(topic.removeprefix(RAW) for topic in self._topics if topic.startswith(RAW))
+
+    def channels(self) -> list[str]:
+        """Channels with decoded blocks, in alphabetical order."""
+        names = (topic.removeprefix(DECODED) for topic in self._topics if topic.startswith(DECODED))
+        return sorted(name.replace("/", ".") for name in names)
+
+    def frames(self, source: str) -> Frames:
+        """All raw frames of one bus, in the order recorded.
+
+        Raises
+        ------
+        UsageError : no frames of such a bus are in the log.
+        """
+        if RAW + source not in self._topics:
+            known = self.sources()
+            raise UsageError(
+                f"{self.path}: no frames of '{source}'{nearest(source, known)}; recorded: {', '.join(known) or 'none'}"
+            )
+        return Frames.concat(
+            source, (item for _, item in self._items(self._topics[RAW + source]) if isinstance(item, Frames))
+        )
+
+    def blocks(self, channels: Iterable[str] | None = None) -> dict[str, Block]:
+        """Decoded samples joined by channel, in the order recorded; of all channels unless some are named."""
+        wanted = set(self.channels() if channels is None else channels)
+        places = [
+            place
+            for topic, found in self._topics.items()
+            if topic.startswith(DECODED) and topic.removeprefix(DECODED).replace("/", ".") in wanted
+            for place in found
+        ]
+        parts: dict[str, list[Block]] = defaultdict(list)
+        for _, item in self._items(sorted(places, key=lambda place: (place.chunk, place.begin))):
+            if isinstance(item, Block):
+                parts[item.channel].append(item)
+        return {channel: Block.concat(parts[channel]) for channel in sorted(parts)}
+
+    def messages(self) -> Iterator[tuple[int, Frames | Block]]:
+        """Batches and blocks one by one as recorded, each with its log time [ns]: for replaying a run."""
+        yield from self._items(self._scan.places)
+
+    def _items(self, places: list[Place]) -> Iterator[tuple[int, Frames | Block]]:
+        refused: dict[str, tuple[int, str]] = {}
+        for place, data in self._scan.messages(places):
+            topic = self._scan.channels[place.channel].topic
+            try:
+                if topic.startswith(RAW):
+                    yield place.log_ns, frames_from_bytes(data)[0]
+                elif topic.startswith(DECODED):
+                    yield place.log_ns, block_from_bytes(data)[0]
+            except WireError as error:
+                number, why = refused.get(topic, (0, str(error)))
+                refused[topic] = (number + 1, why)
+        for topic, (number, why) in refused.items():
+            line = f"{topic}: {number} messages cannot be used ({why})"
+            if line not in self.damage:
+                self.damage.append(line)
+
+    def _one(self, topic: str, read):
+        """The last message of a topic, None when there is none that can be read."""
+        for _, data in self._scan.messages(self._topics.get(topic, [])[-1:]):
+            try:
+                return read(data)
+            except WireError as error:
+                self.damage.append(f"{topic}: {error}")
+        return None
+
+    def _made_up_start(self) -> StartRecord:
+        known = self._scan.metadata.get(META_START, {})
+        self.damage.append("the start record is lost: the rig file and its documents must be given anew")
+        started = known.get("started_ns", "")
+        first = min((place.log_ns for place in self._scan.places), default=0)
+        return StartRecord(
+            run_id=known.get("run_id", ""),
+            started_ns=int(started) if started.lstrip("-").isdigit() else first,
+            vehicle=known.get("vehicle", ""),
+            manoeuvre=known.get("manoeuvre", ""),
+            wheel_reference=known.get("wheel_reference", "contact"),
+            brakes=known.get("brakes", "unknown"),
+            notes=known.get("notes", ""),
+            software=known.get("software", ""),
+        )
+
+    def _gaps(self) -> list[str]:
+        """Messages that the numbering or the manifest says were there."""
+        expected: dict[str, int] = {}
+        if self.manifest is not None:
+            expected |= {DECODED + name.replace(".", "/"): t.messages for name, t in self.manifest.channels.items()}
+            expected |= {RAW + name: tally.messages for name, tally in self.manifest.sources.items()}
+        names = expected.keys() | {topic for topic in self._topics if topic.startswith((RAW, DECODED))}
+        lines = []
+        for topic in sorted(names):
+            found = np.array([place.sequence for place in self._topics.get(topic, [])], np.int64)
+            end = expected.get(topic, int(found.max()) + 1 if len(found) else 0)
+            missing = np.setdiff1d(np.arange(end), found)
+            if len(missing):
+                lines.append(f"{topic}: {len(missing)} of {end} messages are missing: {_ranges(missing)}")
+        return lines
+
+
+def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> list[str]:
+    """Write every whole record of a damaged log into a new, finished one, and return what was lost.
+
+    The messages are the same bytes; a stop record is made up when there is none; the new log's `damage` says what
+    the old one's did.
+
+    Raises
+    ------
+    RunError : nothing can be read from `path`.
+    UsageError : `out` is `path`, or exists and is not to be overwritten.
+    """
+    target = Path(out)
+    if target.exists() and (not overwrite or target.samefile(path)):
+        raise UsageError(f"{target} exists: give another name")
+    reader = LogReader(path)
+    scan = reader._scan
+    for _ in reader.messages():  # finds what is whole but cannot be used
+        pass
+    writer = McapWriter(target, overwrite)
+    try:
+        writer.metadata(META_START, scan.metadata.get(META_START, {"run_id": reader.start.run_id}))
+        if START not in reader._topics:
+            writer.message(START, pb.StartRecord, start_to_bytes(reader.start), max(0, reader.start.started_ns), 0)
+        chunk = 0
+        for place, data in scan.messages(scan.places):
+            if place.chunk != chunk:  # the chunks stay as they were
+                writer.flush()
+                chunk = place.chunk
+            channel = scan.channels[place.channel]
+            writer.copy(channel, scan.schemas.get(channel.schema_id), scan.message(place, data))
+        stop = reader.stop
+        if stop is None:
+            last = max((place.log_ns for place in scan.places), default=0)
+            stop = StopRecord(last, "recovered: the recording was not closed", _counts(reader))
+            writer.message(STOP, pb.StopRecord, stop_to_bytes(stop), last, 0)
+        writer.metadata(META_STOP, {"stopped_ns": str(stop.stopped_ns), "reason": stop.reason})
+        if reader.damage:
+            lines = {f"{i:03}": line for i, line in enumerate(reader.damage)}
+            writer.metadata(META_RECOVERED, lines)
+        writer.finish()
+    finally:
+        writer.abandon()
+    return list(reader.damage)
+
+
+def _counts(reader: LogReader) -> dict[str, int]:
+    counts: dict[str, int] = defaultdict(int)
+    for _, item in reader.messages():
+        counts[item.channel if isinstance(item, Block) else item.source] += len(item)
+    return dict(counts)
+
+
+def _scan(path: Path) -> McapScan:
+    try:
+        size = path.stat().st_size
+        scan = McapScan.of(path)
+    except FileNotFoundError as error:
+        beside = [file.name for file in path.parent.glob("*.mcap")] if path.parent.is_dir() else []
+        raise RunError(path, [f"there is no such file{nearest(path.name, beside)}"]) from error
+    except OSError as error:
+        raise RunError(path, [f"cannot be read: {error.strerror}"]) from error
+    if not size:
+        raise RunError(path, ["the file is empty: the recording broke off before anything was written"])
+    if not scan.places and not scan.finished and not scan.channels:
+        with path.open("rb") as file:
+            if not file.read(8).startswith(b"\x89MCAP"):
+                raise RunError(path, ["not an MCAP file; give a log recorded by lacet (.mcap)"])
+    return scan
+
+
+def _ranges(numbers: np.ndarray) -> str:
+    """``3, 7–9`` for 3, 7, 8, 9."""
+    parts = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    texts = [str(part[0]) if len(part) == 1 else f"{part[0]}–{part[-1]}" for part in parts[:6]]
+    return ", ".join(texts) + (" …" if len(parts) > 6 else "")

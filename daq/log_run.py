@@ -1,0 +1,109 @@
+"""From a log to a run: decoded blocks as signals, each on its sensor's clock where the rig asks for that."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daq.blocks import UNUSABLE, Block, Flag
+from daq.clock import fit_clock
+from daq.errors import RigError, RunError
+from daq.log_read import LogReader
+from daq.rig import Rig
+from daq.run import BRAKES, Run, Signal
+
+
+def read_run(path: Path) -> Run:
+    """Read the decoded channels of a log.
+
+    Stamps are the arrivals, or for sensors with ``clock = "device"`` in the recorded rig the device clock on the
+    lower envelope of the arrivals. No latency is removed.
+
+    Raises
+    ------
+    RunError : no log, or one without decoded channels.
+    """
+    reader = LogReader(path)
+    blocks = reader.blocks()
+    if not any(len(block) for block in blocks.values()):
+        remedy = "it holds raw frames only: run 'lacet decode' first" if reader.sources() else "it holds no samples"
+        raise RunError(path, [remedy, *reader.damage])
+    problems = list(reader.damage)
+    rig = _rig(reader, problems)
+    stamps: dict[str, np.ndarray] = {}
+    for name, block in blocks.items():
+        sensor = rig.sensor_of(name) if rig else None
+        wants_device = sensor is not None and sensor.clock == "device"
+        stamps[name], blocks[name] = _on_device_clock(block, problems) if wants_device else (block.t_ns, block)
+    start_ns = min(int(t.min()) for t in stamps.values() if len(t))
+    signals = {name: _signal(blocks[name], stamps[name], start_ns, problems) for name in blocks}
+    start = reader.start
+    return Run(
+        name=path.stem,
+        signals={name: signal for name, signal in signals.items() if len(signal.t)},
+        vehicle=start.vehicle,
+        manoeuvre=start.manoeuvre,
+        rig=rig.name if rig else "",
+        wheel_reference=start.wheel_reference,
+        brakes=start.brakes if start.brakes in BRAKES else "unknown",
+        notes=start.notes,
+        vehicle_text=start.vehicle_text,
+        rig_text=start.rig_text,
+        problems=tuple(problems),
+    )
+
+
+def _rig(reader: LogReader, problems: list[str]) -> Rig | None:
+    if not reader.start.rig_text:
+        return None
+    try:
+        return Rig.parse(reader.start.rig_text, f"rig of {reader.path}")
+    except RigError as error:
+        problems.append(f"the recorded rig cannot be used, so all stamps are arrivals: {'; '.join(error.faults)}")
+        return None
+
+
+def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Block]:
+    """Stamps by the fitted device clock, and the block with flags where that clock is wrong."""
+    if block.device_ns is None:
+        problems.append(f"{block.channel}: the rig asks for the device clock, the log has none: stamps are arrivals")
+        return block.t_ns, block
+    # Samples that never came whole have no reading of the clock.
+    read = np.flatnonzero((block.flags & int(Flag.CHECKSUM | Flag.INCOMPLETE)) == 0)
+    if not len(read):
+        return block.t_ns, block
+    fit = fit_clock(block.t_ns[read], block.device_ns[read])
+    t_ns, flags = block.t_ns.copy(), block.flags.copy()
+    t_ns[read] = fit.apply(block.device_ns[read], block.t_ns[read])
+    wrong = read[fit.outliers]
+    t_ns[wrong] = block.t_ns[wrong]
+    flags[wrong] |= np.uint8(Flag.CLOCK)
+    if len(wrong):
+        problems.append(f"{block.channel}: {len(wrong)} samples with a wrong device stamp are left out")
+    problems += [
+        f"{block.channel}: a clock jumped at sample {jump}; it is fitted anew from there" for jump in read[fit.jumps]
+    ]
+    return t_ns, Block(block.channel, block.t_ns, block.values, flags, block.device_ns)
+
+
+def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) -> Signal:
+    """Samples in seconds since the run's start; those not later than all before them are dropped."""
+    usable = (block.flags & int(UNUSABLE)) == 0
+    # Samples that are no good have no claim on the order of those that are: they stay where they fit between them.
+    low, high = np.iinfo(np.int64).min, np.iinfo(np.int64).max
+    good = usable & _later(np.where(usable, t_ns, low))
+    before = np.maximum.accumulate(np.where(good, t_ns, low))
+    after = np.minimum.accumulate(np.where(good, t_ns, high)[::-1])[::-1]
+    good |= ~usable & (before < t_ns) & (t_ns < after)
+    good &= usable | _later(np.where(good, t_ns, low))
+    dropped = int(np.count_nonzero(usable & ~good))
+    if dropped:
+        remedy = ' (clock = "device" in the rig would part them)' if block.device_ns is not None else ""
+        problems.append(f"{block.channel}: {dropped} samples not later than the one before are left out{remedy}")
+    return Signal((t_ns[good] - start_ns) / 1e9, block.values[good], block.flags[good])
+
+
+def _later(t_ns: np.ndarray) -> np.ndarray:
+    """(N,) whether each stamp is later than all before it."""
+    return np.concatenate((np.ones(min(1, len(t_ns)), bool), t_ns[1:] > np.maximum.accumulate(t_ns)[:-1]))

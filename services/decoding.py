@@ -1,0 +1,170 @@
+"""From raw frames to blocks by a rig's drivers: the same for the live recorder, batch by batch, and for whole logs."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.blocks import Block
+from daq.frames import Frames
+from daq.log import LogReader, LogWriter
+from daq.rig import Rig, Sensor
+from daq.wire import StopRecord
+from drivers import open_driver
+from drivers.base import Driver, State
+
+NO_LOSS = frozenset(
+    {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}
+)
+"""Entries of a ledger that do not say that something the sensor sent was lost on the way."""
+
+WINDOW_NS = 100_000_000
+"""Duration of the blocks that `write_decoded` stores [ns]."""
+
+
+@dataclass
+class _Wired:
+    """A sensor of the rig with its driver and the driver's memory."""
+
+    sensor: Sensor
+    driver: Driver
+    state: State
+
+
+class Decoder:
+    """The drivers of a rig, fed with frames.
+
+    Parameters
+    ----------
+    rig : sensors without a driver or a bus are left out.
+    documents : file name → text, recorded with a run; they win over files on disk.
+
+    Raises
+    ------
+    LacetError : a driver is unknown, or its options or documents have faults.
+    """
+
+    def __init__(self, rig: Rig, documents: Mapping[str, str] | None = None):
+        self.rig = rig
+        self._wired: list[_Wired] = []
+        self.documents: dict[str, str] = {}
+        """File name → full text of every file the drivers use."""
+        for sensor in rig.sensors:
+            if sensor.driver is None or sensor.bus is None:
+                continue
+            driver = open_driver(sensor.driver, sensor.bus, sensor.options, rig.folder, documents)
+            self._wired.append(_Wired(sensor, driver, driver.start()))
+            self.documents |= driver.documents
+        self._received: dict[str, int] = defaultdict(int)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that the drivers can deliver and the rig lists."""
+        return tuple(name for wired in self._wired for name in wired.driver.channels if name in wired.sensor.channels)
+
+    def feed(self, frames: Frames) -> list[Block]:
+        """Decode a batch of one bus; the next batch of that bus goes on where it ends."""
+        self._received[frames.source] += len(frames)
+        blocks: list[Block] = []
+        for wired in self._wired:
+            if wired.sensor.bus == frames.source:
+                found, wired.state = wired.driver.decode(frames, wired.state)
+                blocks += self._kept(wired, found)
+        return blocks
+
+    def finish(self) -> list[Block]:
+        """The samples still waiting for frames that will not come."""
+        blocks: list[Block] = []
+        for wired in self._wired:
+            found, wired.state = wired.driver.finish(wired.state)
+            blocks += self._kept(wired, found)
+        return blocks
+
+    def ledger(self) -> dict[str, dict[str, int]]:
+        """Counts so far by bus: ``received`` frames, ``samples``, and by cause what was lost or left aside.
+
+        ``unknown_ident`` are frames of a CAN bus that no driver knows; ``no_driver`` those of a bus without any.
+        """
+        out: dict[str, dict[str, int]] = {}
+        for source in sorted({*self._received, *(wired.sensor.bus or "" for wired in self._wired)}):
+            drivers = [wired for wired in self._wired if wired.sensor.bus == source]
+            sums: dict[str, int] = defaultdict(int)
+            for wired in drivers:
+                for cause, number in wired.driver.counts(wired.state).items():
+                    sums[cause] += number
+            bus = self.rig.buses.get(source)
+            total = self._received[source]
+            if not drivers:
+                sums["no_driver"] = total
+            elif bus is not None and bus.kind == "can":
+                sums["unknown_ident"] = max(0, total - sums["received"])
+            out[source] = {**sums, "received": total}
+        return out
+
+    def losses(self) -> dict[str, dict[str, int]]:
+        """What of `ledger` is a loss, without zeros."""
+        rows = {
+            source: {cause: number for cause, number in causes.items() if number and cause not in NO_LOSS}
+            for source, causes in self.ledger().items()
+        }
+        return {source: causes for source, causes in rows.items() if causes}
+
+    @staticmethod
+    def _kept(wired: _Wired, blocks: list[Block]) -> list[Block]:
+        return [block for block in blocks if block.channel in wired.sensor.channels and len(block)]
+
+
+def decode_frames(decoder: Decoder, frames: list[Frames]) -> dict[str, Block]:
+    """Decode whole buses in one go, to the end; blocks by channel."""
+    parts: dict[str, list[Block]] = defaultdict(list)
+    for batch in frames:
+        for block in decoder.feed(batch):
+            parts[block.channel].append(block)
+    for block in decoder.finish():
+        parts[block.channel].append(block)
+    return {channel: Block.concat(blocks) for channel, blocks in parts.items()}
+
+
+def write_decoded(writer: LogWriter, frames: list[Frames], blocks: Mapping[str, Block]) -> Iterator[float]:
+    """Store raw frames and blocks in windows of `WINDOW_NS`, in time order; yield the fraction done."""
+    pieces: list[tuple[int, int, int, int]] = []  # window, row of `items`, start, stop
+    items: list[Frames | Block] = [*frames, *(blocks[channel] for channel in sorted(blocks))]
+    for row, item in enumerate(items):
+        pieces += [(window, row, start, stop) for window, start, stop in _windows(item.t_ns)]
+    pieces.sort()
+    for done, (_, row, start, stop) in enumerate(pieces):
+        item = items[row]
+        if isinstance(item, Frames):
+            writer.write_frames(item[start:stop])
+        else:
+            writer.write_block(_part(item, start, stop))
+        yield (done + 1) / len(pieces)
+
+
+def closing_record(reader: LogReader, decoder: Decoder, last_ns: int) -> StopRecord:
+    """The stop record of a decoded log: that of the raw one, with what decoding lost."""
+    losses = {source: dict(causes) for source, causes in (reader.stop.losses if reader.stop else {}).items()}
+    for source, causes in decoder.losses().items():
+        losses.setdefault(source, {}).update(causes)
+    if reader.stop is None:
+        return StopRecord(last_ns, "decoded from a recording that was not closed", {}, losses)
+    return replace(reader.stop, counts={}, losses=losses)
+
+
+def _windows(t_ns: NDArray[np.int64]) -> list[tuple[int, int, int]]:
+    """Window number, start and stop of the stretches of each window; a stamp that goes back stays in its window."""
+    if not len(t_ns):
+        return []
+    window = np.maximum.accumulate(t_ns) // WINDOW_NS
+    starts = np.flatnonzero(np.diff(window, prepend=window[0] - 1))
+    stops = np.append(starts[1:], len(t_ns))
+    return list(zip(window[starts].tolist(), starts.tolist(), stops.tolist(), strict=True))
+
+
+def _part(block: Block, start: int, stop: int) -> Block:
+    device = None if block.device_ns is None else block.device_ns[start:stop]
+    return Block(block.channel, block.t_ns[start:stop], block.values[start:stop], block.flags[start:stop], device)

@@ -1,0 +1,88 @@
+"""A log opened as a run: stamps on the clock that the rig asks for, faults told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.blocks import Block, Flag
+from daq.errors import RunError
+from daq.frames import Frames
+from daq.log import LogWriter, StartRecord
+from daq.run import Run
+
+T0 = 1_700_000_000 * 10**9
+RIG = """
+format = "lacet-rig 1"
+name = "bench"
+wheel_reference = "hub"
+[[sensor]]
+name = "imu"
+channels = ["imu.*"]
+position = [0.0, 0.0, 0.0]
+clock = "{clock}"
+"""
+
+
+def log(path: Path, block: Block, clock: str = "device") -> Path:
+    start = StartRecord("r", T0, "", RIG.format(clock=clock), vehicle="406", manoeuvre="sine", brakes="off")
+    with LogWriter(path, start, overwrite=True) as writer:
+        writer.write_block(block)
+    return path
+
+
+def late_block(n: int = 6000) -> tuple[np.ndarray, Block]:
+    """Samples at 200 Hz handed over every 16 ms."""
+    true = T0 + np.arange(n) * 5_000_000
+    arrival = -(-(true + 500_000) // 16_000_000) * 16_000_000
+    values = np.sin((true - T0)[:, None] / 1e9 * np.ones(3))
+    return true, Block(
+        "imu.rate", arrival, values, np.zeros(n, np.uint8), np.rint((true - T0) * (1 - 4e-5)).astype(int)
+    )
+
+
+def test_device_clock_of_the_rig(tmp_path: Path):
+    true, block = late_block()
+    run = Run.open(log(tmp_path / "sine.mcap", block))
+    signal = run.signals["imu.rate"]
+    assert len(signal.t) == len(true)
+    assert (np.diff(signal.t) > 0).all()
+    assert np.std(signal.t - (true - T0) / 1e9) < 50e-6
+    assert (run.name, run.vehicle, run.manoeuvre, run.brakes, run.wheel_reference) == (
+        "sine", "406", "sine", "off", "contact",
+    )  # fmt: skip
+    assert run.problems == ()
+
+
+def test_arrivals_that_share_a_stamp_are_told(tmp_path: Path):
+    _, block = late_block()
+    run = Run.open(log(tmp_path / "sine.mcap", block, "arrival"))
+    assert len(run.signals["imu.rate"].t) == len(np.unique(block.t_ns))
+    assert any('clock = "device"' in line for line in run.problems)
+
+
+def test_wrong_stamps_and_jumps_are_told(tmp_path: Path):
+    true, block = late_block()
+    assert block.device_ns is not None
+    device = block.device_ns.copy()
+    device[1000] += 10**10
+    device[4000:] -= 15 * 10**9
+    flags = block.flags.copy()
+    flags[2000] = Flag.CHECKSUM
+    run = Run.open(log(tmp_path / "sine.mcap", Block("imu.rate", block.t_ns, block.values, flags, device)))
+    text = "\n".join(run.problems)
+    assert "1 samples with a wrong device stamp" in text
+    assert "jumped at sample 4000" in text
+    signal = run.signals["imu.rate"]
+    assert (np.diff(signal.t) > 0).all()
+    kept = np.searchsorted(true - T0, np.rint(signal.t[signal.usable] * 1e9) - 3_000_000)
+    assert len(np.unique(kept)) >= len(true) - 10
+
+
+def test_a_capture_is_no_run(tmp_path: Path):
+    with LogWriter(tmp_path / "raw.mcap", StartRecord("r", T0)) as writer:
+        writer.write_frames(Frames.from_iter("can0", [("can0", T0, 1, b"x")]))
+    with pytest.raises(RunError, match="lacet decode"):
+        Run.open(tmp_path / "raw.mcap")
