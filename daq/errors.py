@@ -33,6 +33,10 @@ class VehicleError(FileFault):
     """A vehicle file with faults."""
 
 
+class DbcError(FileFault):
+    """A DBC file (the layout of CAN frames) with faults, or one that a driver cannot use."""
+
+
 class RunError(FileFault):
     """A recorded run that cannot be read, or not in full."""
 

@@ -1,0 +1,59 @@
+"""Sensors: one file a driver, found by walking this folder. Frames in, blocks out; no clock, no socket, no thread."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from daq.errors import UsageError, nearest
+from drivers.base import Driver
+
+
+@cache
+def _found() -> dict[str, type]:
+    drivers: dict[str, type] = {}
+    for entry in pkgutil.iter_modules(__path__):
+        module = importlib.import_module(f"{__name__}.{entry.name}")
+        for item in vars(module).values():
+            if isinstance(item, type) and Driver in item.__mro__[1:] and item.__module__ == module.__name__:
+                if item.name != entry.name:
+                    raise TypeError(f"the driver in {module.__file__} calls itself '{item.name}', not '{entry.name}'")
+                drivers[item.name] = item
+    return drivers
+
+
+def known_drivers() -> dict[str, type]:
+    """Every driver by name: the class derived from `Driver` in each file of this folder."""
+    return dict(_found())
+
+
+def open_driver(
+    name: str,
+    bus: str,
+    options: Mapping[str, object] | None = None,
+    folder: Path | None = None,
+    documents: Mapping[str, str] | None = None,
+) -> Driver:
+    """Make the driver of a rig row.
+
+    Parameters
+    ----------
+    name : driver name, that of its file.
+    bus : bus as named in the rig file; the source of the frames it encodes.
+    options : as in the rig row.
+    folder : where the rig file lies; relative file names start there.
+    documents : file name → text, recorded with a run; they win over files on disk.
+
+    Raises
+    ------
+    UsageError : there is no such driver.
+    RigError : an option is unknown or wrong.
+    DbcError : the DBC file is missing or has faults.
+    """
+    known = known_drivers()
+    if name not in known:
+        raise UsageError(f"there is no driver '{name}'{nearest(name, known)} (there are: {', '.join(sorted(known))})")
+    return known[name](bus, options or {}, folder, documents or {})

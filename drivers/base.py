@@ -23,6 +23,8 @@ class Driver(Protocol):
     """Driver name as used in rig files."""
     channels: tuple[str, ...]
     """Channels this instance produces."""
+    documents: dict[str, str]
+    """File name → full text of each file this instance read its layout from (a DBC); empty where there is none."""
 
     def start(self) -> State:
         """State before the first frame."""

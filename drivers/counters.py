@@ -1,0 +1,97 @@
+"""Sample counters and device clocks followed across batches, and the sums of the loss ledger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import SupportsInt
+
+import numpy as np
+from numpy.typing import NDArray
+
+WIDE = 16
+"""Counters of this many bits or more do not run round within one loss: a jump of more than half their range is the
+sensor starting anew, not a loss of thousands of samples. [bit]"""
+
+
+@dataclass(frozen=True)
+class CounterState:
+    """Last trusted value of a sample counter (None before the first) and the samples since without one."""
+
+    last: int | None = None
+    between: int = 0
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """What a run of counters says: samples lost before each sample (N,), and where the counter went back (N,)."""
+
+    lost: NDArray[np.int64]
+    back: NDArray[np.bool_]
+
+    @property
+    def gap(self) -> NDArray[np.bool_]:
+        """(N,) samples to flag `GAP`."""
+        return (self.lost > 0) | self.back
+
+
+def follow_counter(
+    counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, state: CounterState
+) -> tuple[Jumps, CounterState]:
+    """Compare each trusted counter with the trusted one before it.
+
+    Samples in between whose counter cannot be trusted (bad checksum, incomplete) account for that many steps, so they
+    are not counted again as lost. A loss is known modulo the range of the counter only.
+    """
+    modulus = 1 << bits
+    lost = np.zeros(len(counter), np.int64)
+    back = np.zeros(len(counter), bool)
+    at = np.flatnonzero(trusted)
+    if len(at) == 0:
+        return Jumps(lost, back), CounterState(state.last, state.between + len(counter))
+    values = counter[at]
+    between = np.diff(at, prepend=-1) - 1
+    between[0] += state.between
+    # Before the first trusted counter nothing is known to be lost.
+    before = np.concatenate(([values[0] - 1 if state.last is None else state.last], values[:-1]))
+    steps = (values - before - 1) % modulus
+    went_back = (steps >= modulus // 2) & (bits >= WIDE)
+    lost[at] = np.where(went_back, 0, np.maximum(steps - between, 0))
+    back[at] = went_back
+    return Jumps(lost, back), CounterState(int(values[-1]), len(counter) - 1 - int(at[-1]))
+
+
+def unwrap_clock(
+    clock: NDArray[np.int64], trusted: NDArray[np.bool_], last_us: int | None
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], int | None]:
+    """Continue a 32-bit microsecond clock past its wrap every 71.6 minutes.
+
+    Only trusted readings move it. A reading more than half the range ahead is one that went back.
+
+    Returns
+    -------
+    device_ns : (N,) unwrapped clock [ns]; a sample without a trusted reading repeats the last one (0 before the first).
+    back : (N,) the clock stood still or went back here.
+    last_us : the last unwrapped reading [µs], None when there was none yet.
+    """
+    at = np.flatnonzero(trusted)
+    back = np.zeros(len(clock), bool)
+    if len(at) == 0:
+        return np.full(len(clock), (last_us or 0) * 1000, np.int64), back, last_us
+    values = clock[at]
+    first = int(values[0]) if last_us is None else last_us
+    step = np.diff(np.concatenate(([first], values)))
+    step = (step + (1 << 31)) % (1 << 32) - (1 << 31)
+    back[at] = step <= 0
+    if last_us is None:
+        back[at[0]] = False
+    unwrapped = first + np.cumsum(step)
+    # Index of the last trusted reading at or before each sample, -1 before the first.
+    held = np.cumsum(trusted) - 1
+    values_us = np.where(held >= 0, unwrapped[held], last_us or 0)
+    return values_us * 1000, back, int(unwrapped[-1])
+
+
+def add(ledger: Mapping[str, int], **more: SupportsInt) -> dict[str, int]:
+    """Return the ledger with each count in `more` added."""
+    return {**ledger, **{key: ledger.get(key, 0) + int(count) for key, count in more.items()}}

@@ -1,0 +1,208 @@
+"""Bits in CAN frames, compiled from a DBC file: cantools reads the file, NumPy extracts from all frames at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import cantools.database
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import DbcError
+
+WORD = 8
+"""Frames are held in rows of whole 64-bit words, so that a signal is one shift of one word. [byte]"""
+
+
+def row_width(length: int) -> int:
+    """Bytes of a row that holds `length` bytes of payload: at least one word, always whole words."""
+    return max(1, -(-length // WORD)) * WORD
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One signal of a message: ``physical = raw * factor + offset`` [unit].
+
+    Attributes
+    ----------
+    start : start bit as in the DBC: the lowest bit in little-endian order, the highest in big-endian order.
+    low, high : end values of the raw range: those of the bits, narrowed to [minimum|maximum] where the DBC gives them.
+    """
+
+    name: str
+    start: int
+    length: int
+    big_endian: bool
+    signed: bool
+    factor: float
+    offset: float
+    unit: str
+    low: int
+    high: int
+
+    @cached_property
+    def _first(self) -> int:
+        """Distance of the leading bit from the start of the row, in the order of the signal."""
+        return self.start // 8 * 8 + 7 - self.start % 8 if self.big_endian else self.start
+
+    @cached_property
+    def bits(self) -> frozenset[int]:
+        """Bits that the signal occupies: 8 × byte + bit, bit 0 the lowest of the byte."""
+        stream = range(self._first, self._first + self.length)
+        return frozenset(s // 8 * 8 + 7 - s % 8 for s in stream) if self.big_endian else frozenset(stream)
+
+    def raw(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        """Extract the raw value from each row.
+
+        Parameters
+        ----------
+        rows : (N, W) payloads, W a multiple of 8, contiguous along the last axis; bytes past the payload are not read.
+
+        Returns
+        -------
+        (N,) int64, or uint64 for an unsigned signal of 64 bits.
+        """
+        base = min(self._first // 8, rows.shape[1] - WORD)
+        skip = self._first - 8 * base
+        order = ">u8" if self.big_endian else "<u8"
+        word = rows[:, base : base + WORD].view(order)[:, 0].astype(np.uint64, copy=False)
+        over = max(0, skip + self.length - 64)
+        if over:  # the signal reaches into a ninth byte
+            ninth = rows[:, base + WORD].astype(np.uint64)
+            if self.big_endian:
+                word = (word << np.uint64(over)) | (ninth >> np.uint64(8 - over))
+            else:
+                word = (word >> np.uint64(skip)) | (ninth << np.uint64(64 - skip))
+            skip = 64 - self.length if self.big_endian else 0
+        # Push the signal against the top of the word, then bring it down with or without its sign.
+        left = skip if self.big_endian else 64 - skip - self.length
+        top = word << np.uint64(left)
+        down = 64 - self.length
+        if self.signed:
+            return top.view(np.int64) >> np.int64(down)
+        bare = top >> np.uint64(down)
+        return bare if self.length == 64 else bare.view(np.int64)
+
+    def put(self, rows: NDArray[np.uint8], raw: NDArray[Any] | int) -> None:
+        """Write raw values (N,) into `rows` (N, W) in place; other bits stay."""
+        value = np.broadcast_to(np.asarray(raw), len(rows)).astype(np.uint64)
+        last = self._first + self.length - 1
+        for byte in range(self._first // 8, last // 8 + 1):
+            shift = last - 8 * byte - 7 if self.big_endian else 8 * byte - self.start
+            part = value >> np.uint64(shift) if shift >= 0 else value << np.uint64(-shift)
+            mask = np.uint8(sum(1 << (bit % 8) for bit in self.bits if bit // 8 == byte))
+            rows[:, byte] = (rows[:, byte] & ~mask) | (part.astype(np.uint8) & mask)
+
+    def physical(self, raw: NDArray[Any]) -> NDArray[np.float64]:
+        """(N,) values in the unit of the DBC [unit]."""
+        return raw * self.factor + self.offset
+
+
+@dataclass(frozen=True)
+class Message:
+    """One CAN message: arbitration id, payload length [byte] and signals by name."""
+
+    name: str
+    ident: int
+    length: int
+    signals: dict[str, Signal]
+
+
+@dataclass(frozen=True)
+class Database:
+    """The messages of a DBC file by name, and every fault found in it."""
+
+    messages: dict[str, Message]
+    faults: list[str] = field(default_factory=list)
+
+
+def parse(text: str, path: object) -> Database:
+    """Read a DBC file and look for structural faults in all its messages.
+
+    Multiplexed messages and floating-point signals are left out: nothing here decodes them.
+
+    Raises
+    ------
+    DbcError : the text is not a DBC file at all. Faults inside a readable file are listed in the result, so that a
+        driver can add its own and raise all of them at once.
+    """
+    try:
+        # Not strict: cantools would stop at the first overlap; all of them are listed below.
+        database = cantools.database.load_string(text, "dbc", strict=False)
+    except Exception as error:  # cantools raises many kinds, its parser's among them
+        raise DbcError(path, [f"not a DBC file: {error}"]) from None
+    if not isinstance(database, cantools.database.Database):
+        raise DbcError(path, ["describes diagnostics, not CAN messages"])
+    messages: dict[str, Message] = {}
+    owner: dict[int, str] = {}
+    faults: list[str] = []
+    for entry in database.messages:
+        if entry.name in messages:
+            faults.append(f"message '{entry.name}' comes twice; rename or remove one")
+        if entry.frame_id in owner:
+            faults.append(f"messages '{owner[entry.frame_id]}' and '{entry.name}' share the id {entry.frame_id:#x}")
+        owner[entry.frame_id] = entry.name
+        if entry.is_multiplexed():
+            continue
+        signals = [_signal(signal, faults, entry.name) for signal in entry.signals if not signal.is_float]
+        message = Message(entry.name, entry.frame_id, entry.length, {signal.name: signal for signal in signals})
+        messages[entry.name] = message
+        faults += _layout_faults(message, signals)
+    return Database(messages, faults)
+
+
+def _signal(signal: Any, faults: list[str], message: str) -> Signal:
+    """The signal with its raw range narrowed to the physical bounds of the DBC."""
+    low, high = (
+        (-(1 << signal.length - 1), (1 << signal.length - 1) - 1)
+        if signal.is_signed
+        else (
+            0,
+            (1 << signal.length) - 1,
+        )
+    )
+    factor, offset = float(signal.scale), float(signal.offset)
+    if factor == 0.0:
+        faults.append(f"message '{message}': signal '{signal.name}' has factor 0")
+        factor = 1.0
+    bounds = [bound for bound in (signal.minimum, signal.maximum) if bound is not None]
+    if len(bounds) == 2:
+        # The bound itself is inside; a hair of rounding in minimum / factor must not cost one raw step.
+        ends = sorted((bound - offset) / factor for bound in bounds)
+        low, high = max(low, int(np.ceil(ends[0] - 1e-6))), min(high, int(np.floor(ends[1] + 1e-6)))
+        if low >= high:
+            faults.append(f"message '{message}': signal '{signal.name}' has no range between minimum and maximum")
+    return Signal(
+        signal.name,
+        signal.start,
+        signal.length,
+        signal.byte_order == "big_endian",
+        signal.is_signed,
+        factor,
+        offset,
+        signal.unit or "",
+        low,
+        high,
+    )
+
+
+def _layout_faults(message: Message, signals: list[Signal]) -> list[str]:
+    """Signals of one name, outside the message, longer than a word, or on the same bits."""
+    faults = []
+    place = f"message '{message.name}': signal"
+    for i, signal in enumerate(signals):
+        if signal.length > 64:
+            faults.append(f"{place} '{signal.name}' has {signal.length} bits; 64 is the most")
+        outside = [bit for bit in signal.bits if bit >= 8 * message.length]
+        if outside:
+            faults.append(
+                f"{place} '{signal.name}' needs byte {max(outside) // 8} but the message has {message.length} bytes"
+            )
+        for other in signals[:i]:
+            if other.name == signal.name:
+                faults.append(f"{place} '{signal.name}' comes twice")
+            elif shared := len(other.bits & signal.bits):
+                faults.append(f"{place}s '{other.name}' and '{signal.name}' overlap in {shared} bits")
+    return faults

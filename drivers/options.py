@@ -1,0 +1,59 @@
+"""The options of a rig row that several drivers share, checked with every fault at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from daq.channels import CORNERS
+from daq.errors import RigError, nearest
+
+
+def corner_map(name: str, options: Mapping[str, object], fitted: tuple[str, ...]) -> dict[str, str]:
+    """Corner on the wire → corner of the channels, from the option ``corners`` of a rig row.
+
+    As many entries as there are corners on the wire: the wheel each of them is mounted at, in the order fl, fr, rl, rr
+    (so two exchanged entries are two exchanged wires). Fewer: those wheels only, each on the wire of its own name.
+
+    Raises
+    ------
+    RigError : an entry is no corner, comes twice, or is not on the wire.
+    """
+    wanted = options.get("corners")
+    if wanted is None:
+        return {corner: corner for corner in fitted}
+    place = f"options of driver '{name}'"
+    if not isinstance(wanted, list | tuple) or not wanted or not all(isinstance(entry, str) for entry in wanted):
+        raise RigError(place, [f'corners = {wanted!r}: give a list of wheels, e.g. ["fl", "fr", "rl", "rr"]'])
+    entries = [str(entry) for entry in wanted]
+    faults = [
+        f"corners: '{entry}' is not one of {', '.join(CORNERS)}{nearest(entry, CORNERS)}"
+        for entry in entries
+        if entry not in CORNERS
+    ]
+    faults += [f"corners: '{entry}' comes twice" for entry in dict.fromkeys(entries) if entries.count(entry) > 1]
+    positional = len(entries) == len(fitted)
+    if not faults and not positional:
+        faults = [
+            f"corners: '{entry}' is not on the wire, which carries {', '.join(fitted)}"
+            for entry in entries
+            if entry not in fitted
+        ]
+    if faults:
+        raise RigError(place, faults)
+    return dict(zip(fitted, entries, strict=True)) if positional else {entry: entry for entry in entries}
+
+
+def check_options(name: str, options: Mapping[str, object], known: tuple[str, ...]) -> None:
+    """Refuse options that the driver does not have.
+
+    Raises
+    ------
+    RigError : with every unknown option and the nearest known one.
+    """
+    faults = [
+        f"'{key}' is not an option of this driver{nearest(key, known)} (it has: {', '.join(known) or 'none'})"
+        for key in options
+        if key not in known
+    ]
+    if faults:
+        raise RigError(f"options of driver '{name}'", faults)

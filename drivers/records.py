@@ -1,0 +1,192 @@
+"""Sensors that send one fixed binary record a sample: counter, device clock, 16-bit values and a CRC, little-endian.
+
+The bytes of a record are the same whatever carries it; how records are found (in a serial stream, in datagrams) is the
+driver's own business. A raw value of −32768 means: not valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.blocks import Block, Flag
+from daq.frames import Frames
+from drivers.counters import CounterState, add, follow_counter, unwrap_clock
+from drivers.crc import Crc
+from drivers.outgoing import not_valid, together
+
+NOT_VALID = -32768
+FULL = 32767
+"""Largest raw value; ±FULL is the end of the range."""
+
+
+@dataclass(frozen=True)
+class RecordState:
+    """Bytes not yet understood (serial only), where counter and clock stand [µs], and the ledger."""
+
+    waiting: Frames
+    counter: CounterState
+    clock_us: int | None
+    ledger: Mapping[str, int]
+
+
+@dataclass(frozen=True)
+class Part:
+    """One channel of a record: its first value, how many, raw step [SI unit], and whether it wraps at ±π rad."""
+
+    channel: str
+    first: int
+    width: int
+    step: float
+    wraps: bool = False
+
+
+@dataclass(frozen=True)
+class Record:
+    """Byte layout of a record.
+
+    Attributes
+    ----------
+    head : constant first bytes.
+    counter_bytes : width of the sample counter, which follows the head; a 32-bit clock [µs] follows the counter.
+    values : number of 16-bit values, after the clock.
+    crc : algorithm; the CRC is at the end, low byte first.
+    crc_from : first byte that the CRC covers.
+    """
+
+    head: bytes
+    counter_bytes: int
+    values: int
+    crc: Crc
+    crc_from: int
+
+    @property
+    def dtype(self) -> np.dtype:
+        """Structured, packed type of one record."""
+        return np.dtype([
+            ("head", "u1", (len(self.head),)),
+            ("counter", f"<u{self.counter_bytes}"),
+            ("clock", "<u4"),
+            ("values", "<i2", (self.values,)),
+            ("crc", f"<u{self.crc.width // 8}"),
+        ])  # fmt: skip
+
+    @property
+    def length(self) -> int:
+        """Bytes of a record."""
+        return self.dtype.itemsize
+
+    def crc_of(self, rows: NDArray[np.uint8]) -> NDArray[np.uint32]:
+        """(N,) CRC of records held in rows (N, length)."""
+        return self.crc.over(rows[:, self.crc_from : self.length - self.crc.width // 8])
+
+    def crc_right(self, rows: NDArray[np.uint8]) -> NDArray[np.bool_]:
+        """(N,) whether the CRC sent is that of the bytes, `rows` (N, length) contiguous."""
+        return rows.view(self.dtype)["crc"][:, 0] == self.crc_of(rows)
+
+
+class RecordSensor:
+    """Records to blocks and back; the base of the drivers of such sensors, which set `record` and `parts`."""
+
+    name: str
+    record: Record
+    bus: str
+    channels: tuple[str, ...]
+    parts: tuple[Part, ...]
+    documents: dict[str, str]
+
+    def start(self) -> RecordState:
+        """State before the first byte."""
+        ledger: dict[str, int] = dict.fromkeys(
+            ("received", "samples", "lost", "bad_checksum", "bad_status", "saturated", "restarts"), 0
+        )
+        return RecordState(Frames.empty(self.bus), CounterState(), None, ledger)
+
+    def counts(self, state: RecordState) -> dict[str, int]:
+        """The ledger; ``restarts`` are jumps of the counter backwards."""
+        return dict(state.ledger)
+
+    def samples(
+        self, rows: NDArray[np.uint8], t_ns: NDArray[np.int64], faults: NDArray[np.uint8], state: RecordState
+    ) -> tuple[list[Block], RecordState]:
+        """Blocks of records held in `rows` (N, length); `faults` (N,) are the flags that make a record unusable.
+
+        A faulty record moves neither counter nor clock; its device stamp repeats the last good one.
+        """
+        if len(rows) == 0:
+            return [], state
+        fields = np.ascontiguousarray(rows).view(self.record.dtype)[:, 0]
+        good = faults == 0
+        jumps, counter = follow_counter(
+            fields["counter"].astype(np.int64), good, 8 * self.record.counter_bytes, state.counter
+        )
+        device_ns, back, clock_us = unwrap_clock(fields["clock"].astype(np.int64), good, state.clock_us)
+        flags = faults.astype(np.uint8)
+        flags[jumps.gap] |= Flag.GAP
+        flags[back] |= Flag.CLOCK
+        any_status = np.zeros(len(rows), bool)
+        any_saturated = np.zeros(len(rows), bool)
+        blocks = []
+        for part in self.parts:
+            raw = fields["values"][:, part.first : part.first + part.width]
+            bad_status = good & (raw == NOT_VALID).any(axis=1)
+            saturated = good & ~bad_status & (np.abs(raw.astype(np.int32)) >= FULL).any(axis=1)
+            values = raw * part.step
+            values[~good | bad_status] = np.nan
+            own = flags.copy()
+            own[bad_status] |= Flag.STATUS
+            own[saturated] |= Flag.RANGE
+            any_status |= bad_status
+            any_saturated |= saturated
+            blocks.append(Block(part.channel, t_ns, values, own, device_ns))
+        ledger = add(
+            state.ledger,
+            samples=len(rows),
+            lost=jumps.lost.sum(),
+            bad_checksum=np.count_nonzero(faults & Flag.CHECKSUM),
+            bad_status=np.count_nonzero(any_status),
+            saturated=np.count_nonzero(any_saturated),
+            restarts=np.count_nonzero(jumps.back),
+        )
+        return blocks, replace(state, counter=counter, clock_us=clock_us, ledger=ledger)
+
+    def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
+        """The frames a sensor would have sent, one record a frame.
+
+        Values are rounded to the nearest raw step and saturate at the ends of the range; NaN and flagged samples are
+        sent as not valid. The device clock is that of the blocks where they have one, else the stamp, in µs.
+
+        Parameters
+        ----------
+        blocks : by channel; all of this driver's or none.
+        counter : what the sample counter begins with.
+
+        Raises
+        ------
+        UsageError : a channel is missing, or the channels are on different stamps.
+        """
+        given = together(blocks, self.channels)
+        if not given:
+            return Frames.empty(self.bus)
+        t_ns = given[0].t_ns
+        device_ns = next((block.device_ns for block in given if block.device_ns is not None), t_ns)
+        fields = np.zeros(len(t_ns), self.record.dtype)
+        fields["head"] = np.frombuffer(self.record.head, np.uint8)
+        fields["counter"] = (counter + np.arange(len(t_ns))) % (1 << 8 * self.record.counter_bytes)
+        fields["clock"] = device_ns // 1000 % (1 << 32)
+        fields["values"] = NOT_VALID
+        for part, block in zip(self.parts, given, strict=True):
+            values = block.values
+            if part.wraps:
+                values = np.mod(np.where(np.isfinite(values), values, np.nan) + np.pi, 2 * np.pi) - np.pi
+            raw = np.clip(np.rint(values / part.step), -FULL, FULL)
+            bad = not_valid(block, np.asarray((np.abs(raw) >= FULL).any(axis=1)))
+            raw[bad | np.isnan(raw).any(axis=1)] = NOT_VALID
+            fields["values"][:, part.first : part.first + part.width] = raw
+        rows = fields.view(np.uint8).reshape(len(fields), -1)
+        fields["crc"] = self.record.crc_of(rows)
+        offset = np.arange(len(t_ns) + 1, dtype=np.int64) * self.record.length
+        return Frames(self.bus, t_ns.copy(), np.zeros(len(t_ns), np.uint32), offset, rows.reshape(-1).copy())

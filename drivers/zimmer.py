@@ -1,0 +1,69 @@
+"""Zimmer wheel cameras on UDP, 100 Hz. The wire is described in ``docs/wires/zimmer.md``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from daq.blocks import Block, Flag
+from daq.channels import CORNERS
+from daq.frames import Frames
+from drivers.base import Driver
+from drivers.counters import add
+from drivers.crc import CRC32
+from drivers.options import check_options, corner_map
+from drivers.records import Part, Record, RecordSensor, RecordState
+
+STEP = 5e-5
+"""Raw step of every angle [rad]."""
+
+
+class Zimmer(RecordSensor, Driver):
+    """Steer and camber angle of each wheel, one datagram a picture set."""
+
+    name: str = "zimmer"
+    record = Record(b"", 4, 8, CRC32, crc_from=0)
+
+    def __init__(
+        self,
+        bus: str,
+        options: Mapping[str, object] | None = None,
+        folder: Path | None = None,
+        documents: Mapping[str, str] | None = None,
+    ) -> None:
+        check_options(self.name, options or {}, ("corners",))
+        self.bus = bus
+        corners = corner_map(self.name, options or {}, CORNERS)
+        self.parts = tuple(
+            Part(f"camera.{corners[corner]}.{angle}", 2 * i + j, 1, STEP)
+            for i, corner in enumerate(CORNERS)
+            if corner in corners
+            for j, angle in enumerate(("steer", "camber"))
+        )
+        self.channels = tuple(part.channel for part in self.parts)
+        self.documents = {}
+
+    def start(self) -> RecordState:
+        """State before the first datagram."""
+        state = super().start()
+        return replace(state, ledger=add(state.ledger, incomplete=0, bad_length=0))
+
+    def decode(self, frames: Frames, state: RecordState) -> tuple[list[Block], RecordState]:
+        """Decode a batch of datagrams; one of the wrong length is a sample flagged `INCOMPLETE`."""
+        length = self.record.length
+        whole = frames.lengths == length
+        rows = np.zeros((len(frames), length), np.uint8)
+        rows[whole] = frames.data[frames.offset[:-1][whole][:, None] + np.arange(length)]
+        faults = np.where(self.record.crc_right(rows), 0, Flag.CHECKSUM).astype(np.uint8)
+        faults[~whole] = Flag.INCOMPLETE
+        blocks, state = self.samples(rows, frames.t_ns, faults, state)
+        wrong = np.count_nonzero(~whole)
+        ledger = add(state.ledger, received=len(frames), incomplete=wrong, bad_length=wrong)
+        return blocks, replace(state, ledger=ledger)
+
+    def finish(self, state: RecordState) -> tuple[list[Block], RecordState]:
+        """A datagram is whole or not: nothing is waiting."""
+        return [], state
