@@ -190,10 +190,10 @@ class CanSensor:
         last = rows[:, -1]
         if unit.checksum is not None:
             wrong = complete & (self._crc(unit, rows) != unit.checksum.raw(last))
-            flags[wrong] |= Flag.CHECKSUM
+            flags[wrong] |= np.uint8(Flag.CHECKSUM)
         trusted = flags == 0
         jumps, counter = follow_counter(unit.counter.raw(last), trusted, unit.counter.length, counter)
-        flags[jumps.gap] |= Flag.GAP
+        flags[jumps.gap] |= np.uint8(Flag.GAP)
         any_status = np.zeros(len(rows), bool)
         any_saturated = np.zeros(len(rows), bool)
         blocks = []
@@ -203,8 +203,8 @@ class CanSensor:
             saturated &= trusted & ~bad_status
             values[~trusted | bad_status] = np.nan
             own = flags.copy()
-            own[bad_status] |= Flag.STATUS
-            own[saturated] |= Flag.RANGE
+            own[bad_status] |= np.uint8(Flag.STATUS)
+            own[saturated] |= np.uint8(Flag.RANGE)
             any_status |= bad_status
             any_saturated |= saturated
             blocks.append(Block(reading.channel, t_ns, values, own))
@@ -212,7 +212,7 @@ class CanSensor:
             ledger,
             samples=len(rows),
             lost=jumps.lost.sum(),
-            bad_checksum=np.count_nonzero(flags & Flag.CHECKSUM),
+            bad_checksum=np.count_nonzero(flags & np.uint8(Flag.CHECKSUM)),
             incomplete=np.count_nonzero(~complete),
             bad_status=np.count_nonzero(any_status),
             saturated=np.count_nonzero(any_saturated),

@@ -125,8 +125,8 @@ class RecordSensor:
         )
         device_ns, back, clock_us = unwrap_clock(fields["clock"].astype(np.int64), good, state.clock_us)
         flags = faults.astype(np.uint8)
-        flags[jumps.gap] |= Flag.GAP
-        flags[back] |= Flag.CLOCK
+        flags[jumps.gap] |= np.uint8(Flag.GAP)
+        flags[back] |= np.uint8(Flag.CLOCK)
         any_status = np.zeros(len(rows), bool)
         any_saturated = np.zeros(len(rows), bool)
         blocks = []
@@ -137,8 +137,8 @@ class RecordSensor:
             values = raw * part.step
             values[~good | bad_status] = np.nan
             own = flags.copy()
-            own[bad_status] |= Flag.STATUS
-            own[saturated] |= Flag.RANGE
+            own[bad_status] |= np.uint8(Flag.STATUS)
+            own[saturated] |= np.uint8(Flag.RANGE)
             any_status |= bad_status
             any_saturated |= saturated
             blocks.append(Block(part.channel, t_ns, values, own, device_ns))
@@ -146,7 +146,7 @@ class RecordSensor:
             state.ledger,
             samples=len(rows),
             lost=jumps.lost.sum(),
-            bad_checksum=np.count_nonzero(faults & Flag.CHECKSUM),
+            bad_checksum=np.count_nonzero(faults & np.uint8(Flag.CHECKSUM)),
             bad_status=np.count_nonzero(any_status),
             saturated=np.count_nonzero(any_saturated),
             restarts=np.count_nonzero(jumps.back),
