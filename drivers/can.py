@@ -275,7 +275,7 @@ class CanSensor:
                 np.repeat(given[0].t_ns, parts),
                 np.tile(np.array([message.ident for message in unit.messages], np.uint32), n),
                 np.tile(np.array([message.length for message in unit.messages], np.int64), n),
-                rows.reshape(n * parts, -1),
+                rows.reshape(n * parts, rows.shape[2]),
             )
 
 
