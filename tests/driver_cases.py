@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -37,7 +38,8 @@ def plausible_blocks(driver: Driver, n: int, seed: int, device: bool = False) ->
     device_ns = np.cumsum(rng.integers(1_000, 11_000, n)) * 1000 if device else None
     for name in driver.channels:
         channel = CHANNELS[name]
-        values = rng.uniform(*PLAUSIBLE[channel.family], (n, channel.width))
+        low, high = PLAUSIBLE[channel.family]
+        values = rng.uniform(low, high, (n, channel.width))
         blocks[name] = Block(name, t_ns, values, np.zeros(n, np.uint8), device_ns)
     return blocks
 
@@ -67,12 +69,12 @@ def spoil(frames: Frames, rng: np.random.Generator, ident_pool: Sequence[int] = 
     return Frames.from_iter(frames.source, out)
 
 
-def decode_split(driver: Driver, frames: Frames, cuts: Sequence[int]) -> tuple[dict[str, Block], dict[str, int]]:
+def decode_split(driver: Driver, frames: Frames, cuts: Iterable[int]) -> tuple[dict[str, Block], dict[str, int]]:
     """Decode in batches that end at `cuts`; all samples by channel, and the ledger."""
     state = driver.start()
     found: dict[str, list[Block]] = {}
     edges = [0, *sorted(cut for cut in cuts if cut < len(frames)), len(frames)]
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in itertools.pairwise(edges):
         blocks, state = driver.decode(frames[a:b], state)
         assert len({block.channel for block in blocks}) == len(blocks)
         for block in blocks:

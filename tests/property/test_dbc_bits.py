@@ -34,11 +34,12 @@ def layouts(draw):
 
 
 def text_of(length, signals):
-    lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A", f"BO_ 5 m: {length} A"]
-    lines += [
-        f' SG_ {name} : {start}|{bits}@{0 if big else 1}{"-" if signed else "+"} ({factor},{offset}) [0|0] "" A'
-        for name, start, bits, big, signed, factor, offset in signals
-    ]
+    """Each signal in a message of its own, of the signal's name: cantools does not decode overlapping signals."""
+    lines = ['VERSION ""', "NS_ :", "BS_:", "BU_: A"]
+    for name, start, bits, big, signed, factor, offset in signals:
+        order = f"@{0 if big else 1}{'-' if signed else '+'}"
+        lines.append(f"BO_ {5 + int(name[1:])} {name}: {length} A")
+        lines.append(f' SG_ {name} : {start}|{bits}{order} ({factor},{offset}) [0|0] "" A')
     return "\n".join(lines) + "\n"
 
 
@@ -54,14 +55,15 @@ def test_extraction_is_that_of_cantools(layout, data):
     length, signals = layout
     payloads = data.draw(st.lists(st.binary(min_size=length, max_size=length), min_size=1, max_size=6))
     text = text_of(length, signals)
-    oracle = cantools.database.load_string(text, "dbc", strict=False).messages[0]
-    ours = dbc.parse(text, "x.dbc").messages["m"]
+    oracle = cantools.database.load_string(text, "dbc", strict=False)
+    ours = dbc.parse(text, "x.dbc")
+    assert not ours.faults
     rows = rows_of(payloads, length)
-    raw = [oracle.decode(payload, scaling=False) for payload in payloads]
-    scaled = [oracle.decode(payload) for payload in payloads]
-    for name, signal in ours.signals.items():
-        assert [int(value) for value in signal.raw(rows)] == [int(row[name]) for row in raw]
-        expected = [float(row[name]) for row in scaled]
+    for name, message in ours.messages.items():
+        signal = message.signals[name]
+        raw = [oracle.decode_message(name, payload, scaling=False)[name] for payload in payloads]
+        assert [int(value) for value in signal.raw(rows)] == raw
+        expected = [float(oracle.decode_message(name, payload)[name]) for payload in payloads]
         np.testing.assert_allclose(signal.physical(signal.raw(rows)), expected, rtol=1e-12, atol=1e-9)
 
 
@@ -77,7 +79,7 @@ def test_insertion_is_that_of_cantools_and_leaves_other_bits_alone(layout, data)
         5, "m", length,
         [OracleSignal(name, start, bits, "big_endian" if big else "little_endian", signed, conversion=conversion)],
     )  # fmt: skip
-    ours = dbc.parse(text_of(length, signals), "x.dbc").messages["m"].signals[name]
+    ours = dbc.parse(text_of(length, signals), "x.dbc").messages[name].signals[name]
     zeros = np.zeros((2, dbc.row_width(length)), np.uint8)
     full = np.full_like(zeros, 255)
     dtype = np.int64 if signed else np.uint64

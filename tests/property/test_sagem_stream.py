@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import crccheck.crc
 import numpy as np
 from hypothesis import given, settings
@@ -68,9 +70,9 @@ def flip(data: bytes, bit: int) -> bytes:
 
 
 def chunks_of(data: bytes, cuts: list[int]) -> Frames:
-    """The stream in pieces; a piece is stamped with the place of its first byte in thousands, so pieces can be told apart."""
+    """The stream in pieces, stamped with the tenths of the place of their first bytes, so that they can be told apart."""
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
-    return Frames.from_iter("serial0", [("", a // 10, 0, data[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    return Frames.from_iter("serial0", [("", a // 10, 0, data[a:b]) for a, b in itertools.pairwise(edges)])
 
 
 @settings(max_examples=300, deadline=None)
@@ -101,21 +103,19 @@ def test_any_chunks_give_the_same_samples(data, cuts):
     starts = np.array([at for at, _ in byte_by_byte(data)], int)
     stamps = chunks.t_ns[np.searchsorted(chunks.offset, starts, side="right") - 1]
     joined = {name: Block.concat(items) for name, items in parts.items()}
-    same_blocks(
-        joined, {n: Block(n, stamps, block.values, block.flags, block.device_ns) for n, block in whole.items()}
-    )
+    same_blocks(joined, {n: Block(n, stamps, block.values, block.flags, block.device_ns) for n, block in whole.items()})
     bytes_of_good = LENGTH * sum(good for _, good in byte_by_byte(data))
     assert counts["skipped_bytes"] == len(data) - bytes_of_good
 
 
 @settings(max_examples=100, deadline=None)
-@given(noise=st.lists(st.one_of(st.binary(max_size=20), st.sampled_from([HEAD, HEAD[:3], HEAD + b"\0" * 9])), max_size=4))
+@given(
+    noise=st.lists(st.one_of(st.binary(max_size=20), st.sampled_from([HEAD, HEAD[:3], HEAD + b"\0" * 9])), max_size=4)
+)
 def test_no_good_message_behind_garbage_is_lost(noise):
     sent = plausible_blocks(DRIVER, 6, 1, device=True)
     encoded = DRIVER.encode(sent)
-    data = b"".join(
-        (noise[i % len(noise)] if noise else b"") + encoded.frame(i).payload for i in range(len(encoded))
-    )
+    data = b"".join((noise[i % len(noise)] if noise else b"") + encoded.frame(i).payload for i in range(len(encoded)))
     got, counts = decode_all(DRIVER, Frames.from_iter("serial0", [("", 5, 0, data)]))
     for name, block in got.items():
         good = (block.flags & np.uint8(Flag.CHECKSUM)) == 0
@@ -141,7 +141,9 @@ def test_the_clock_is_unwrapped_and_broken_messages_do_not_move_it():
     assert steps.tolist() == [2999, 0, 10_000, 5001]
     assert block.flags.tolist() == [0, 0, Flag.CHECKSUM, 0, 0]
     assert counts["lost"] == 0
-    back, _ = decode_all(DRIVER, Frames.from_iter("s", [("", 1, 0, message(5, 9000) + message(6, 8000) + message(7, 9000))]))
+    back, _ = decode_all(
+        DRIVER, Frames.from_iter("s", [("", 1, 0, message(5, 9000) + message(6, 8000) + message(7, 9000))])
+    )
     assert back["imu.rate"].flags.tolist() == [0, Flag.CLOCK, 0]
 
 

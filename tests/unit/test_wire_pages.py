@@ -99,7 +99,7 @@ def test_example_decodes_to_what_the_page_says(example):
         for block in blocks.values():
             assert block.device_ns is not None
             assert block.device_ns.tolist() == example.device
-    again = driver.encode(blocks, counter=example.counter)  # pyright: ignore[reportCallIssue]
+    again = driver.encode(blocks, counter=example.counter)
     if not example.fault:
         same_frames(again, frames)
 
