@@ -29,7 +29,7 @@ def idents(driver, n=4):
 
 
 def test_every_page_has_its_driver_and_every_driver_its_page():
-    pages = {path.stem for path in Path("docs/wires").glob("*.md")} - {"README"}
+    pages = {path.stem for path in (Path(__file__).parents[2] / "docs/wires").glob("*.md")} - {"README"}
     assert pages == set(NAMES)
 
 
@@ -144,11 +144,11 @@ def test_values_out_of_range_saturate(name, sign, huge):
 
 @every_driver
 @settings(max_examples=40, deadline=None)
-@given(seed=seeds, cuts=st.lists(st.integers(0, 400), max_size=30))
+@given(seed=seeds, cuts=st.lists(st.integers(0, 150), max_size=20))
 def test_any_split_gives_the_same_samples(name, seed, cuts):
     driver = open_driver(name, "bus")
     rng = np.random.default_rng(seed)
-    frames = spoil(driver.encode(plausible_blocks(driver, 30, seed)), rng, [*idents(driver), 0x7FF])
+    frames = spoil(driver.encode(plausible_blocks(driver, 12, seed)), rng, [*idents(driver), 0x7FF])
     whole, counts = decode_all(driver, frames)
     split, split_counts = decode_split(driver, frames, cuts)
     same_blocks(whole, split)

@@ -70,7 +70,7 @@ def flip(data: bytes, bit: int) -> bytes:
 
 
 def chunks_of(data: bytes, cuts: list[int]) -> Frames:
-    """The stream in pieces, stamped with the tenths of the place of their first bytes, so that they can be told apart."""
+    """The stream in pieces, stamped with a tenth of the place of their first bytes: they can be told apart."""
     edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
     return Frames.from_iter("serial0", [("", a // 10, 0, data[a:b]) for a, b in itertools.pairwise(edges)])
 

@@ -16,7 +16,7 @@ from drivers import open_driver
 from drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
 from tests.driver_cases import decode_all, same_frames
 
-PAGES = Path("docs/wires")
+PAGES = Path(__file__).parents[2] / "docs/wires"
 BLOCK = re.compile(r"^```wire\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
 
