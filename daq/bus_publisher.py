@@ -167,10 +167,9 @@ class RunPublisher:
             query.reply(self.keys.key("start"), self._start)
         if self.manifest is not None and asked.intersects(zenoh.KeyExpr(self.keys.key("manifest"))):
             query.reply(self.keys.key("manifest"), manifest_to_bytes(self.manifest))
-        parameters = dict(query.parameters)
         try:
-            first, last = int(parameters["first"]), int(parameters["last"])
-        except (LookupError, ValueError):
+            first, last = int(query.parameters.get("first") or ""), int(query.parameters.get("last") or "")
+        except ValueError:
             return
         for channel in self._spool.names():
             key = self.keys.key("block", channel)

@@ -67,7 +67,7 @@ def unpack_multicast(data: bytes) -> tuple[int, bytes] | None:
 
 def pack_multicast(ident: int, payload: bytes) -> bytes:
     """One frame as python-can's `udp_multicast` sends it; the receiver stamps it."""
-    return msgpack.packb(
+    data = msgpack.packb(
         {
             "timestamp": 0.0,
             "arbitration_id": ident,
@@ -82,6 +82,8 @@ def pack_multicast(ident: int, payload: bytes) -> bytes:
             "error_state_indicator": False,
         }
     )
+    assert data is not None  # it gives bytes unless a stream is named
+    return data
 
 
 def _open_socketcan(interface: str) -> socket.socket:
