@@ -267,7 +267,7 @@ class Recorder:
             {name: (number - frames[name]) / span for name, number in received.items()},
             {name: (number - samples[name]) / span for name, number in sorted(decoded.items())},
             self.losses(),
-            [reader.receiver.source for reader in self.readers if not reader.up.is_set()],
+            [reader.receiver.source for reader in self.readers if not (reader.up.is_set() or reader.stopping)],
             self.queue.held,
         )
         if self._publisher is not None:

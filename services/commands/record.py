@@ -113,7 +113,7 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
-    with Line(period=1.0) as line, contextlib.ExitStack() as stack:
+    with Line(period=0.5) as line, contextlib.ExitStack() as stack:
         log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
         publisher = _publisher(args, rig, start, line, stack)
         recorder = Recorder(

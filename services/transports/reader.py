@@ -49,6 +49,11 @@ class Reader:
         """Ask the thread to end, after it has handed over what has already come."""
         self._stop.set()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether it was asked to end."""
+        return self._stop.is_set()
+
     def join(self, timeout: float = 3.0) -> None:
         """Wait for the thread to end."""
         self._thread.join(timeout)
