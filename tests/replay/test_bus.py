@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import zenoh
 
+from daq import bus_publisher
 from daq.blocks import Block
 from daq.bus import SEQUENCE, Keys, chunk, open_session
 from daq.bus_listener import BusListener
@@ -100,6 +101,21 @@ def test_a_late_worker_gets_all_of_it_from_the_recorder(bus, tmp_path):
     assert b'"complete": true' in kinds["result"].payload
     for item in (listener, other, publisher):
         item.close()
+
+
+def test_an_answer_in_many_replies_is_whole(bus, monkeypatch):
+    monkeypatch.setattr(bus_publisher, "REPLY", 5000)
+    publisher = bus.publisher(drop_live=1.0)
+    publish(publisher)
+    key = publisher.keys.key("block", "imu.accel")
+    asked = f"{key}?first=3;last={BLOCKS - 1}"
+    assert len(list(bus.client.get(asked, consolidation=zenoh.ConsolidationMode.NONE))) > 2
+    listener = BusListener(bus.client)
+    got = dict(listener.fetch_blocks(publisher.keys, "imu.accel", 3, BLOCKS - 1))
+    assert got == {i: message for i, message in bus.spool.messages("imu.accel") if i >= 3}
+    assert list(listener.fetch_blocks(publisher.keys, "imu.accel", BLOCKS, BLOCKS + 9)) == []
+    listener.close()
+    publisher.close()
 
 
 @pytest.mark.parametrize(("drop", "capacity"), [(0.3, 1 << 20), (0.0, 2000)])
