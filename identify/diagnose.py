@@ -49,7 +49,8 @@ class Candidate:
     Attributes
     ----------
     key : the effect, with `shape` the constants that fit best.
-    answer : ``missing``, ``not needed`` or ``not testable``.
+    answer : ``missing`` (the one proposed, and those tied with it), ``undecided`` (it helps now, and is judged again
+        once that one is added), ``not needed`` or ``not testable``.
     why : one or two plain sentences with numbers.
     gain : part of the weighted residual of its rows that it takes away in blocked cross-validation.
     gain_rms : by row kind's unit, the residual it takes away, as RMS over its rows [N or N·m].
@@ -119,6 +120,13 @@ def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed:
     ratios = space.ratios
     failing = [row for row, ratio in ratios.items() if ratio > EXCESS]
     best = missing[0] if missing else None
+    if best is not None:
+        alike = {best.key, *(key for key, _ in best.ties)}
+        later = f" It is judged again once {best.key} is added."
+        ranked = [
+            replace(c, answer="undecided", why=c.why + later) if c.answer == "missing" and c.key not in alike else c
+            for c in ranked
+        ]
     if best is not None and explained >= 0.5:
         verdict = "missing"
         says = f"{best.key} is missing. {best.why}"
@@ -179,20 +187,19 @@ class _Space:
         wide = np.column_stack([physics, zeros])
         sheet_columns = np.column_stack([np.zeros((self.n, 0)), *(self.fault_columns[k] for k in sheet)])
         sheet_priors = np.array([tolerances[k] for k in sheet])
-        narrow_priors = np.concatenate([priors, zero_priors])
+        self.ratios = _ratios(fitted, floor)
+        # Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
+        # effect up. The priors are stiffened by the misfit, which leaves them as they are when nothing is missing.
+        temper = max(1.0, float(np.sqrt(np.mean(np.square(list(self.ratios.values()))))))
+        narrow_priors = np.concatenate([priors, zero_priors / temper])
         # Sensor faults are tried against the model and zeros; physics against the sheet's tolerances as well.
         self.against_zeros = _Basis(wide, narrow_priors)
         self.against_sheet = _Basis(
-            np.column_stack([wide, sheet_columns]), np.concatenate([narrow_priors, sheet_priors])
+            np.column_stack([wide, sheet_columns]), np.concatenate([narrow_priors, sheet_priors / temper])
         )
         self.y = measured
         self.null = self._null(zeros, zero_priors, sheet_columns, sheet_priors, seed)
         self.left = self.against_sheet.partial(self.y[:, None])[:, 0]
-        data = self.left[: self.n]
-        self.ratios = {
-            row: float(np.sqrt(np.mean(np.concatenate([data[s] ** 2 for _, r, s in self.segments if r == row]))))
-            for row in fitted.rows
-        }
         self.null_left = self.against_sheet.partial(self.null)
         self.zeros_left = self.against_zeros.partial(self.y[:, None])[:, 0]
         self.zeros_null_left = self.against_zeros.partial(self.null)
@@ -327,16 +334,16 @@ class _Space:
             )
             why = f"Cannot be tested with these runs: {reason}. A run that shows it: {effect.shown_by}."
             return Candidate(answer="not testable", why=why, **common)
-        block_gain, before = basis.cross_validated(self.y, self._columns(effect), self.blocks)
+        before, after = basis.cross_validated(self.y, self._columns(effect), self.blocks)
+        fall = before**2 - after**2
         rows = self._rows(effect)
         acting = np.zeros(self.n, bool)
         for _, row, place in self.segments:
             acting[place] = row in rows
-        here = float(np.sum(before[acting] ** 2))
-        total = float(np.sum(block_gain))
+        here, gone = float(np.sum(before[acting] ** 2)), float(np.sum(fall[acting]))
         return Candidate(
-            answer="", why="", gain=total / here if here else 0.0, total_gain=total,
-            gain_rms=self._rms_gain(total, rows), block_gain=block_gain, **common,
+            answer="", why="", gain=gone / here if here else 0.0, total_gain=float(np.sum(fall)),
+            gain_rms=self._rms_gain(gone, rows), block_gain=np.bincount(self.blocks, weights=fall), **common,
         )  # fmt: skip
 
     def _rows(self, effect: Effect) -> tuple[str, ...]:
@@ -430,6 +437,15 @@ class _Space:
         return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
 
 
+def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
+    """Residual ÷ floor of each row over the runs used."""
+    out: dict[str, float] = {}
+    for row in fitted.rows:
+        squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
+        out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
+    return out
+
+
 def _same_losses(a: Array, b: Array) -> bool:
     difference = a - b
     active = np.abs(difference) > 1e-6 * float(np.max(np.abs(a) + np.abs(b)))
@@ -467,10 +483,7 @@ class _Basis:
         return left - self.q @ (self.q.T @ left)
 
     def cross_validated(self, y: Array, candidate: Array, blocks: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Gain of a candidate by block, with each block predicted from folds that do not hold it.
-
-        Returns the fall of the squared loss of every block, and (n,) the residual before.
-        """
+        """Residual without and with a candidate, (n,) each; each block is predicted from folds that do not hold it."""
         n = self.rows
         folds = blocks % FOLDS
         data, priors = self.q[:n], self.q[n:]
@@ -485,8 +498,7 @@ class _Basis:
             beta = np.linalg.solve(c.T @ c + below_c.T @ below_c, c.T @ r + below_c.T @ below_r)
             before[test] = y[test] - data[test] @ b
             after[test] = before[test] - (candidate[test] - data[test] @ K) @ beta
-        gain = np.bincount(blocks, weights=before**2 - after**2)
-        return gain, before
+        return before, after
 
     def _fold(self, y: Array, folds: NDArray[np.intp], fold: int) -> tuple[tuple[Array, bool], Array]:
         """Factor of the training data's normal matrix and the solution without candidate, kept for all of them.
