@@ -29,6 +29,10 @@ EVERY = 2
 """Steps from one recorded instant to the next: 1 kHz."""
 SETTLE = 2.0
 """Time driven before the recorded run starts [s]."""
+BASHFORTH = np.array([[1.0, 0.0, 0.0], [1.5, -0.5, 0.0], [23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0]])
+"""Weights of the rates, newest first, on the first, second and every later step."""
+MOULTON = ((0.5, np.array([0.5, 0.0])), (5.0 / 12.0, np.array([8.0 / 12.0, -1.0 / 12.0])))
+"""Weights of the new velocity and of the old ones, on the first and every later step."""
 FRONT_BRAKES = 0.66
 """Share of the braking torque at the front axle."""
 
@@ -95,10 +99,9 @@ def _integrate(
         data.qvel[dof] = manoeuvre.speed / radius
     mass = car.total.mass + (car.payload.mass if car.payload else 0.0)
     driven, torque, brakes = engine.driven, 0.0, 0.0
-    slips = np.zeros(8)
-    accelerations: list[NDArray[np.float64]] = []
-    velocities: list[NDArray[np.float64]] = []
-    slip_rates: list[NDArray[np.float64]] = []
+    nv = engine.model.nv
+    state = np.concatenate([data.qvel, np.zeros(8)])  # velocities and tyre slips
+    rates, speeds = np.zeros((3, nv + 8)), np.zeros((2, nv))  # newest first
     for k in range(before + (samples - 1) * every + 1):
         t = (k - before) * step
         q, v = data.qpos.tolist(), data.qvel.tolist()
@@ -108,30 +111,17 @@ def _integrate(
         total = brakes * mass * car.front.radius
         shaft = [torque / len(driven) if i in driven else 0.0 for i in range(4)]
         brake = [total * (FRONT_BRAKES if i < 2 else 1.0 - FRONT_BRAKES) / 2.0 for i in range(4)]
-        now = engine.load(q, v, slips.tolist(), steer, shaft, brake, step)
-        a = engine.accelerate().copy()
+        now = engine.load(q, v, state[nv:].tolist(), steer, shaft, brake, step)
+        a = engine.accelerate()
         if k >= before and (k - before) % every == 0:
             record.write((k - before) // every, engine, a, shaft, brake)
             _check(manoeuvre, t, q, a)
-        accelerations, velocities = [a, *accelerations[:2]], [np.array(v), *velocities[:1]]
-        slip_rates = [np.array(now.slip_rates), *slip_rates[:2]]
-        data.qvel[:] = velocities[0] + step * _bashforth(accelerations)
-        slips = slips + step * _bashforth(slip_rates)
-        lib.mj_integratePos(engine.model, data.qpos, _moulton(data.qvel, velocities), step)
-
-
-def _bashforth(rates: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Mean rate over the next step, newest first; lower order while the history is short."""
-    if len(rates) == 1:
-        return rates[0]
-    if len(rates) == 2:
-        return 1.5 * rates[0] - 0.5 * rates[1]
-    return (23.0 * rates[0] - 16.0 * rates[1] + 5.0 * rates[2]) / 12.0
-
-
-def _moulton(new: NDArray[np.float64], old: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Mean velocity over the step to `new`."""
-    return 0.5 * (new + old[0]) if len(old) == 1 else (5.0 * new + 8.0 * old[0] - old[1]) / 12.0
+        rates[1:], rates[0, :nv], rates[0, nv:] = rates[:-1].copy(), a, now.slip_rates
+        speeds[1], speeds[0] = speeds[0], state[:nv]
+        state += step * (BASHFORTH[min(k, 2)] @ rates)
+        data.qvel[:] = state[:nv]
+        new, old = MOULTON[min(k, 1)]
+        lib.mj_integratePos(engine.model, data.qpos, new * state[:nv] + old @ speeds, step)
 
 
 def _driver(manoeuvre: Manoeuvre, t: float, q: list[float], v: list[float]) -> tuple[float, float]:

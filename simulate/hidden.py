@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from daq.channels import CHANNELS, COLUMNS, FAMILIES
+from daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
 from daq.errors import UsageError, nearest
 
 AXLES = ("front", "rear")
@@ -31,17 +31,20 @@ class Kind:
 
 _SENSORS_BY_PART = ("wheel", "imu", "laser", "camera", "correvit")
 
+SHORT = {f"{what}.{c}": f"{part}.{c}.{what}" for c in CORNERS for part, what in (("wheel", "force"), ("laser", "hub"))}
+"""The catalogue's short places of single channels: ``force.fl``, ``hub.rr``."""
+
 KINDS: dict[str, Kind] = {
     # suspension, per axle: size × law at both corners
     "anti_roll_bar": Kind("size·(s - s of the other side)", "N/m"),
-    "coulomb": Kind("size·tanh(ṡ/band)", "N", shape={"band": 0.01}),
+    "coulomb": Kind("size·tanh(ṡ/v0)", "N", shape={"v0": 0.01}),
     "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m"),
     "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²"),
     "damper_stroke": Kind("size·s·ṡ", "N·s/m²"),
     "spring_quadratic": Kind("size·s²", "N/m²"),
     "spring_cubic": Kind("size·s³", "N/m³"),
-    "bump_stop": Kind("size·max(0, s - gap)", "N/m", shape={"gap": 0.02}),
-    "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", shape={"gap": 0.02}),
+    "bump_stop": Kind("size·max(0, s - gap)", "N/m", shape={"gap": 0.03}),
+    "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", shape={"gap": 0.03}),
     "helper_spring": Kind("size·min(s, gap): works up to the gap, then is solid", "N/m", shape={"gap": 0.01}),
     # suspension kinematics, per axle
     "anti_dive": Kind("wheel centre moves forward by size·s", "-"),
@@ -57,7 +60,7 @@ KINDS: dict[str, Kind] = {
     "payload": Kind("point mass fixed to the body at x, y, z", "kg", (), {"x": -2.2, "y": 0.0, "z": 0.3}),
     # sensors
     "sensor_latency": Kind("delay on top of the rig's", "s", (*_SENSORS_BY_PART, *FAMILIES)),
-    "sensor_gain": Kind("values × (1 + size)", "-", (*_SENSORS_BY_PART, *FAMILIES, *CHANNELS, *COLUMNS)),
+    "sensor_gain": Kind("values × (1 + size)", "-", (*_SENSORS_BY_PART, *SHORT, *FAMILIES, *CHANNELS, *COLUMNS)),
     "sensor_zero": Kind("values + size", "SI", (*COLUMNS,)),
     "sensor_drift": Kind("values + size·t/60 s", "SI per minute", (*COLUMNS,)),
     "sensor_misalignment": Kind(
@@ -149,8 +152,8 @@ def suspension_law(effect: Hidden) -> SuspensionLaw | None:
     p = effect.size
     match effect.effect:
         case "coulomb":
-            band = effect.shape["band"]
-            return lambda s, v: p * math.tanh(v / band)
+            v0 = effect.shape["v0"]
+            return lambda s, v: p * math.tanh(v / v0)
         case "damper_asymmetry":
             return lambda s, v: p * abs(v)
         case "damper_digressive":

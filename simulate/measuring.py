@@ -18,7 +18,7 @@ from daq.blocks import Block
 from daq.channels import CHANNELS
 from daq.rig import Rig, Sensor
 from daq.run import Run, Signal
-from simulate.hidden import Hidden
+from simulate.hidden import SHORT, Hidden
 from simulate.motion import SimulatedMotion
 from simulate.sensors import felt
 
@@ -77,7 +77,7 @@ def interpolate(values: Array, rate: float, t: Array) -> Array:
 
 def applies(fault: Hidden, channel: str, column: str) -> bool:
     """Whether a sensor fault acts on a column: named by part (``imu``), family, channel or column."""
-    where = fault.where or ""
+    where = SHORT.get(fault.where or "", fault.where)
     return where in (column, channel, CHANNELS[channel].family, channel.split(".")[0])
 
 

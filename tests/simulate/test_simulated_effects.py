@@ -127,6 +127,7 @@ FAULTS = {
     "sensor_latency.imu=0.01": {"imu."},
     "sensor_latency.laser.ground=0.01": {"laser.fl.ground", "laser.fr.ground", "laser.rl.ground", "laser.rr.ground"},
     "sensor_gain.wheel.force=0.02": {f"wheel.{c}.force" for c in CORNERS},
+    "sensor_gain.hub.rl=0.02": {"laser.rl.hub"},
     "sensor_zero.wheel.fl.force.x=50": {"wheel.fl.force"},
     "sensor_drift.imu.rate.z=0.01": {"imu.rate"},
     "sensor_misalignment.imu.yaw=0.02": {"imu."},
