@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -68,11 +68,13 @@ def run(
     seed: int = 0,
     settle: float = SETTLE,
     step: float = STEP,
+    progress: Callable[[float], None] | None = None,
 ) -> SimulatedMotion:
     """Drive `vehicle` through `manoeuvre` and return the motion at 1 kHz, without any sensor.
 
     `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : draws the road; `settle` : time
-    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms. The same arguments give the same
+    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : told the
+    fraction done every 0.1 s of the run. The same arguments give the same
     motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
     """
     car = vehicle
@@ -85,15 +87,18 @@ def run(
     before = round(settle / (step * every)) * every
     samples = round(manoeuvre.duration / (step * every)) + 1
     record = _Recorder(samples, engine.model.nq, engine.model.nv)
-    _integrate(engine, manoeuvre, record, before, samples, every, step)
+    _integrate(engine, manoeuvre, record, before, samples, every, step, progress or (lambda fraction: None))
     return _motion(engine, manoeuvre, record, tuple(hidden), seed, 1.0 / (step * every))
 
 
 def _integrate(
-    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, before: int, samples: int, every: int, step: float
-) -> None:
+    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, before: int, samples: int, every: int, step: float,
+    progress: Callable[[float], None],
+) -> None:  # fmt: skip
     data, car, lib = engine.data, engine.car, engine.lib
-    radii = [car.axle(c).radius - d / car.axle(c).tyre_stiffness / 3 for c, d in zip(CORNERS, car.static_loads)]
+    radii = [
+        car.axle(c).radius - d / car.axle(c).tyre_stiffness / 3 for c, d in zip(CORNERS, car.static_loads, strict=True)
+    ]
     data.qvel[0] = manoeuvre.speed
     for dof, radius in zip(engine.spin_dof, radii, strict=True):
         data.qvel[dof] = manoeuvre.speed / radius
@@ -118,6 +123,8 @@ def _integrate(
             _check(manoeuvre, t, q, a)
         rates[1:], rates[0, :nv], rates[0, nv:] = rates[:-1].copy(), a, now.slip_rates
         speeds[1], speeds[0] = speeds[0], state[:nv]
+        if k % 200 == 0:
+            progress(k * step / (before * step + manoeuvre.duration))
         state += step * (BASHFORTH[min(k, 2)] @ rates)
         data.qvel[:] = state[:nv]
         new, old = MOULTON[min(k, 1)]

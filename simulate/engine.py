@@ -10,6 +10,7 @@ internal to the car, without momentum of its own), so that the tyre moves the an
 
 from __future__ import annotations
 
+import importlib
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -31,10 +32,9 @@ STEER_FREQUENCY = 60.0  # rad/s: how fast the steering follows the demand, criti
 def engine_library() -> Any:
     """The MuJoCo module. Raises UsageError with the remedy when it is not installed."""
     try:
-        import mujoco
+        return importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
-    return mujoco
 
 
 def _numbers(values: Any) -> str:
@@ -87,7 +87,8 @@ def build_mjcf(car: Car, slides: NDArray[np.float64]) -> str:
         )
     return (
         '<mujoco model="car"><compiler angle="radian" autolimits="false"/>'
-        f'<option gravity="0 0 {-car.gravity!r}"><flag contact="disable" constraint="disable" sensor="disable"/></option>'
+        f'<option gravity="0 0 {-car.gravity!r}">'
+        '<flag contact="disable" constraint="disable" sensor="disable"/></option>'
         f'<worldbody><body name="chassis"><freejoint/>{_inertial(car.chassis, np.zeros(3))}{"".join(corners)}'
         "</body></worldbody></mujoco>"
     )

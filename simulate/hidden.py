@@ -85,7 +85,8 @@ class Hidden:
     """One hidden effect.
 
     `name` in full (``bump_stop.front``), or with `where` apart; `size` in the unit of its kind; `shape` its constants
-    (``{"gap": 0.02}``), defaults filled in. Raises UsageError for what is not known, with the nearest match and the list.
+    (``{"gap": 0.02}``), defaults filled in. Raises UsageError for what is not known, with the nearest
+    match and the list.
     """
 
     name: str

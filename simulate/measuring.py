@@ -81,12 +81,17 @@ def applies(fault: Hidden, channel: str, column: str) -> bool:
     return where in (column, channel, CHANNELS[channel].family, channel.split(".")[0])
 
 
-def true_latency(sensor: Sensor, rig: Rig, channel: str, faults: Sequence[Hidden], sheet: Sheet) -> float:
-    """What lies between the physical instant and the stamp [s]: the rig's latency, its error and faults."""
-    extra = sum(f.size for f in faults if f.effect == "sensor_latency" and applies(f, channel, channel))
-    if sheet.latencies:
-        extra += rig.tolerance(channel, "latency") * _rng(sheet.seed, "latency", sensor.name).standard_normal()
-    return sensor.latency + extra
+def wrong_latency(channel: str, faults: Sequence[Hidden]) -> float:
+    """How much later than the rig says a channel is by its faults [s]."""
+    return sum(f.size for f in faults if f.effect == "sensor_latency" and applies(f, channel, channel))
+
+
+def latency_error(sensor: Sensor, rig: Rig, sheet: Sheet) -> float:
+    """A sensor's draw from its latency tolerance [s], 0 when the sheet draws none."""
+    if not sheet.latencies:
+        return 0.0
+    draw = _rng(sheet.seed, "latency", sensor.name).standard_normal()
+    return rig.tolerance(sensor.channels[0], "latency") * float(draw)
 
 
 def sensed(
@@ -123,37 +128,37 @@ def measure(
     seed: int = 0,
     *,
     faults: Sequence[Hidden] | None = None,
-    sheet: Sheet = Sheet(),  # noqa: B008 (frozen)
+    sheet: Sheet = Sheet(),
     noise: bool = True,
-    timing: Timing = Timing(),  # noqa: B008 (frozen)
+    timing: Timing = Timing(),
     start_ns: int = START_NS,
 ) -> dict[str, Block]:
     """Samples as they arrive: one block a channel, at each sensor's own rate and clock.
 
     `faults` : sensor faults, by default those the motion was run with; `sheet` : which tolerances are drawn; `noise` :
     whether white noise is added; `start_ns` : stamp of run time 0. A block's `t_ns` is the arrival: physical instant +
-    latency + jitter. `device_ns` is the sensor's own clock (own origin, own rate) where it has one: on serial lines and
-    UDP, and wherever the rig says ``clock = "device"``. Channels of one sensor share their stamps.
+    latency + jitter; a latency fault delivers older values at the same stamps. `device_ns` is the sensor's own clock
+    (own origin, own rate) where it has one: on serial lines and UDP, and wherever the rig says ``clock = "device"``.
+    Channels of one sensor share their stamps.
     """
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
     ideal = felt(motion, rig, chosen)
     out: dict[str, Block] = {}
     for sensor in rig.sensors:
-        groups: dict[tuple[float, float], list[str]] = {}
-        for channel in sensor.channels:
-            key = CHANNELS[channel].rate, true_latency(sensor, rig, channel, chosen, sheet)
-            groups.setdefault(key, []).append(channel)
-        for (rate, latency), channels in groups.items():
-            t, stamps, device = _stamps(motion, sensor, rig, rate, latency, seed, timing, start_ns)
-            for channel in channels:
-                felt_at = interpolate(ideal[channel], motion.rate, t)
+        late = {channel: wrong_latency(channel, chosen) for channel in sensor.channels}
+        window = max(0.0, *late.values()), motion.t[-1] + min(0.0, *late.values())
+        latency = sensor.latency + latency_error(sensor, rig, sheet)
+        for rate in sorted({CHANNELS[channel].rate for channel in sensor.channels}):
+            t, stamps, device = _stamps(window, sensor, rig, rate, latency, seed, timing, start_ns)
+            for channel in (c for c in sensor.channels if CHANNELS[c].rate == rate):
+                felt_at = interpolate(ideal[channel], motion.rate, t - late[channel])
                 values = sensed(channel, felt_at, t, rig, seed, chosen, sheet, noise)
                 out[channel] = Block(channel, stamps, values, np.zeros(len(t), np.uint8), device)
     return {channel: out[channel] for channel in CHANNELS if channel in out}
 
 
 def _stamps(
-    motion: SimulatedMotion,
+    window: tuple[float, float],
     sensor: Sensor,
     rig: Rig,
     rate: float,
@@ -162,17 +167,18 @@ def _stamps(
     timing: Timing,
     start_ns: int,
 ) -> tuple[Array, NDArray[np.int64], NDArray[np.int64] | None]:
-    """Physical instants (M,) [s], arrival stamps and device stamps [ns]."""
+    """Physical instants (M,) [s] within a window of the run, arrival stamps and device stamps [ns]."""
     rng = _rng(seed, "clock", sensor.name)
     pace = 1.0 + timing.drift_ppm * 1e-6 * rng.standard_normal()
     phase = rng.uniform(0.0, 1.0) / rate if timing.phase else 0.0
     origin = int(rng.integers(0, 3_600_000_000_000))
-    count = int(np.floor((motion.t[-1] - phase) * rate * pace + 1e-9)) + 1
-    ticks = np.arange(count) / rate
+    skipped = int(np.ceil((window[0] - phase) * rate * pace - 1e-9))
+    count = int(np.floor((window[1] - phase) * rate * pace + 1e-9)) + 1
+    ticks = np.arange(max(0, skipped), count) / rate
     t = phase + ticks / pace
     kind = rig.buses[sensor.bus].kind if sensor.bus else ""
     limit = timing.jitter.get(kind, 0.0)
-    late = np.minimum(rng.exponential(limit / 3.0, count), limit) if limit > 0.0 else np.zeros(count)
+    late = np.minimum(rng.exponential(limit / 3.0, len(t)), limit) if limit > 0.0 else np.zeros(len(t))
     arrival = np.maximum.accumulate(t + latency + late)
     stamps = start_ns + np.round(arrival * 1e9).astype(np.int64)
     has_clock = sensor.clock == "device" or kind in ("serial", "udp")
@@ -187,7 +193,7 @@ def exchange_run(
     *,
     rate: float = 250.0,
     faults: Sequence[Hidden] | None = None,
-    sheet: Sheet = Sheet(),  # noqa: B008 (frozen)
+    sheet: Sheet = Sheet(),
     noise: bool = True,
     **fields: Any,
 ) -> Run:
@@ -199,7 +205,10 @@ def exchange_run(
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
     ideal = felt(motion, rig, chosen)
     sensors = {channel: sensor for sensor in rig.sensors for channel in sensor.channels}
-    latencies = {c: true_latency(sensor, rig, c, chosen, sheet) for c, sensor in sensors.items()}
+    latencies = {
+        channel: sensor.latency + latency_error(sensor, rig, sheet) + wrong_latency(channel, chosen)
+        for channel, sensor in sensors.items()
+    }
     late, early = max(0.0, *latencies.values()), min(0.0, *latencies.values())
     first, last = np.ceil(late * rate), np.floor((motion.t[-1] + early) * rate)
     t = np.arange(first, last + 1) / rate

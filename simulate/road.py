@@ -52,7 +52,7 @@ FLAT = Road("flat", 0.0, np.zeros(0), np.zeros(0))
 
 def envelope(z: NDArray[np.float64], length: float) -> NDArray[np.float64]:
     """Moving average over the contact `length` [m], zero phase."""
-    n = max(1, 2 * int(round(length / SPACING / 2)) + 1)
+    n = max(1, 2 * round(length / SPACING / 2) + 1)
     return np.convolve(z, np.full(n, 1.0 / n), mode="same")
 
 
@@ -82,14 +82,15 @@ def rough_road(
     the rear follows the front by the wheelbase. Raises UsageError for an unknown class.
     """
     if grade not in ROUGHNESS:
-        raise UsageError(f"road class must be one of {', '.join(ROUGHNESS)}, found '{grade}'{nearest(grade, ROUGHNESS)}")
+        known = ", ".join(ROUGHNESS)
+        raise UsageError(f"road class must be one of {known}, found '{grade}'{nearest(grade, ROUGHNESS)}")
     n = int(np.ceil(length / SPACING))
     wave = np.fft.rfftfreq(n, SPACING)
     density = np.zeros_like(wave)
     inside = (wave >= band[0]) & (wave <= band[1])
     density[inside] = ROUGHNESS[grade] * (wave[inside] / 0.1) ** -2
     rng = np.random.default_rng([seed, 8608])
-    # One-sided spectrum: a bin of width 1/(n·dx) has variance G/(n·dx); the transform of a sine of amplitude a is n·a/2.
+    # One-sided spectrum: a bin of width 1/(n·dx) has variance G/(n·dx); a sine of amplitude a transforms to n·a/2.
     scale = np.sqrt(density / (n * SPACING)) * n / 2.0
     white = rng.standard_normal((2, 2, len(wave)))
     first, second = (white[:, 0] + 1j * white[:, 1]) * scale
@@ -109,7 +110,7 @@ def kerb_road(
         raise UsageError(f"side must be left, right, both or alternate, found '{side}'")
     n = int(np.ceil(length / SPACING))
     left, right = np.zeros(n), np.zeros(n)
-    m = int(round(bump / SPACING))
+    m = round(bump / SPACING)
     shape = 0.5 * height * (1.0 - np.cos(2.0 * np.pi * np.arange(m) / m))
     for k, at in enumerate(np.arange(spacing, length - bump - 1.0, spacing)):
         i = int(at / SPACING)

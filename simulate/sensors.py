@@ -65,7 +65,8 @@ def _axes_error(sensor: Sensor, allowed: str) -> UsageError:
 
 def _turned(faults: Sequence[Hidden], part: str) -> Array:
     """Misalignment of a sensor against what its rig row says, (3, 3) R_nominal_true."""
-    angles = [sum(f.size for f in faults if f.name == f"sensor_misalignment.{part}.{a}") for a in ("roll", "pitch", "yaw")]
+    name = f"sensor_misalignment.{part}"
+    angles = (sum(f.size for f in faults if f.name == f"{name}.{axis}") for axis in ("roll", "pitch", "yaw"))
     return pose_matrix(*angles)
 
 
@@ -79,7 +80,7 @@ def _wheels(motion: SimulatedMotion, reference: str, sensor: Sensor, faults: Seq
         n, e = motion.carrier_attitude[..., 1], motion.normal[:, None, :]
         x = np.cross(n, e)
         x /= np.linalg.norm(x, axis=-1, keepdims=True)
-        R = np.stack([x, n, np.cross(x, n)], axis=-1)
+        R = np.asarray(np.stack([x, n, np.cross(x, n)], axis=-1), np.float64)
     else:
         raise _axes_error(sensor, "carrier, body or tydex_c")
     force, moment = rotate_back(R, force), rotate_back(R, moment)
@@ -143,7 +144,8 @@ def _correvit(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden])
         yaw = euler_zyx(motion.attitude)[:, 2]
         ground = rotate(motion.attitude, velocity)
         c, s = np.cos(yaw), np.sin(yaw)
-        velocity = np.stack([c * ground[:, 0] + s * ground[:, 1], -s * ground[:, 0] + c * ground[:, 1], ground[:, 2]], 1)
+        along, across = c * ground[:, 0] + s * ground[:, 1], -s * ground[:, 0] + c * ground[:, 1]
+        velocity = np.stack([along, across, ground[:, 2]], axis=1)
         return {"correvit.speed": rotate_back(wrong, velocity)[:, :2]}
     own = pose_matrix(*sensor.orientation) if sensor.axes == "sensor" else np.eye(3)
     return {"correvit.speed": rotate_back(own @ wrong, velocity)[:, :2]}

@@ -6,8 +6,9 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from simulate.motion import SimulatedMotion  # noqa: E402
-from simulated_drives import MOTIONS, drive  # noqa: E402
+from simulated_drives import MOTIONS, drive
+
+from simulate.motion import SimulatedMotion
 
 
 @pytest.fixture(params=MOTIONS)

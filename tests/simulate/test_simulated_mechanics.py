@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from simulated_drives import drive, relative
 
 from daq.channels import CORNERS
 from simulate import find_car, make_manoeuvre, run
@@ -11,7 +12,6 @@ from simulate.drive import _motion, _Recorder
 from simulate.engine import Engine
 from simulate.motion import SimulatedMotion, rotate, rotate_back
 from simulate.road import FLAT
-from simulated_drives import drive, relative
 
 CAR = find_car("peugeot-406")
 UNSPRUNG = np.array([CAR.axle(c).unsprung_mass for c in CORNERS])

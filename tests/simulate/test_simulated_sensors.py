@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from simulated_drives import RIG, drive, make_rig
 
 from daq.channels import CHANNELS, CORNERS
 from daq.exchange import write_table
@@ -16,7 +17,6 @@ from daq.run import Run
 from simulate import IDEAL, Sheet, Timing, exchange_run, find_car, measure
 from simulate.measuring import START_NS, interpolate
 from simulate.road import ROUGHNESS, rough_road
-from simulated_drives import RIG, drive, make_rig
 
 CAR = find_car("peugeot-406")
 QUIET = Sheet(zeros=False)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from simulated_drives import drive, make_rig
 
 from simulate import IDEAL, Sheet, find_car, make_manoeuvre, measure, run
 from simulate.motion import euler_zyx
-from simulated_drives import drive, make_rig
 
 QUIET = Sheet(zeros=False)
 
