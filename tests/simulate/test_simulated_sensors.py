@@ -14,7 +14,7 @@ from daq.channels import CHANNELS, CORNERS
 from daq.exchange import write_table
 from daq.rig import Rig
 from daq.run import Run
-from simulate import IDEAL, Sheet, Timing, exchange_run, find_car, measure
+from simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure
 from simulate.measuring import START_NS, interpolate
 from simulate.road import ROUGHNESS, rough_road
 
@@ -204,6 +204,19 @@ def test_arrivals_are_late_by_latency_and_bounded_jitter_and_keep_their_order(
     assert blocks["wheel.fl.force"].device_ns is None
 
 
+def test_a_table_holds_what_was_felt_a_latency_before_its_stamp() -> None:
+    motion, rig = drive("sinus"), make_rig()
+    run = exchange_run(motion, rig, noise=False, sheet=QUIET)
+    for name, felt in (("camera.fl.steer", motion.steer[:, :1]), ("laser.rr.hub", 0.30 - motion.travel[:, 0, 3:])):
+        t = run.signals[name].t - rig.latency(name)
+        assert t[0] >= 0
+        assert run.signals[name].values == pytest.approx(interpolate(felt, motion.rate, t), abs=1e-12)
+    late = exchange_run(motion, rig, noise=False, sheet=QUIET, faults=[Hidden("sensor_latency.camera", 0.02)])
+    assert late.signals["camera.fl.steer"].values[:-5] == pytest.approx(
+        run.signals["camera.fl.steer"].values[: len(late.signals["camera.fl.steer"].t) - 5], abs=1e-12
+    )
+
+
 def test_exchange_table_round_trip(tmp_path) -> None:
     motion = drive("braking")
     run = exchange_run(motion, make_rig("hub"), 2)
@@ -247,3 +260,25 @@ def test_random_roads_have_their_classes_spectrum_and_coherent_tracks(grade: str
         assert middle[1] - 0.12 < coherence < middle[0] + 0.12
     same = rough_road(grade, 0.0, 800.0, 0, 1.49, 0.01)
     assert np.array_equal(same.left, roads[0].left)
+
+
+def test_wheel_loads_in_other_axes_are_the_same_loads() -> None:
+    motion = drive("rough")
+    given = {
+        axes: measure(motion, make_rig("hub", axes), noise=False, sheet=QUIET, timing=IDEAL)
+        for axes in ("carrier", "body", "tydex_c")
+    }
+    pick = slice(0, -1, 2)  # 500 Hz samples of the 1 kHz motion
+    R = motion.carrier_attitude[pick]
+    for i, corner in enumerate(CORNERS):
+        for what in ("force", "moment"):
+            carrier, body, tydex = (given[axes][f"wheel.{corner}.{what}"].values[:-1] for axes in given)
+            assert np.einsum("nij,nj->ni", R[:, i], carrier) == pytest.approx(body, abs=1e-8)
+            assert tydex[:, 1] == pytest.approx(carrier[:, 1], abs=1e-8)  # both have y along the spin axis
+            assert np.linalg.norm(tydex, axis=1) == pytest.approx(np.linalg.norm(carrier, axis=1), rel=1e-12)
+    # x of TYDEX C is parallel to the road: what stands on the road has no share along it but by friction
+    n, e = motion.carrier_attitude[pick, 0, :, 1], motion.normal[pick]
+    x = np.cross(n, e)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    body = given["body"]["wheel.fl.force"].values[:-1]
+    assert given["tydex_c"]["wheel.fl.force"].values[:-1, 0] == pytest.approx(np.sum(x * body, 1), abs=1e-8)
