@@ -14,6 +14,8 @@ from rich.progress import Progress
 from daq.errors import UsageError
 from daq.exchange import write_table
 from daq.rig import Rig
+from daq.wire import StartRecord
+from services.capturing import encode_rig, write_capture
 from services.result import DONE, plain, write_result
 from simulate import (
     CARS,
@@ -164,9 +166,6 @@ def _drawn(sheet: Sheet, noise: bool) -> dict[str, Any]:
 def _capture(
     file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: bool, start_ns: int
 ) -> None:
-    from daq.wire import StartRecord
-    from services.capturing import encode_rig, write_capture  # tables need no drivers
-
     blocks = measure(motion, rig, seed, sheet=sheet, noise=noise, start_ns=start_ns)
     frames, documents = encode_rig(blocks, rig)
     when = datetime.fromtimestamp(start_ns / 1e9, UTC)

@@ -256,8 +256,9 @@ def test_random_roads_have_their_classes_spectrum_and_coherent_tracks(grade: str
             assert np.mean(density / expected) == pytest.approx(1.0, rel=0.2)
         cross = np.abs(np.sum(a[:, band] * np.conj(b[:, band])))
         coherence = cross / np.sqrt(np.sum(np.abs(a[:, band]) ** 2) * np.sum(np.abs(b[:, band]) ** 2))
-        middle = np.exp(-3.0 * 1.49 * np.array([low, high]))
-        assert middle[1] - 0.12 < coherence < middle[0] + 0.12
+        weight = wave[band] ** -2.0
+        expected = np.sum(weight * np.exp(-3.0 * 1.49 * wave[band])) / np.sum(weight)
+        assert coherence == pytest.approx(expected, abs=0.12)
     same = rough_road(grade, 0.0, 800.0, 0, 1.49, 0.01)
     assert np.array_equal(same.left, roads[0].left)
 
