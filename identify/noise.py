@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-
 from scipy.signal import sosfreqz
 
 from daq.channels import CHANNELS
