@@ -1,0 +1,82 @@
+"""The shipped rig and vehicle of the Peugeot 406 load, fit each other, the drivers, the model and the simulated car."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from daq.channels import CHANNELS, CORNERS
+from daq.rig import DEFAULT_TOLERANCE, Rig
+from daq.vehicle import Vehicle
+from drivers import open_driver
+from identify.catalogue import catalogue
+from identify.whole import NAMES, UNITS
+from simulate.cars import find_car
+
+RIG = Rig.load("peugeot-406")
+VEHICLE = Vehicle.load("peugeot-406")
+
+
+def test_every_channel_of_the_vocabulary_is_measured_by_a_driver():
+    delivered = {}
+    for sensor in RIG.sensors:
+        assert sensor.driver and sensor.bus
+        driver = open_driver(sensor.driver, sensor.bus, sensor.options, RIG.folder)
+        assert set(driver.channels) == set(sensor.channels)
+        delivered |= dict.fromkeys(sensor.channels, sensor.name)
+    assert set(delivered) == set(CHANNELS)
+
+
+def test_each_driver_is_on_a_bus_of_its_kind():
+    kinds = {sensor.driver: RIG.buses[str(sensor.bus)].kind for sensor in RIG.sensors}
+    assert kinds == {"igel": "can", "lasers": "can", "correvit": "can", "sagem": "serial", "zimmer": "udp"}
+
+
+def test_the_sensor_sheet_is_whole():
+    for sensor in RIG.sensors:
+        families = {CHANNELS[channel].family for channel in sensor.channels}
+        assert set(sensor.noise) == families
+        sheet = {key for key in DEFAULT_TOLERANCE if key.rsplit(".", 1)[0] in families} | {"latency"}
+        assert set(sensor.tolerance) == sheet
+
+
+def test_every_a_priori_value_belongs_to_a_parameter_or_a_whole_vehicle_value_of_its_unit():
+    known = dict(zip(NAMES, UNITS, strict=True))
+    for effect in catalogue(VEHICLE, RIG.wheel_reference).values():
+        known |= {parameter.name: parameter.unit for parameter in effect.parameters}
+    assert {key: q.unit for key, q in VEHICLE.apriori.items()} == {key: known.get(key) for key in VEHICLE.apriori}
+
+
+def test_every_number_has_a_source():
+    assert all(len(quantity.source) > 10 for quantity in [*VEHICLE.numbers.values(), *VEHICLE.apriori.values()])
+
+
+@pytest.mark.parametrize("corner", CORNERS)
+def test_the_simulated_car_has_the_same_geometry(corner):
+    car, mine = find_car("peugeot-406"), VEHICLE.corners[corner]
+    axle = car.axle(corner)
+    assert mine.position == pytest.approx(car.wheel_centres[CORNERS.index(corner)], abs=1e-6)
+    assert mine.height == pytest.approx(car.heights[CORNERS.index(corner)], abs=1e-6)
+    assert mine.tyre_radius == axle.radius
+    if axle.steered:
+        assert (mine.caster, mine.kingpin_inclination) == pytest.approx((axle.caster, axle.kingpin_inclination))
+    assert mine.driven == axle.driven
+    numbers = VEHICLE.numbers
+    place = f"axle.{'front' if corner[0] == 'f' else 'rear'}"
+    assert numbers[f"{place}.static_camber"].value == pytest.approx(axle.camber)
+    assert numbers[f"{place}.static_toe"].value == pytest.approx(axle.toe)
+
+
+def test_the_simulated_car_has_the_a_priori_values():
+    car, value = find_car("peugeot-406"), {key: q.value for key, q in VEHICLE.apriori.items()}
+    assert value["mass"] == value["M6"] == car.total.mass
+    assert [value[f"cog.{axis}"] for axis in "xyz"] == pytest.approx(car.total.com)
+    tensor = np.asarray(car.total.tensor)
+    assert [value["Ixx"], value["Iyy"], value["Izz"], value["Ixz"]] == [*np.diag(tensor), tensor[0, 2]]
+    wheels = {"rl": 14, "rr": 23, "fl": 32, "fr": 41}
+    for corner in CORNERS:
+        axle = car.axle(corner)
+        assert value[f"spring.{corner}.k"] == axle.stiffness
+        assert value[f"damper.{corner}.c"] == axle.damping
+        assert value[f"tyre_stiffness.{corner}.k"] == axle.tyre_stiffness
+        assert value[f"ZZ{wheels[corner]}"] == axle.spin_inertia
