@@ -20,7 +20,8 @@ VEHICLE = Vehicle.load("peugeot-406")
 def test_every_channel_of_the_vocabulary_is_measured_by_a_driver():
     delivered = {}
     for sensor in RIG.sensors:
-        assert sensor.driver and sensor.bus
+        assert sensor.driver is not None
+        assert sensor.bus is not None
         driver = open_driver(sensor.driver, sensor.bus, sensor.options, RIG.folder)
         assert set(driver.channels) == set(sensor.channels)
         delivered |= dict.fromkeys(sensor.channels, sensor.name)
@@ -78,5 +79,5 @@ def test_the_simulated_car_has_the_a_priori_values():
         axle = car.axle(corner)
         assert value[f"spring.{corner}.k"] == axle.stiffness
         assert value[f"damper.{corner}.c"] == axle.damping
-        assert value[f"tyre_stiffness.{corner}.k"] == axle.tyre_stiffness
+        assert value[f"tyre_stiffness.{corner}.kt"] == axle.tyre_stiffness
         assert value[f"ZZ{wheels[corner]}"] == axle.spin_inertia
