@@ -15,7 +15,7 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
-.PHONY: help demo test lint format lock schema check-schema test-slow test-vcan benchmark clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
