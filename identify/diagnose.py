@@ -1,9 +1,9 @@
 """Which physical effect is missing: every candidate tried on top of the fitted model, and ranked honestly.
 
-Rows are weighted by the simulated noise floor, frozen for all candidates and versions. What the model, each run's sensor
-zeros and the sensor sheet's tolerances can explain is partialled out of every candidate first. The rank is the gain in
-blocked cross-validation; a candidate is proposed only when the largest drop over all candidates is larger than what the
-same search finds in simulated runs that lack nothing, and the gain matters in newtons.
+Rows are weighted by the simulated noise floor, frozen for all candidates and versions. What the model, each run's
+sensor zeros and the sensor sheet's tolerances can explain is partialled out of every candidate first. The rank is the
+gain in blocked cross-validation; a candidate is proposed only when the largest drop over all candidates is larger than
+what the same search finds in simulated runs that lack nothing, and the gain matters in newtons.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
+import scipy.stats
 from numpy.typing import NDArray
 
 from identify.effect import Effect, SensorFault
@@ -33,8 +34,10 @@ LEAST_SIZE = 8.0
 BLOCK = 2.0
 """Length of a block of the cross-validation [s]."""
 FOLDS = 5
-TIED = 2.0
-"""Paired block losses that differ by less than this many standard errors are a tie."""
+TIED = 0.05
+"""Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""
+ALIKE = 0.5
+"""… when the candidates are also at least this correlated: unlike effects that are both missing are no tie."""
 EXCESS = 1.1
 """Residual ÷ floor above which a row is said to fail."""
 
@@ -125,8 +128,8 @@ def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed:
         verdict = "unlisted cause"
         worst = max(failing, key=lambda row: ratios[row])
         says = (
-            f"The model fails ({worst} at {ratios[worst]:.2f} times its floor), but the best set of three effects of the "
-            f"catalogue explains only {100 * max(0.0, explained):.0f} % of what is left: the cause is not listed."
+            f"The model fails ({worst} at {ratios[worst]:.2f} times its floor), but the best set of three effects of "
+            f"the catalogue explains only {100 * max(0.0, explained):.0f} % of what is left: the cause is not listed."
         )
     else:
         verdict = "nothing missing"
@@ -165,7 +168,7 @@ class _Space:
                 self.segments.append((d, row, slice(start, start + n)))
                 start += n
         self.n = start
-        self.blocks, self.block_rows = self._blocks()
+        self.blocks = self._blocks()
         physics, priors = self._physics()
         zeros, zero_priors = self._zeros()
         faults = [c for c in candidates if isinstance(c, SensorFault) and c.key not in fitted.model]
@@ -191,6 +194,8 @@ class _Space:
             for row in fitted.rows
         }
         self.null_left = self.against_sheet.partial(self.null)
+        self.zeros_left = self.against_zeros.partial(self.y[:, None])[:, 0]
+        self.zeros_null_left = self.against_zeros.partial(self.null)
         self.trials: dict[str, _Trial] = {}
 
     # -- assembling ---------------------------------------------------------------------------------------------------
@@ -253,33 +258,26 @@ class _Space:
         out += sheet @ (sheet_priors[:, None] * rng.standard_normal((len(sheet_priors), self.floor.count)))
         return out
 
-    def _blocks(self) -> tuple[NDArray[np.intp], list[slice]]:
-        """(n,) block number of every sample; blocks of one run follow each other."""
+    def _blocks(self) -> NDArray[np.intp]:
+        """(n,) block number of every sample; a run's blocks follow those of the run before."""
         out = np.zeros(self.n, np.intp)
-        first = 0
-        counts: list[int] = []
-        for drive in self.drives:
-            counts.append(int(drive.motion.t[-1] - drive.motion.t[0]) // int(BLOCK) + 1)
+        counts = [int(np.ptp(drive.motion.t) // BLOCK) + 1 for drive in self.drives]
         firsts = np.concatenate([[0], np.cumsum(counts)])
         for d, row, place in self.segments:
             t = self.drives[d].motion.t
             out[place] = firsts[d] + ((t[self.drives[d].index[row]] - t[0]) // BLOCK).astype(np.intp)
-            first += 1
-        return out, []
+        return out
 
     # -- trying one candidate -----------------------------------------------------------------------------------------
-
-    def _basis(self, effect: Effect) -> _Basis:
-        return self.against_zeros if isinstance(effect, SensorFault) else self.against_sheet
 
     def try_candidate(self, effect: Effect) -> Candidate:
         """Search the candidate's shape constants, and measure gain, coverage and size."""
         cannot = next((why for drive in self.drives if (why := drive.can(effect))), "")
         if cannot:
             return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {cannot}.")
-        basis = self._basis(effect)
-        left = self.left if basis is self.against_sheet else basis.partial(self.y[:, None])[:, 0]
-        null_left = self.null_left if basis is self.against_sheet else basis.partial(self.null)
+        basis = self.against_zeros if isinstance(effect, SensorFault) else self.against_sheet
+        fault = basis is self.against_zeros
+        left, null_left = (self.zeros_left, self.zeros_null_left) if fault else (self.left, self.null_left)
         best: _Trial | None = None
         nulls: list[Array] = []
         for one in effect.shapes():
@@ -329,7 +327,7 @@ class _Space:
             )
             why = f"Cannot be tested with these runs: {reason}. A run that shows it: {effect.shown_by}."
             return Candidate(answer="not testable", why=why, **common)
-        block_gain, before = basis.cross_validated(self.y, self._columns(effect), self.blocks, self.n)
+        block_gain, before = basis.cross_validated(self.y, self._columns(effect), self.blocks)
         rows = self._rows(effect)
         acting = np.zeros(self.n, bool)
         for _, row, place in self.segments:
@@ -415,14 +413,14 @@ class _Space:
             if c.answer != "missing":
                 out.append(c)
                 continue
-            ties: list[tuple[str, float]] = []
-            for other in ranked:
-                if other.key == c.key or other.answer != "missing":
-                    continue
-                difference = c.block_gain - other.block_gain
-                error = float(np.std(difference, ddof=1) * np.sqrt(difference.size))
-                if error > 0 and abs(float(np.sum(difference))) < TIED * error:
-                    ties.append((other.key, self._correlation(c.key, other.key)))
+            ties = [
+                (other.key, correlation)
+                for other in ranked
+                if other.key != c.key
+                and other.answer == "missing"
+                and _same_losses(c.block_gain, other.block_gain)
+                and (correlation := self._correlation(c.key, other.key)) >= ALIKE
+            ]
             out.append(replace(c, ties=tuple(ties)))
         return out
 
@@ -430,6 +428,12 @@ class _Space:
         """Largest canonical correlation of two candidates after everything else is partialled out."""
         first, second = self.trials[a].basis[: self.n], self.trials[b].basis[: self.n]
         return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+
+
+def _same_losses(a: Array, b: Array) -> bool:
+    difference = a - b
+    active = np.abs(difference) > 1e-6 * float(np.max(np.abs(a) + np.abs(b)))
+    return bool(np.count_nonzero(active) < 6 or scipy.stats.wilcoxon(difference[active]).pvalue > TIED)
 
 
 def _judged(c: Candidate, space: _Space) -> Candidate:
@@ -453,6 +457,7 @@ class _Basis:
         keep = lengths > 0
         self.columns, self.priors = columns[:, keep], priors[keep]
         augmented = np.concatenate([self.columns, np.diag(1.0 / self.priors)])
+        self._folds: dict[int, tuple[tuple[Array, bool], Array]] = {}
         self.q = np.asarray(scipy.linalg.qr(augmented / np.linalg.norm(augmented, axis=0), mode="economic")[0])
 
     def partial(self, y: Array) -> Array:
@@ -461,27 +466,38 @@ class _Basis:
         left = padded - self.q @ (self.q.T @ padded)
         return left - self.q @ (self.q.T @ left)
 
-    def cross_validated(self, y: Array, candidate: Array, blocks: NDArray[np.intp], n: int) -> tuple[Array, Array]:
+    def cross_validated(self, y: Array, candidate: Array, blocks: NDArray[np.intp]) -> tuple[Array, Array]:
         """Gain of a candidate by block, with each block predicted from folds that do not hold it.
 
         Returns the fall of the squared loss of every block, and (n,) the residual before.
         """
+        n = self.rows
         folds = blocks % FOLDS
-        augmented = self.q[:n]
-        below = self.q[n:]
+        data, priors = self.q[:n], self.q[n:]
         after, before = np.zeros(n), np.zeros(n)
         for fold in range(FOLDS):
             test = folds == fold
-            train = ~test
-            # Normal equations in an orthonormal basis are safe: the folds' Gram matrices are near the identity.
-            G = augmented[train].T @ augmented[train] + below.T @ below
-            factor = scipy.linalg.cho_factor(G + 1e-12 * np.eye(G.shape[0]))
-            b = scipy.linalg.cho_solve(factor, augmented[train].T @ y[train])
-            K = scipy.linalg.cho_solve(factor, augmented[train].T @ candidate[train])
-            r, c = y[train] - augmented[train] @ b, candidate[train] - augmented[train] @ K
-            r0, c0 = -below @ b, -below @ K
-            beta = np.linalg.lstsq(np.concatenate([c, c0]), np.concatenate([r, r0]), rcond=None)[0]
-            before[test] = y[test] - augmented[test] @ b
-            after[test] = before[test] - (candidate[test] - augmented[test] @ K) @ beta
+            factor, b = self._fold(y, folds, fold)
+            K = scipy.linalg.cho_solve(factor, data.T @ candidate - data[test].T @ candidate[test])
+            r, c = y - data @ b, candidate - data @ K
+            r[test], c[test] = 0.0, 0.0
+            below_r, below_c = -priors @ b, -priors @ K
+            beta = np.linalg.solve(c.T @ c + below_c.T @ below_c, c.T @ r + below_c.T @ below_r)
+            before[test] = y[test] - data[test] @ b
+            after[test] = before[test] - (candidate[test] - data[test] @ K) @ beta
         gain = np.bincount(blocks, weights=before**2 - after**2)
         return gain, before
+
+    def _fold(self, y: Array, folds: NDArray[np.intp], fold: int) -> tuple[tuple[Array, bool], Array]:
+        """Factor of the training data's normal matrix and the solution without candidate, kept for all of them.
+
+        In an orthonormal basis the matrix is the identity less the fold's own part, so normal equations are safe.
+        """
+        if fold not in self._folds:
+            test = folds == fold
+            part = self.q[: self.rows][test]
+            G = np.eye(part.shape[1]) * (1.0 + 1e-12) - part.T @ part
+            factor = scipy.linalg.cho_factor(G)
+            moments = self.q[: self.rows].T @ y - part.T @ y[test]
+            self._folds[fold] = (factor, scipy.linalg.cho_solve(factor, moments))
+        return self._folds[fold]
