@@ -61,11 +61,13 @@ benchmark: .venv/.dev
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
 	@$(COMPILE) --group build --group dev --extra sim -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
 	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
 		echo 'lock: an address got into the files above; see the settings of uv on this machine'; exit 1; fi
 
-schema: .venv/.dev
-	@$(PY) -m grpc_tools.protoc -I daq/schema --python_out=daq/schema --pyi_out=daq/schema daq/schema/lacet.proto
+schema: .venv/.uv
+	@$(UV) run --no-project --isolated --python $(PY) --with-requirements requirements/schema.txt \
+		python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. daq/schema/lacet.proto
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .ruff_cache .hypothesis .import_linter_cache

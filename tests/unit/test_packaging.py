@@ -10,7 +10,7 @@ import pytest
 
 from services.environment import FOLDERS, HOME
 
-LOCKS = ("uv.txt", "run.txt", "dev.txt")
+LOCKS = ("uv.txt", "run.txt", "dev.txt", "schema.txt")
 PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
 
 
