@@ -11,6 +11,7 @@ import zipfile
 import jsonschema
 import pytest
 
+from daq.log import LogReader
 from daq.rig import Rig
 from daq.vehicle import Vehicle
 from services.cli import build_parser
@@ -74,6 +75,12 @@ def test_nothing_is_open_on_the_host_and_everybody_meets_at_the_router():
         for args in lacet_commands(services[name]):
             if args[0] in ("worker", "record"):
                 assert args[args.index("--connect") + 1] == f"tcp/router:{port}"
+
+
+def test_the_capture_is_there_and_of_this_rig():
+    source = COMPOSE["services"]["recorder"]["volumes"][0].split(":")[0]
+    reader = LogReader(HOME / source)
+    assert set(reader.sources()) == set(Rig.load("peugeot-406").buses)
 
 
 def test_what_the_dockerfile_copies_is_there_and_gets_past_dockerignore():
