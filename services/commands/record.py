@@ -41,7 +41,7 @@ Record every bus of the rig: raw frames and decoded channels into one log (MCAP)
 unless told otherwise. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged
 the run, 30 s at most. A dead link is reported and opened again; a full disk is reported and publishing goes on.
 
-  lacet record --rig peugeot-406-paper --vehicle peugeot-406 -o run.mcap
+  lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
   lacet record ... --manoeuvre slalom --brakes off --duration 60
   lacet record ... --endpoints wires.json --until-idle 2   what `lacet replay --endpoints wires.json` sends
   lacet record ... --from can0=socketcan:can1              a bus that is somewhere else today

@@ -28,7 +28,7 @@ serial on a pseudo-terminal; UDP on loopback. Values, counters and order are tho
 are arrival times. (To keep the stamps, decode the capture instead: lacet decode.)
 
   lacet replay run.mcap --endpoints wires.json --wait 10 &
-  lacet record --rig peugeot-406-paper --vehicle peugeot-406 -o log.mcap --endpoints wires.json --until-idle 2
+  lacet record --rig peugeot-406 --vehicle peugeot-406 -o log.mcap --endpoints wires.json --until-idle 2
 
   lacet replay run.mcap --speed 4                 four times as fast
   lacet replay run.mcap --speed max               as fast as receivers on this machine read

@@ -124,8 +124,13 @@ def make_capture(path: Path, seconds: float, udp_port: int = 47110, scale: float
     """Write a capture (raw frames only) of the bench rig; returns what is in it."""
     rig = Rig.parse(rig_text(udp_port))
     frames = make_frames(rig, seconds, scale)
+    write_capture(path, rig, frames)
+    return frames
+
+
+def write_capture(path: Path, rig: Rig, frames: dict[str, Frames]) -> None:
+    """Write frames as a capture."""
     with LogWriter(path, StartRecord("capture", T0, "", rig.text)) as log:
         for batch in frames.values():
             for begin in range(0, len(batch), 500):
                 log.write_frames(batch[begin : begin + 500])
-    return frames
