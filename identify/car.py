@@ -124,8 +124,8 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     """Pitch of the carrier that steering about the inclined kingpin brings: value, first and second slope by steer.
 
     From its design attitude the carrier turns by an angle δ about the kingpin axis k (top rearward by the caster,
-    inward by the inclination). Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the steer angle
-    alone. `steer` is what the camera measures, static toe included. All three are (N,).
+    inward by the inclination). Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the
+    steer angle alone. `steer` is what the camera measures, static toe included. All three are (N,).
     """
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)

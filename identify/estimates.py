@@ -15,8 +15,8 @@ class Estimate:
     """One parameter.
 
     `half` is half of the 95 % interval from residuals correlated in time and across rows; `sxr` the paper's relative
-    standard deviation, 100 σ/|value| as if residuals were independent [%]; `group` the combination the value stands for; where it is not
-    `identifiable`, `why` says the reason.
+    standard deviation, 100 σ/|value| as if residuals were independent [%]; `group` the combination the value stands
+    for; where it is not `identifiable`, `why` says the reason.
     """
 
     name: str

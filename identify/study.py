@@ -153,6 +153,17 @@ class Study:
             study._save()
         return study
 
+    def go_to(self, number: int) -> Study:
+        """Make another version the current one. Raises UsageError when there is none of that number."""
+        self.version(number)
+        study = replace(self, current=number)
+        study._save()
+        return study
+
+    def with_draws(self, draws: int) -> Study:
+        """The same study with another number of noise-floor simulations, for this session only."""
+        return replace(self, draws=draws)
+
     def record_diagnosis(self, result: Mapping[str, Any]) -> None:
         """Keep what was found missing in the current version."""
         _write(self.folder / "diagnoses" / f"{self.current:03d}.json", {"format": FORMAT, **result})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from daq.errors import UsageError
-from identify.catalogue import base_model
+from identify.catalogue import base_model, find_effect
 from identify.diagnose import Candidate, Diagnosis, diagnose
 from identify.drive import Drive
 from identify.estimates import estimates
@@ -164,13 +164,18 @@ class Work:
         version = self.study.version()
         if key in version.effects:
             raise UsageError(f"{key} is in the model already (version {version.number})")
+        effect = find_effect(key, self.study.effects(self.loaded.reference))
         if shape is None:
             found = (self.study.diagnosis() or {}).get("candidates", [])
             shape = next((c["shape"] for c in found if c["effect"] == key), {})
-            known = self.study.effects(self.loaded.reference)
-            if key in known:
-                shape = {**known[key].shape, **(shape or {})}
-        return self.record({**version.effects, key: dict(shape or {})}, f"added {key}")
+        return self.record({**version.effects, key: {**effect.shape, **(shape or {})}}, f"added {key}")
+
+    def remove(self, key: str) -> Version:
+        """Take an effect out again: a new version without it. Raises UsageError when it is not in the model."""
+        version = self.study.version()
+        if key not in version.effects:
+            raise UsageError(f"{key} was not added to version {version.number}")
+        return self.record({k: s for k, s in version.effects.items() if k != key}, f"removed {key}")
 
 
 def candidate_result(c: Candidate) -> dict[str, Any]:
