@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
+import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -67,7 +67,7 @@ def write_table(run: Run, path: str | Path) -> None:
     metadata = {key: value for key in METADATA_KEYS if (value := getattr(run, key))}
     table = pa.table(columns)
     if file.suffix == ".csv":
-        pa.csv.write_csv(table, file)
+        pa_csv.write_csv(table, file)
         file.with_suffix(".json").write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
     else:
         pq.write_table(table.replace_schema_metadata({"lacet": json.dumps(metadata)}), file, compression="zstd")
@@ -78,7 +78,7 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
     metadata: dict[str, Any] = {}
     try:
         if file.suffix.lower() == ".csv":
-            table = pa.csv.read_csv(file)
+            table = pa_csv.read_csv(file)
             beside = file.with_suffix(".json")
             text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
         else:

@@ -163,9 +163,9 @@ class _Problem:
         """The same with the columns of the model's sensor faults."""
         if not model.faults:
             return self
-        blocks = {}
+        blocks: dict[tuple[int, str], Array] = {}
         for (d, row), W in self.blocks.items():
-            columns = []
+            columns: list[Array] = []
             for fault in model.faults:
                 found = drives[d].decimated(sensitivities[d].fault(fault))
                 columns.append(found.get(row, np.zeros(len(W))))
@@ -178,7 +178,7 @@ class _Problem:
         if not zeros:
             return self
         starts = np.concatenate([[0], np.cumsum([len(z.names) for z in zeros])]).astype(int)
-        blocks = {}
+        blocks: dict[tuple[int, str], Array] = {}
         for (d, row), W in self.blocks.items():
             wide = np.zeros((len(W), starts[-1]))
             wide[:, starts[d] : starts[d + 1]] = zeros[d].columns[row]
@@ -211,14 +211,15 @@ class _Problem:
         lengths = np.linalg.norm(stacked[:, :-1], axis=0)
         triangle = _triangle(stacked / np.append(lengths, 1.0))
         p = len(self.prior)
-        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p])) / lengths
+        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p]), float) / lengths
 
     def _solve_normal(self, squares: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
         """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
-        total = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
+        total: Array = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
         A = total[:-1, :-1] + np.diag(1.0 / self.prior**2)
         lengths = np.sqrt(np.diag(A))
-        return np.linalg.solve(A / np.outer(lengths, lengths), total[:-1, -1] / lengths) / lengths
+        right: Array = total[:-1, -1] / lengths
+        return np.linalg.solve(A / np.outer(lengths, lengths), right) / lengths
 
     def stacked(self, sigma: Mapping[str, float]) -> Array:
         """Weighted triangles of all rows over the priors as further equations, right-hand side last."""
@@ -249,17 +250,17 @@ class _Problem:
                     W = self.blocks[d, row]
                     slope -= scale * (W.T @ W)
                     constant -= scale * (W.T @ self.left[d, row])
-                    W = np.concatenate([noisy.matrix(effects, row)[:, keep], W[:, p:]], axis=1)
-                    slope += scale * (W.T @ W)
-                    constant += scale * (W.T @ noisy.measured[row])
+                    moved_W = np.concatenate([noisy.matrix(effects, row)[:, keep], W[:, p:]], axis=1)
+                    slope += scale * (moved_W.T @ moved_W)
+                    constant += scale * (moved_W.T @ noisy.measured[row])
         stacked = self.stacked(sigma)[:, :-1]
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
         shift = np.zeros(width)
         for _ in range(4):  # the bias is that of the corrected estimate
             scores = (constant - slope @ (theta - shift)) / lengths
-            half = scipy.linalg.solve_triangular(triangle, scores, trans=1)
-            shift = np.asarray(scipy.linalg.solve_triangular(triangle, half)) / lengths
+            half = np.asarray(scipy.linalg.solve_triangular(triangle, scores, trans=1), float)
+            shift = np.asarray(scipy.linalg.solve_triangular(triangle, half), float) / lengths
         return shift
 
     def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
@@ -333,10 +334,9 @@ def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
 
 def _triangle(W: Array) -> Array:
     """The R factor, square even when there are fewer rows than columns."""
-    R = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0])[: W.shape[1]]
-    if R.shape[0] < W.shape[1]:
-        R = np.concatenate([R, np.zeros((W.shape[1] - R.shape[0], W.shape[1]))])
-    return R
+    triangle = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0], float)[: W.shape[1]]
+    lacking = W.shape[1] - triangle.shape[0]
+    return np.concatenate([triangle, np.zeros((lacking, W.shape[1]))]) if lacking else triangle
 
 
 def _rms(x: Array) -> float:

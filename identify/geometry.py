@@ -105,9 +105,9 @@ def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
     if "imu.accel" not in values or "imu.rate" not in values:
         return FrameMotion(zero, zero, zero)
     sensor = rig.sensor_of("imu.accel")
-    R, r = np.eye(3), np.zeros((3, 1))
+    R = np.eye(3) if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation)
+    r = np.zeros((3, 1))
     if sensor is not None:
-        R = orientation(sensor.orientation) if sensor.axes == "sensor" else np.eye(3)
         r = np.asarray(sensor.position.get("", (0.0, 0.0, 0.0)))[:, None]
     omega, force = R @ values["imu.rate"], R @ values["imu.accel"]
     omega_dot = R @ signals.rate["imu.rate"]
