@@ -62,6 +62,7 @@ def build_motion(recording: Recording) -> Motion:
             centre=part.centre,
             dp_ds=part.dp_ds,
             dphi_ds=part.dphi_ds,
+            axle_dphi_ds=part.axle_dphi_ds,
             force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal, spin_axis),
             moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal, spin_axis),
             spin_axis=spin_axis,
@@ -177,6 +178,7 @@ class _Branch:
     centre: Array
     dp_ds: Array
     dphi_ds: Array
+    axle_dphi_ds: Array
     spin: Array
     spin_accel: Array
 
@@ -214,11 +216,13 @@ def _geometry(corner: Corner, signals: Signals, road: _Road, q: Array, qd: Array
     ones = np.ones(n)
     camber_axis = turn(2, steer, unit(0) * ones)
     pitch_axis = turn(2, steer, turn(0, camber, unit(1) * ones))
+    axle_dphi_ds = unit(2) * table.slope[2] + camber_axis * table.slope[3]
     return _Branch(
         travel, speed, accel, steer, camber, joints[5][0] + kingpin,
         centre=np.stack([joints[1][0], joints[0][0], centre_z]),
         dp_ds=np.stack([table.slope[1], table.slope[0], ones]),
-        dphi_ds=unit(2) * table.slope[2] + camber_axis * table.slope[3] + pitch_axis * table.slope[4],
+        dphi_ds=axle_dphi_ds + pitch_axis * table.slope[4],
+        axle_dphi_ds=axle_dphi_ds,
         spin=spin, spin_accel=spin_accel,
     )  # fmt: skip
 

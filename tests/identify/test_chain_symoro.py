@@ -80,7 +80,7 @@ def test_published_groupings_lie_in_the_row_space(robot: dict[str, Any]) -> None
     W = chain.regressor(q, qd, qdd).reshape(-1, 10 * chain.n)
     columns = [W[:, column[n]] if n in column else _rotor(int(n[2:]), qdd) for n in names]
     basis = np.linalg.svd(np.stack(columns, axis=1), full_matrices=False)
-    rank = int(np.sum(basis.S > 1e-9 * basis.S[0]))
+    rank = int(np.sum(1e-9 * basis.S[0] < basis.S))
     assert rank == robot["n_base_inertial"]
     space = basis.Vh[:rank]
     for cell in robot["base_cells"]:
