@@ -125,30 +125,47 @@ def random_signals(seed: int, n: int = 40) -> Signals:
     return Signals(value, rate, accel)
 
 
-def with_loads(record: Recording, loads: Mapping[str, Array]) -> Recording:
-    """The recording with other wheel loads, (3, N) by channel."""
-    signals = record.signals
-    return record.with_signals(replace(signals, value={**signals.value, **loads}))
+_FREE: dict[str, float] = {
+    **{name: 3000.0 if name.endswith("force") else 300.0 for name in LOADS},
+    "imu.accel": 0.5,
+    **{f"laser.{c}.ground": 0.01 for c in CORNERS},
+}
+"""Channels of which only values enter a model without tyre damping, with the size of a change."""
 
 
 def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Recording:
-    """The recording with the smallest wheel loads for which every row's left side equals W θ exactly.
+    """The recording with loads, specific force and ground lasers moved as little as makes Y = W θ in every row.
 
-    The rows are linear in the loads: their map is read off with unit loads, one component at a time.
+    Rows are not free of each other (the chassis carries what its suspensions carry), so loads alone cannot do it.
+    Newton's method with the slopes of the first point.
     """
     n = record.t.size
-    zero = {name: np.zeros((3, n)) for name in LOADS}
-    motion = build_motion(with_loads(record, zero))
-    target = -np.stack([*residual(motion, effects, theta).values()], axis=1)
-    table = np.zeros((n, len(motion.rows), 3 * len(LOADS)))
-    for i, name in enumerate(LOADS):
-        for k in range(3):
-            unit = np.zeros((3, n))
-            unit[k] = 1.0
-            moved = build_motion(with_loads(record, {**zero, name: unit}))
-            for r, row in enumerate(motion.rows):
-                table[:, r, 3 * i + k] = moved.measured(row)
-    found = np.einsum("nij,nj->ni", np.linalg.pinv(table), target)
-    left = np.einsum("nij,nj->ni", table, found) - target
-    assert np.max(np.abs(left)) < 1e-8 * np.max(np.abs(target)), "some row cannot be reached by wheel loads"
-    return with_loads(record, {name: found[:, 3 * i : 3 * i + 3].T.copy() for i, name in enumerate(LOADS)})
+    values = dict(record.signals.value)
+
+    def left(changed: Mapping[str, Array]) -> Array:
+        moved = record.with_signals(replace(record.signals, value={**values, **changed}))
+        return np.stack([*residual(build_motion(moved), effects, theta).values()], axis=1)
+
+    start = left({})
+    slopes: list[Array] = []
+    for name, step in _FREE.items():
+        for k in range(CHANNELS[name].width):
+            moved = values[name].copy()
+            moved[k] += 1e-3 * step
+            slopes.append((left({name: moved}) - start) / 1e-3)
+    A = np.stack(slopes, axis=2)
+    A_t = A.transpose(0, 2, 1)
+    inverse = A_t @ np.linalg.inv(A @ A_t)  # smallest change; rounding is mended by iterating
+    size = np.max(np.abs(start))
+    for _ in range(40):
+        step = -np.einsum("nij,nj->ni", inverse, left({})).T
+        place = 0
+        for name, scale in _FREE.items():
+            width = CHANNELS[name].width
+            values[name] = values[name] + scale * step[place : place + width]
+            place += width
+        if np.max(np.abs(left({}))) < 1e-13 * size:
+            break
+    assert np.max(np.abs(left({}))) < 1e-11 * size, "some row cannot be fulfilled"
+    assert values["imu.accel"].shape == (3, n)
+    return record.with_signals(replace(record.signals, value=values))
