@@ -51,7 +51,7 @@ def build_motion(recording: Recording) -> Motion:
         assert wheel is not None
         spin_axis = turn(2, part.steer, turn(0, part.camber, unit(1) * np.ones(n)))
         tilt = np.sqrt(1.0 - dot(spin_axis, normal) ** 2)
-        height = road.height(c, normal)
+        height = road.height(c, normal, part.centre)
         corners[c] = CornerMotion(
             travel=part.travel,
             rate=part.rate,
@@ -292,12 +292,10 @@ class _Road:
         roll, pitch, _ = attitude
         return turn(0, -roll, turn(1, -pitch, unit(2) * ones)), True
 
-    def height(self, c: str, normal: Array) -> Array:
-        """(N,) wheel centre above the road along its normal [m]."""
+    def height(self, c: str, normal: Array, centre: Array) -> Array:
+        """(N,) wheel centre (3, N) above the road along its normal [m]."""
         if c not in self.grounds:
             return np.full(self.n, self.vehicle.corners[c].height)
-        x, y, _ = self.vehicle.corners[c].position
-        centre = np.stack([np.full(self.n, x), np.full(self.n, y), self.centre_z(c)[0]])
         return dot(centre - self.point(c), normal)
 
     def height_rate(self, c: str) -> Array:
