@@ -48,8 +48,9 @@ class KinematicTable:
 class Corner:
     """One corner of the car at design position, body axes.
 
-    `position` is the wheel centre [m]; `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and
-    `kingpin_inclination` (top inward) the steering axis [rad]; `height` of the wheel centre above a flat road [m].
+    `position` is the wheel centre [m]; `height` that of the wheel centre above a flat road [m]; `tyre_radius` the
+    unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the steering axis [rad]; `static_toe`
+    the toe-in [rad].
     """
 
     name: str
@@ -58,6 +59,7 @@ class Corner:
     tyre_radius: float
     caster: float
     kingpin_inclination: float
+    static_toe: float
     driven: bool
     brakes: str
     table: KinematicTable | None
@@ -165,9 +167,8 @@ def _corner(
     side = 1 if name.endswith("l") else -1
     height = _required(reader, numbers, rows, "wheel_centre_height", place, "m")
     track = _required(reader, numbers, rows, "track", place, "m")
-    # Not used by the method (cameras measure the attitude): kept with their source for the reader of the file.
-    for key in ("static_camber", "static_toe"):
-        _optional(reader, numbers, rows, key, place, "rad")
+    # Not used by the method (cameras measure the attitude): kept with its source for the reader of the file.
+    _optional(reader, numbers, rows, "static_camber", place, "rad")
     driven = rows.get("driven", False)
     if not isinstance(driven, bool):
         reader.fault(f"{place}.driven", "must be true or false")
@@ -179,6 +180,7 @@ def _corner(
         tyre_radius=_required(reader, numbers, rows, "tyre_radius", place, "m"),
         caster=_optional(reader, numbers, rows, "caster", place, "rad"),
         kingpin_inclination=_optional(reader, numbers, rows, "kingpin_inclination", place, "rad"),
+        static_toe=_optional(reader, numbers, rows, "static_toe", place, "rad"),
         driven=driven,
         brakes=reader.choice(rows, "brakes", place, ("outboard", "inboard"), "outboard"),
         table=_table(reader, reader.table(rows, "kinematics", place), f"{place}.kinematics"),

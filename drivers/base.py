@@ -42,6 +42,9 @@ class Driver(Protocol):
         """The loss ledger so far: ``received``, ``samples`` and losses by cause (``bad_checksum``, ``lost`` …)."""
         ...
 
-    def encode(self, blocks: Mapping[str, Block]) -> Frames:
-        """The frames a sensor would have sent for these samples (all channels on the same stamps)."""
+    def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
+        """The frames a sensor would have sent for these samples (all channels on the same stamps).
+
+        Its sample counters begin with `counter`.
+        """
         ...

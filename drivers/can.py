@@ -102,6 +102,11 @@ class CanSensor:
         self.channels: tuple[str, ...] = tuple(reading.channel for unit in units for reading in unit.readings)
         self._words = max(dbc.row_width(message.length) for unit in units for message in unit.messages) // dbc.WORD
         idents = [message.ident for unit in units for message in unit.messages]
+        # Units of one layout are decoded together: in small live batches it is the number of NumPy calls that costs.
+        alike: dict[object, list[int]] = {}
+        for u, unit in enumerate(self.units):
+            alike.setdefault(unit.layout(), []).append(u)
+        self._alike = list(alike.values())
         self._order = np.argsort(idents)
         self._sorted = np.array(idents, np.uint32)[self._order]
         self._unit = np.array([u for u, unit in enumerate(units) for _ in unit.messages], np.int8)
@@ -145,59 +150,75 @@ class CanSensor:
     def _samples(
         self, parts: Parts, counters: tuple[CounterState, ...], ledger: Mapping[str, int], ended: bool
     ) -> tuple[list[Block], CanState]:
+        """Put messages together into samples, of all units at once; those begun but not `ended` are kept."""
+        order = np.argsort(parts.unit, kind="stable")
+        unit, part = parts.unit[order], parts.part[order]
+        # A message that does not come later in the order than the one before it begins a new sample.
+        begins = np.ones(len(order), bool)
+        begins[1:] = (part[1:] <= part[:-1]) | (unit[1:] != unit[:-1])
+        starts = np.flatnonzero(begins)
+        sample = np.cumsum(begins) - 1
+        owner = unit[starts]
+        waits = np.zeros(len(starts), bool)
+        if not ended and len(starts):
+            final = part[np.append(starts[1:], len(order)) - 1] == len(self.messages) - 1
+            waits = ~final & np.append(owner[1:] != owner[:-1], True)
+        cells = np.zeros((len(starts), len(self.messages), self._words), np.uint64)
+        cells[sample, part] = parts.words[order]
+        whole = np.zeros(cells.shape[:2], bool)
+        whole[sample, part] = parts.whole[order]
+        rows = cells.astype("<u8", copy=False).view(np.uint8)
+        complete = np.asarray(whole.all(axis=1))
+        t_ns = parts.t_ns[order[starts]]
         blocks: list[Block] = []
-        waiting: list[NDArray[np.int64]] = []
-        after: list[CounterState] = []
-        for u, unit in enumerate(self.units):
-            mine = np.flatnonzero(parts.unit == u)
-            part = parts.part[mine]
-            # A message that does not come later in the order than the one before it begins a new sample.
-            begins = np.ones(len(mine), bool)
-            begins[1:] = part[1:] <= part[:-1]
-            starts = np.flatnonzero(begins)
-            if len(mine) and not ended and part[-1] != len(unit.messages) - 1:
-                waiting.append(mine[starts[-1] :])
-                end = starts[-1]
-                mine, part, begins, starts = mine[:end], part[:end], begins[:end], starts[:-1]
-            if len(mine) == 0:
-                after.append(counters[u])
-                continue
-            group = np.cumsum(begins) - 1
-            cells = np.zeros((len(starts), len(unit.messages), self._words), np.uint64)
-            cells[group, part] = parts.words[mine]
-            whole = np.zeros(cells.shape[:2], bool)
-            whole[group, part] = parts.whole[mine]
-            rows = cells.astype("<u8", copy=False).view(np.uint8)
-            decoded, counter, ledger = self._unit_blocks(
-                unit, rows, np.asarray(whole.all(axis=1)), parts.t_ns[mine[starts]], counters[u], ledger
-            )
-            blocks += decoded
-            after.append(counter)
-        begun = parts[np.sort(np.concatenate(waiting))] if waiting else parts[np.empty(0, np.int64)]
-        return blocks, CanState(begun, tuple(after), ledger)
+        after = list(counters)
+        for members in self._alike:
+            mine = np.flatnonzero(np.isin(owner, members) & ~waits)
+            if len(mine):
+                decoded, ledger = self._blocks(
+                    members, owner[mine], rows[mine], complete[mine], t_ns[mine], after, ledger
+                )
+                blocks += decoded
+        return blocks, CanState(parts[np.sort(order[waits[sample]])], tuple(after), ledger)
 
-    def _unit_blocks(
+    def _blocks(
         self,
-        unit: Unit,
+        members: list[int],
+        owner: NDArray[np.int8],
         rows: NDArray[np.uint8],
         complete: NDArray[np.bool_],
         t_ns: NDArray[np.int64],
-        counter: CounterState,
+        counters: list[CounterState],
         ledger: Mapping[str, int],
-    ) -> tuple[list[Block], CounterState, Mapping[str, int]]:
-        """Samples of one unit from `rows` (N, messages, width): check each whole, then give all its values or none."""
-        flags = np.where(complete, 0, Flag.INCOMPLETE).astype(np.uint8)
+    ) -> tuple[list[Block], Mapping[str, int]]:
+        """Check each sample whole, then give all its values or none.
+
+        `rows` (N, messages, width) are samples of units of one layout, sorted by their `owner` (N,); `counters` of all
+        units are moved on in place.
+        """
+        layout = self.units[members[0]]
         last = rows[:, -1]
-        if unit.checksum is not None:
-            wrong = complete & (self._crc(unit, rows) != unit.checksum.raw(last))
-            flags[wrong] |= np.uint8(Flag.CHECKSUM)
+        flags = np.where(complete, 0, Flag.INCOMPLETE).astype(np.uint8)
+        if layout.checksum is not None:
+            flags[complete & (self._crc(layout, rows) != layout.checksum.raw(last))] = Flag.CHECKSUM
         trusted = flags == 0
-        jumps, counter = follow_counter(unit.counter.raw(last), trusted, unit.counter.length, counter)
-        flags[jumps.gap] |= np.uint8(Flag.GAP)
+        ledger = add(
+            ledger,
+            samples=len(rows),
+            incomplete=np.count_nonzero(~complete),
+            bad_checksum=np.count_nonzero(flags == Flag.CHECKSUM),
+        )
+        count = layout.counter.raw(last)
+        edges = np.searchsorted(owner, [*members, len(self.units)])
+        spans = {u: slice(a, b) for u, a, b in zip(members, edges[:-1], edges[1:], strict=True) if a < b}
+        for u, span in spans.items():
+            jumps, counters[u] = follow_counter(count[span], trusted[span], layout.counter.length, counters[u])
+            flags[span][jumps.gap] |= np.uint8(Flag.GAP)
+            ledger = add(ledger, lost=jumps.lost.sum())
         any_status = np.zeros(len(rows), bool)
         any_saturated = np.zeros(len(rows), bool)
         blocks = []
-        for reading in unit.readings:
+        for i, reading in enumerate(layout.readings):
             bad_status = trusted & (reading.status.raw(last) != 0)
             values, saturated = _values(reading, rows)
             saturated &= trusted & ~bad_status
@@ -207,17 +228,11 @@ class CanSensor:
             own[saturated] |= np.uint8(Flag.RANGE)
             any_status |= bad_status
             any_saturated |= saturated
-            blocks.append(Block(reading.channel, t_ns, values, own))
-        ledger = add(
-            ledger,
-            samples=len(rows),
-            lost=jumps.lost.sum(),
-            bad_checksum=np.count_nonzero(flags & np.uint8(Flag.CHECKSUM)),
-            incomplete=np.count_nonzero(~complete),
-            bad_status=np.count_nonzero(any_status),
-            saturated=np.count_nonzero(any_saturated),
-        )
-        return blocks, counter, ledger
+            blocks += [
+                Block(self.units[u].readings[i].channel, t_ns[span], values[span], own[span])
+                for u, span in spans.items()
+            ]
+        return blocks, add(ledger, bad_status=np.count_nonzero(any_status), saturated=np.count_nonzero(any_saturated))
 
     def _crc(self, unit: Unit, rows: NDArray[np.uint8]) -> NDArray[np.int64]:
         """(N,) checksum of samples held in `rows` (N, messages, width)."""
@@ -275,7 +290,7 @@ class CanSensor:
                 np.repeat(given[0].t_ns, parts),
                 np.tile(np.array([message.ident for message in unit.messages], np.uint32), n),
                 np.tile(np.array([message.length for message in unit.messages], np.int64), n),
-                rows.reshape(n * parts, -1),
+                rows.reshape(n * parts, rows.shape[2]),
             )
 
 

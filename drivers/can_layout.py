@@ -55,6 +55,22 @@ class Unit:
     counter: dbc.Signal
     checksum: dbc.Signal | None
 
+    def layout(self) -> tuple:
+        """All that decoding depends on, names left out: equal for units whose frames are laid out alike."""
+        return (
+            tuple(message.length for message in self.messages),
+            tuple(
+                (
+                    tuple((c.part, c.signal.bare(), c.si) for c in reading.components),
+                    reading.status.bare(),
+                    reading.cyclic,
+                )
+                for reading in self.readings
+            ),
+            self.counter.bare(),
+            self.checksum and self.checksum.bare(),
+        )
+
     def mounted_at(self, corner: str) -> Unit:
         """The same wire, delivering the channels of another corner."""
         readings = tuple(
@@ -109,7 +125,8 @@ def compile_units(
     database = dbc.parse(text, path)
     faults = list(database.faults)
     corners = CORNERS if any("{c}" in template for template in templates) else ("",)
-    present = [c for c in corners if any(template.format(c=c) in database.messages for template in templates)]
+    named = set(database.messages) | set(database.left_out)
+    present = [c for c in corners if any(template.format(c=c) in named for template in templates)]
     units = [_unit(corner, database, templates, cyclic, checksum, faults) for corner in present]
     if not present:
         wanted = [template.format(c=corners[0]) for template in templates]
@@ -137,7 +154,9 @@ def _unit(
     names = [template.format(c=corner) for template in templates]
     messages = [database.messages.get(name) for name in names]
     faults += [
-        f"has no message '{name}'{nearest(name, set(database.messages) - set(names))}"
+        f"message '{name}' {database.left_out[name]}"
+        if name in database.left_out
+        else f"has no message '{name}'{nearest(name, set(database.messages) - set(names))}"
         for name, message in zip(names, messages, strict=True)
         if message is None
     ]
@@ -147,7 +166,9 @@ def _unit(
             continue
         for template in channels:
             channel = template.format(c=corner)
-            components = [_component(message, part, channel, column, faults) for column in CHANNELS[channel].columns]
+            components = [
+                _component(message, part, channel, column, database, faults) for column in CHANNELS[channel].columns
+            ]
             kept = [component for component in components if component is not None]
             if template in cyclic:
                 faults += [fault for component in kept if (fault := _turn_fault(component, message))]
@@ -186,7 +207,13 @@ def _signal(message: dbc.Message, name: str, faults: list[str], or_else: str = "
     return signal
 
 
-def _component(message: dbc.Message, part: int, channel: str, column: str, faults: list[str]) -> Component | None:
+def _component(
+    message: dbc.Message, part: int, channel: str, column: str, database: dbc.Database, faults: list[str]
+) -> Component | None:
+    reason = database.left_out.get(f"{message.name}.{_bare(column)}")
+    if reason:
+        faults.append(f"message '{message.name}': signal '{_bare(column)}' {reason}")
+        return None
     signal = _signal(message, _bare(column), faults)
     if signal is None:
         return None

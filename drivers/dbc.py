@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -53,6 +53,23 @@ class Signal:
         stream = range(self._first, self._first + self.length)
         return frozenset(s // 8 * 8 + 7 - s % 8 for s in stream) if self.big_endian else frozenset(stream)
 
+    def bare(self) -> Signal:
+        """The same signal without its name: equal for signals that are extracted alike."""
+        return replace(self, name="")
+
+    @cached_property
+    def _masks(self) -> list[tuple[int, np.uint8, int]]:
+        """For each byte of the signal: which, its bits, and by how many bits the raw value is to be moved down."""
+        last = self._first + self.length - 1
+        return [
+            (
+                byte,
+                np.uint8(sum(1 << (bit % 8) for bit in self.bits if bit // 8 == byte)),
+                last - 8 * byte - 7 if self.big_endian else 8 * byte - self.start,
+            )
+            for byte in range(self._first // 8, last // 8 + 1)
+        ]
+
     def raw(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """Extract the raw value from each row.
 
@@ -88,11 +105,8 @@ class Signal:
     def put(self, rows: NDArray[np.uint8], raw: NDArray[Any] | int) -> None:
         """Write raw values (N,) into `rows` (N, W) in place; other bits stay."""
         value = np.broadcast_to(np.asarray(raw), len(rows)).astype(np.uint64)
-        last = self._first + self.length - 1
-        for byte in range(self._first // 8, last // 8 + 1):
-            shift = last - 8 * byte - 7 if self.big_endian else 8 * byte - self.start
-            part = value >> np.uint64(shift) if shift >= 0 else value << np.uint64(-shift)
-            mask = np.uint8(sum(1 << (bit % 8) for bit in self.bits if bit // 8 == byte))
+        for byte, mask, down in self._masks:
+            part = value >> np.uint64(down) if down >= 0 else value << np.uint64(-down)
             rows[:, byte] = (rows[:, byte] & ~mask) | (part.astype(np.uint8) & mask)
 
     def physical(self, raw: NDArray[Any]) -> NDArray[np.float64]:
@@ -112,16 +126,20 @@ class Message:
 
 @dataclass(frozen=True)
 class Database:
-    """The messages of a DBC file by name, and every fault found in it."""
+    """The messages of a DBC file by name, and every fault found in it.
 
-    messages: dict[str, Message]
+    `left_out` says of messages (``message``) and signals (``message.signal``) that cannot be decoded why.
+    """
+
+    messages: dict[str, Message] = field(default_factory=dict)
     faults: list[str] = field(default_factory=list)
+    left_out: dict[str, str] = field(default_factory=dict)
 
 
 def parse(text: str, path: object) -> Database:
     """Read a DBC file and look for structural faults in all its messages.
 
-    Multiplexed messages and floating-point signals are left out: nothing here decodes them.
+    Multiplexed messages and floating-point signals are left out, with the reason.
 
     Raises
     ------
@@ -135,22 +153,27 @@ def parse(text: str, path: object) -> Database:
         raise DbcError(path, [f"not a DBC file: {error}"]) from None
     if not isinstance(database, cantools.database.Database):
         raise DbcError(path, ["describes diagnostics, not CAN messages"])
-    messages: dict[str, Message] = {}
+    out = Database()
     owner: dict[int, str] = {}
-    faults: list[str] = []
     for entry in database.messages:
-        if entry.name in messages:
-            faults.append(f"message '{entry.name}' comes twice; rename or remove one")
+        if entry.name in out.messages:
+            out.faults.append(f"message '{entry.name}' comes twice; rename or remove one")
         if entry.frame_id in owner:
-            faults.append(f"messages '{owner[entry.frame_id]}' and '{entry.name}' share the id {entry.frame_id:#x}")
+            out.faults.append(f"messages '{owner[entry.frame_id]}' and '{entry.name}' share the id {entry.frame_id:#x}")
         owner[entry.frame_id] = entry.name
         if entry.is_multiplexed():
+            out.left_out[entry.name] = "is multiplexed; give the signals a message of their own"
             continue
-        signals = [_signal(signal, faults, entry.name) for signal in entry.signals if not signal.is_float]
+        signals = []
+        for signal in entry.signals:
+            if signal.is_float:
+                out.left_out[f"{entry.name}.{signal.name}"] = "is a floating-point number; use an integer and a factor"
+            else:
+                signals.append(_signal(signal, out.faults, entry.name))
         message = Message(entry.name, entry.frame_id, entry.length, {signal.name: signal for signal in signals})
-        messages[entry.name] = message
-        faults += _layout_faults(message, signals)
-    return Database(messages, faults)
+        out.messages[entry.name] = message
+        out.faults.extend(_layout_faults(message, signals))
+    return out
 
 
 def _signal(signal: Any, faults: list[str], message: str) -> Signal:

@@ -186,7 +186,7 @@ class RecordSensor:
             bad = not_valid(block, np.asarray((np.abs(raw) >= FULL).any(axis=1)))
             raw[bad | np.isnan(raw).any(axis=1)] = NOT_VALID
             fields["values"][:, part.first : part.first + part.width] = raw
-        rows = fields.view(np.uint8).reshape(len(fields), -1)
+        rows = fields.view(np.uint8).reshape(len(fields), self.record.length)
         fields["crc"] = self.record.crc_of(rows)
         offset = np.arange(len(t_ns) + 1, dtype=np.int64) * self.record.length
         return Frames(self.bus, t_ns.copy(), np.zeros(len(t_ns), np.uint32), offset, rows.reshape(-1).copy())

@@ -123,9 +123,9 @@ def table_spline(table: KinematicTable) -> CubicSpline:
 def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     """Pitch of the carrier that steering about the inclined kingpin brings: value, first and second slope by steer.
 
-    The carrier turns by an angle δ about the kingpin axis k (top rearward by the caster, inward by the inclination).
-    Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the steer angle alone. All three are
-    (N,); the slopes are differences of the exact relation.
+    From its design attitude the carrier turns by an angle δ about the kingpin axis k (top rearward by the caster,
+    inward by the inclination). Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the
+    steer angle alone. `steer` is what the camera measures, static toe included. All three are (N,).
     """
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)
@@ -139,7 +139,8 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
     pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
     spline = CubicSpline(yaw, pitch)
-    return spline(steer), spline(steer, 1), spline(steer, 2)
+    turned = steer + corner.side * corner.static_toe  # toe-in steers the left wheel to the right
+    return spline(turned), spline(turned, 1), spline(turned, 2)
 
 
 def carrier_to_body(steer: Array, camber: Array, pitch: Array, v: Array) -> Array:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,7 @@ class Filters:
         return max(1, math.floor(self.rate / (2.2 * self.fit_cutoff)))
 
 
+@cache
 def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
     """Second-order sections of the filter whose two passes together are at −3 dB at `cutoff` [Hz].
 

@@ -152,10 +152,7 @@ class _Problem:
         self.blocks, self.left, self.prior, self.rows = blocks, left, prior, rows
         # One triangle a row: weights can then be iterated without touching the samples again.
         self.triangles = {
-            row: _triangle(
-                np.concatenate([np.column_stack([W, left[key]]) for key, W in blocks.items() if key[1] == row])
-            )
-            for row in rows
+            row: np.concatenate([_narrow(W, left[key]) for key, W in blocks.items() if key[1] == row]) for row in rows
         }
         self.counts = {row: sum(len(y) for key, y in left.items() if key[1] == row) for row in rows}
 
@@ -236,7 +233,8 @@ class _Problem:
         subtracted leave just that product, and the sum over the samples is its mean.
         """
         p, width = len(keep), len(theta)
-        slope, constant = np.zeros((width, width)), np.zeros(width)  # E[δWᵀ δr] = constant − slope θ
+        # E[δWᵀ δr] = constant − slope θ; what multiplies the zeros is not measured, and cancels between the two signs.
+        slope, constant = np.zeros((width, width)), np.zeros(width)
         for d, drive in enumerate(drives):
             rng = np.random.default_rng([2002, d])
             values = drive.recording.signals.value
@@ -247,21 +245,25 @@ class _Problem:
                 noisy = Drive(drive.recording.with_signals(signals))
                 for row in drive.rows:
                     scale = 0.5 / sigma[row] ** 2
-                    W = self.blocks[d, row]
-                    slope -= scale * (W.T @ W)
-                    constant -= scale * (W.T @ self.left[d, row])
-                    moved_W = np.concatenate([noisy.matrix(effects, row)[:, keep], W[:, p:]], axis=1)
-                    slope += scale * (moved_W.T @ moved_W)
-                    constant += scale * (moved_W.T @ noisy.measured[row])
+                    W = self.blocks[d, row][:, :p]
+                    slope[:p, :p] -= scale * (W.T @ W)
+                    constant[:p] -= scale * (W.T @ self.left[d, row])
+                    moved_W = noisy.matrix(effects, row)[:, keep]
+                    slope[:p, :p] += scale * (moved_W.T @ moved_W)
+                    constant[:p] += scale * (moved_W.T @ noisy.measured[row])
         stacked = self.stacked(sigma)[:, :-1]
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
-        shift = np.zeros(width)
-        for _ in range(4):  # the bias is that of the corrected estimate
-            scores = (constant - slope @ (theta - shift)) / lengths
-            half = np.asarray(scipy.linalg.solve_triangular(triangle, scores, trans=1), float)
-            shift = np.asarray(scipy.linalg.solve_triangular(triangle, half), float) / lengths
-        return shift
+        # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
+        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float) / lengths[:, None]
+        x0, k = triangle @ (lengths * theta), inverse.T @ constant
+        found = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        part, V = np.asarray(found[0], float), np.asarray(found[1], float)
+        # Where noise makes up most of what a direction seems to know, there is nothing to correct.
+        sound = part < 0.5
+        solved: Array = (V.T @ (x0 - k)) / np.where(sound, 1.0 - part, 1.0)
+        x: Array = np.where(sound, solved, V.T @ x0)
+        return theta - inverse @ (V @ x)
 
     def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
         """Y − W θ of every block."""
@@ -337,6 +339,14 @@ def _triangle(W: Array) -> Array:
     triangle = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0], float)[: W.shape[1]]
     lacking = W.shape[1] - triangle.shape[0]
     return np.concatenate([triangle, np.zeros((lacking, W.shape[1]))]) if lacking else triangle
+
+
+def _narrow(W: Array, y: Array) -> Array:
+    """The R factor of [W y], spread out again over the columns of W that are all zero (other runs' sensor zeros)."""
+    active = np.append(np.flatnonzero(np.any(W != 0.0, axis=0)), W.shape[1])
+    out = np.zeros((len(active), W.shape[1] + 1))
+    out[:, active] = _triangle(np.column_stack([W, y])[:, active])
+    return out
 
 
 def _rms(x: Array) -> float:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
+from scipy.signal import sosfreqz
 
 from daq.channels import CHANNELS
-from identify.filters import zero_phase
+from identify.filters import two_pass_sos
 from identify.reconstruct import Recording
 from identify.vectors import Array
 
@@ -19,11 +20,19 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     white noise on the grid with σ scaled by the root of the rates.
     """
     filters, n = recording.filters, recording.t.size
-    out: dict[str, Array] = {}
-    for channel in channels:
-        scale = recording.rig.noise(channel) * np.sqrt(filters.rate / recording.rates[channel])
-        white = scale * rng.standard_normal((CHANNELS[channel].width, n))
-        if filters.pre_cutoff is not None:
-            white = zero_phase(white, filters.pre_cutoff, filters.rate, filters.order)
-        out[channel] = white
-    return out
+    names = list(channels)
+    widths = [CHANNELS[channel].width for channel in names]
+    scales = [recording.rig.noise(c) * np.sqrt(filters.rate / recording.rates[c]) for c in names]
+    frequency = np.fft.rfftfreq(n, 1.0 / filters.rate)
+    gain = np.ones(frequency.size)
+    if filters.pre_cutoff is not None:
+        sos = two_pass_sos(filters.pre_cutoff, filters.rate, filters.order)
+        gain = np.abs(sosfreqz(sos, worN=frequency, fs=filters.rate)[1]) ** 2
+    # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
+    last = int(np.flatnonzero(gain > 1e-6)[-1]) + 1
+    spectrum = np.zeros((sum(widths), frequency.size), complex)
+    drawn = rng.standard_normal((2, sum(widths), last))
+    spectrum[:, :last] = np.sqrt(n / 2.0) * gain[:last] * (drawn[0] + 1j * drawn[1])
+    series = np.fft.irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1)
+    parts = np.split(series, np.cumsum(widths)[:-1])
+    return dict(zip(names, parts, strict=True))

@@ -1,0 +1,20 @@
+# One image for every lacet service: what runs, from the same locked hashes as `make demo`, and lacet as a wheel.
+FROM python:3.13-slim
+
+WORKDIR /build
+COPY requirements requirements
+RUN python -m pip install --no-cache-dir --require-hashes -r requirements/uv.txt \
+ && python -m uv pip install --system --no-cache --require-hashes -r requirements/run.txt
+COPY pyproject.toml README.md ./
+COPY daq daq
+COPY drivers drivers
+COPY identify identify
+COPY services services
+COPY simulate simulate
+RUN python -m uv pip install --system --no-cache --no-deps --no-build-isolation . \
+ && python services/environment.py
+
+RUN useradd --create-home lacet && mkdir /runs && chown lacet /runs
+USER lacet
+WORKDIR /runs
+CMD ["lacet", "--help"]

@@ -1,0 +1,96 @@
+# lacet: `make demo` shows what it does, `make test` checks it. `make help` lists the rest.
+#
+# The environment is .venv beside this file: versions and hashes from requirements/, nothing else is touched.
+# Another Python: make demo PYTHON=/path/to/python3.12
+
+SHELL := /bin/sh
+PY := .venv/bin/python
+UV := $(PY) -m uv --quiet
+INSTALL := $(UV) pip install --python $(PY) --require-hashes
+COMPILE := $(UV) pip compile --universal --python-version 3.11 --generate-hashes --no-header \
+	--no-emit-index-url --no-emit-find-links $(if $(UPGRADE),--upgrade,)
+
+# Packages hide behind an environment that was moved: its scripts name the old folder. Begin again then.
+ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
+MOVED := moved
+endif
+
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark clean moved
+
+help:
+	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
+	@echo 'make test          lint and tests'
+	@echo 'make lint          ruff, import contracts, pyright'
+	@echo 'make format        format the sources'
+	@echo 'make test-slow     the studies that are too long for make test'
+	@echo 'make test-vcan     replay and record on real SocketCAN, in a User-Mode-Linux guest'
+	@echo 'make benchmark     measure decoding, log, bus and fit'
+	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
+	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
+	@echo 'make clean         remove the environment and what tests and demo wrote'
+
+demo: .venv/.run
+	@.venv/bin/lacet demo
+
+test: .venv/.dev
+	@failed=0; \
+	$(MAKE) --no-print-directory lint || failed=1; \
+	$(PY) -m pytest $(ARGS) || failed=1; \
+	exit $$failed
+
+lint: .venv/.dev
+	@failed=; \
+	$(PY) -m ruff check . || failed="$$failed ruff-check"; \
+	$(PY) -m ruff format --check . || failed="$$failed ruff-format"; \
+	.venv/bin/lint-imports || failed="$$failed import-linter"; \
+	$(PY) -m pyright --pythonpath $(PY) || failed="$$failed pyright"; \
+	if [ -n "$$failed" ]; then echo "lint: FAILED:$$failed"; exit 1; fi; echo 'lint: ok'
+
+format: .venv/.dev
+	@$(PY) -m ruff check --fix . ; $(PY) -m ruff format .
+
+test-slow: .venv/.dev
+	@$(PY) -m pytest -m slow $(ARGS)
+
+test-vcan: .venv/.dev
+	@$(PY) -m pytest -m slow tests/replay/test_vcan.py $(ARGS)
+
+benchmark: .venv/.dev
+	@for file in benchmarks/*.py; do echo "== $$file"; $(PY) "$$file" || exit 1; done
+
+lock: .venv/.uv
+	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
+	@$(COMPILE) --group build --group dev --extra sim -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
+	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
+		echo 'lock: an address got into the files above; see the settings of uv on this machine'; exit 1; fi
+
+schema: .venv/.uv
+	@$(UV) run --no-project --isolated --python $(PY) --with-requirements requirements/schema.txt \
+		python -m grpc_tools.protoc -I . --python_out=. --pyi_out=. daq/schema/lacet.proto
+
+clean:
+	rm -rf .venv demo-out .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+
+# The environment, in three steps: uv; what runs; what tests. A step is done again when its inputs change.
+
+moved:
+
+.venv/.uv: requirements/uv.txt $(MOVED)
+	@PYTHON='$(PYTHON)' sh requirements/make_venv.sh
+	@$(PY) -m pip --disable-pip-version-check --quiet install --require-hashes -r requirements/uv.txt
+	@printf '%s\n' "$(CURDIR)" > .venv/.where
+	@touch $@
+
+.venv/.run: .venv/.uv requirements/run.txt pyproject.toml
+	@echo 'installing what lacet runs on (requirements/run.txt) into .venv'
+	@$(INSTALL) -r requirements/run.txt
+	@$(UV) pip install --python $(PY) --no-deps --no-build-isolation --editable .
+	@$(PY) services/environment.py
+	@touch $@
+
+.venv/.dev: .venv/.run requirements/dev.txt
+	@echo 'installing what the tests need (requirements/dev.txt) into .venv'
+	@$(INSTALL) -r requirements/dev.txt
+	@$(PY) services/environment.py
+	@touch $@

@@ -1,0 +1,195 @@
+"""The recorder's side of the bus: publish a run, keep it, answer requests for any part of it."""
+
+from __future__ import annotations
+
+import json
+import random
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import zenoh
+
+from daq.bus import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short, state_publisher
+from daq.queue import BoundedQueue
+from daq.spool import Spool
+from daq.wire import Losses, Manifest, StartRecord, Tally, manifest_to_bytes, start_to_bytes
+
+OTHERS = 1.0
+"""How long after an acknowledgement the last request of another worker may be [s]."""
+
+
+class RunPublisher:
+    """Publishes one run and answers requests for any part of it until it is closed.
+
+    No method waits for the network.
+
+    Parameters
+    ----------
+    spool : where blocks are kept for requests; closed by the caller.
+    drop_live : fraction of live blocks not sent, at random with a fixed seed: the fault tests' lossy network.
+
+    Attributes
+    ----------
+    keys : this run's keys.
+    manifest : set by `finish`.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        rig: str,
+        start: StartRecord,
+        spool: Spool,
+        drop_live: float = 0.0,
+        tell: Callable[[str], None] = lambda text: None,
+    ):
+        self.keys = Keys(chunk(rig), chunk(start.run_id))
+        self.manifest: Manifest | None = None
+        self.last_request = time.monotonic()
+        """When somebody last asked for something [s, monotonic]."""
+        self._session = session
+        self._start = start_to_bytes(start)
+        self._run_id = start.run_id
+        self._spool = spool
+        self._tallies: dict[str, Tally] = {}
+        self._drop_live = drop_live
+        self._random = random.Random(0)
+        self._tell = tell
+        self._blocks: BoundedQueue[tuple[str, int, bytes]] = BoundedQueue(QUEUE)
+        self._requests: BoundedQueue[zenoh.Query] = BoundedQueue(1000)
+        self._acks: dict[str, bytes] = {}
+        self._state = {name: state_publisher(session, self.keys.key(name)) for name in ("start", "ledger")}
+        self._handles = [
+            session.declare_queryable(self.keys.key(name), self._requests.put, complete=True)
+            for name in ("start", "manifest", "block/*")
+        ]
+        self._ack_listener = session.declare_subscriber(self.keys.key("ack", "*"), self._on_ack)
+        self._token = session.liveliness().declare_token(self.keys.key("alive"))
+        self._threads = [
+            threading.Thread(target=work, name=name, daemon=True)
+            for name, work in (("bus-sender", self._send_blocks), ("bus-answers", self._answer_requests))
+        ]
+        for thread in self._threads:
+            thread.start()
+        self._state["start"].put(self._start)
+
+    def put_block(self, channel: str, message: bytes, samples: int) -> None:
+        """Send the next block of a channel: its `DecodedBlock` message, numbered by the caller from 0."""
+        tally = self._tallies.get(channel, Tally())
+        self._tallies[channel] = tally.add(message, samples)
+        self._spool.add(channel, tally.messages, message)
+        if self._drop_live and self._random.random() < self._drop_live:
+            return
+        self._blocks.put((channel, tally.messages, message), channel, len(message))
+
+    def put_ledger(self, ledger: dict[str, Any]) -> None:
+        """Publish rates and losses so far."""
+        self._state["ledger"].put(json.dumps(ledger))
+
+    def finish(self, losses: Losses, frames: dict[str, Tally]) -> Manifest:
+        """The run is over: publish what there was in all, blocks by channel and `frames` by source."""
+        until = time.monotonic() + 5.0
+        while len(self._blocks) and self._threads[0].is_alive() and time.monotonic() < until:
+            time.sleep(0.005)  # the live blocks first
+        self.manifest = Manifest(self._run_id, dict(self._tallies), frames, losses)
+        self._state["manifest"] = state_publisher(self._session, self.keys.key("manifest"))
+        self._state["manifest"].put(manifest_to_bytes(self.manifest))
+        return self.manifest
+
+    def wait_for_ack(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> dict[str, Any]:
+        """Wait until a worker has acknowledged the run, or nobody asked for anything for `timeout` [s].
+
+        After an acknowledgement it stays while other workers still ask. Returns the acknowledgements by worker, empty
+        when none came.
+        """
+        self.last_request = time.monotonic()
+        while not cancelled():
+            quiet = time.monotonic() - self.last_request
+            if quiet > (min(OTHERS, timeout) if self._acks else timeout):
+                break
+            time.sleep(0.05)
+        return {worker: json.loads(text) for worker, text in self._acks.items()}
+
+    @property
+    def unsent(self) -> int:
+        """Bytes of live blocks that found the queue full; they are still there for requests."""
+        return sum(self._blocks.dropped.values())
+
+    def close(self) -> None:
+        """Stop answering and sending, and take back what was declared. The session stays open."""
+        self._blocks.close()
+        self._requests.close()
+        for thread in self._threads:
+            thread.join(2.0)
+        for handle in (*self._handles, self._ack_listener, self._token, *self._state.values()):
+            handle.undeclare()
+
+    def _on_ack(self, sample: zenoh.Sample) -> None:
+        self._acks[str(sample.key_expr).rpartition("/")[2]] = sample.payload.to_bytes()
+
+    def _send_blocks(self) -> None:
+        publishers: dict[str, zenoh.Publisher] = {}
+        complained = False
+        while True:
+            item = self._blocks.get()
+            if item is None:
+                break
+            channel, sequence, message = item
+            try:
+                if channel not in publishers:
+                    publishers[channel] = self._session.declare_publisher(
+                        self.keys.key("block", channel), congestion_control=zenoh.CongestionControl.DROP
+                    )
+                publishers[channel].put(message, attachment=SEQUENCE.pack(sequence))
+            except zenoh.ZError as error:  # recording goes on; the block stays available on request
+                if not complained:
+                    self._tell(f"bus: a live block was not sent ({short(error)}); recording goes on")
+                complained = True
+
+    def _answer_requests(self) -> None:
+        while True:
+            query = self._requests.get()
+            if query is None:
+                break
+            self.last_request = time.monotonic()
+            try:
+                self._answer(query)
+            except zenoh.ZError as error:  # who asked is gone
+                self._tell(f"bus: a request could not be answered ({short(error)})")
+            finally:
+                query.drop()
+
+    def _answer(self, query: zenoh.Query) -> None:
+        asked = zenoh.KeyExpr(str(query.key_expr))
+        if asked.intersects(zenoh.KeyExpr(self.keys.key("start"))):
+            query.reply(self.keys.key("start"), self._start)
+        if self.manifest is not None and asked.intersects(zenoh.KeyExpr(self.keys.key("manifest"))):
+            query.reply(self.keys.key("manifest"), manifest_to_bytes(self.manifest))
+        try:
+            first, last = int(query.parameters.get("first") or ""), int(query.parameters.get("last") or "")
+        except ValueError:
+            return
+        for channel in self._spool.names():
+            key = self.keys.key("block", channel)
+            if asked.intersects(zenoh.KeyExpr(key)):
+                for begin, body in _bodies(self._spool, channel, first, last):
+                    query.reply(key, body, attachment=SEQUENCE.pack(begin))
+                    self.last_request = time.monotonic()
+
+
+def _bodies(spool: Spool, channel: str, first: int, last: int) -> Iterator[tuple[int, bytes]]:
+    """Blocks `first` to `last` packed into replies: (sequence of the first in it, [length, block] …)."""
+    begin, parts, size = first, [], 0
+    for sequence in range(max(0, first), min(last + 1, spool.end(channel))):
+        message = spool.read(channel, sequence) or b""  # length 0 says that it is not kept
+        if not parts:
+            begin = sequence
+        parts += [LENGTH.pack(len(message)), message]
+        size += len(message)
+        if size >= REPLY:
+            yield begin, b"".join(parts)
+            parts, size = [], 0
+    if parts:
+        yield begin, b"".join(parts)

@@ -1,0 +1,95 @@
+"""The one bounded queue between those who produce (reader threads, bus callbacks) and the one who consumes.
+
+It never blocks the producer: a device and a network do not wait. What does not fit is dropped and counted.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from typing import Generic, TypeVar
+
+T = TypeVar("T")
+
+
+class BoundedQueue(Generic[T]):
+    """First in, first out, bounded by the number of frames (or whatever `count` counts) it holds.
+
+    Parameters
+    ----------
+    capacity : most it holds, summed over the `count` of its items; one item larger than that is let into an empty
+        queue, so that nothing is undeliverable by its size alone.
+
+    Attributes
+    ----------
+    dropped : source → how much was dropped because the queue was full.
+    high_water : the most it ever held.
+    """
+
+    def __init__(self, capacity: int):
+        if capacity < 1:
+            raise ValueError(f"capacity {capacity}: must be at least 1")
+        self.capacity = capacity
+        self.high_water = 0
+        self._items: deque[tuple[T, int]] = deque()
+        self._held = 0
+        self._dropped: Counter[str] = Counter()
+        self._closed = False
+        self._ready = threading.Condition(threading.Lock())
+
+    def put(self, item: T, source: str = "", count: int = 1) -> bool:
+        """Append `item`, which counts as `count`; False when it was dropped (full or closed). Never blocks.
+
+        With a `count` of 0 an item always fits.
+        """
+        with self._ready:
+            if self._closed or (self._items and count and self._held + count > self.capacity):
+                self._dropped[source] += count
+                return False
+            self._items.append((item, count))
+            self._held += count
+            self.high_water = max(self.high_water, self._held)
+            self._ready.notify()
+            return True
+
+    def get(self, timeout: float | None = None) -> T | None:
+        """Take the oldest item, waiting up to `timeout` [s] (None: for ever); None when there is none."""
+        with self._ready:
+            if not self._ready.wait_for(lambda: self._items or self._closed, timeout) or not self._items:
+                return None
+            item, count = self._items.popleft()
+            self._held -= count
+            return item
+
+    def drain(self) -> list[T]:
+        """Take everything that is there now, oldest first, without waiting."""
+        with self._ready:
+            items = [item for item, _ in self._items]
+            self._items.clear()
+            self._held = 0
+            return items
+
+    def close(self) -> None:
+        """Let nothing more in and wake every waiting `get`; what is inside can still be taken."""
+        with self._ready:
+            self._closed = True
+            self._ready.notify_all()
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return self._closed
+
+    @property
+    def held(self) -> int:
+        """How much is inside, summed over `count`."""
+        return self._held
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Source → how much was dropped so far."""
+        with self._ready:
+            return dict(self._dropped)
+
+    def __len__(self) -> int:
+        return len(self._items)

@@ -1,0 +1,95 @@
+"""Values of the whole vehicle: mass, centre of gravity, inertia about it, at design ride height.
+
+They are smooth functions of the bodies' parameters; whether the runs determine them, and how well, follows from the
+grouping and covariance of the fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.vehicle import Vehicle
+from identify.car import WHEEL, car_chain
+from identify.fit import Fit
+from identify.rigid_body import PARAMETERS, move_parameters
+from identify.vectors import Array
+
+NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)
+
+
+@dataclass(frozen=True)
+class WholeVehicle:
+    """Whole-vehicle values, all bodies the loads act on (inboard of the transducers for ``hub`` loads).
+
+    `values` (10,) in the order of `NAMES`: mass, centre of gravity from the body origin in body axes, inertia tensor
+    about the centre of gravity (elements of the tensor: products with the sign of −∫xy). `interval` (10,) half of the
+    95 % interval. `determined` (10,) whether the runs' equations determine it at all.
+    """
+
+    values: Array
+    interval: Array
+    determined: tuple[bool, ...]
+
+
+def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
+    """Whole-vehicle values of a fit; None when the model has no chassis."""
+    names = list(fitted.model.names)
+    if "M6" not in names:
+        return None
+    to_sum = _summation(fitted, vehicle)
+    summed = to_sum @ fitted.theta
+    values = _central(summed)
+    slope = _slopes(_central, summed) @ to_sum
+    # A functional is determined when grouping leaves it unchanged: it then lies in the rows' span.
+    physics = len(fitted.physics)
+    grouped = slope[:, :physics][:, fitted.base.independent] @ fitted.base.grouping()
+    scale = np.abs(slope[:, :physics]).max(axis=1) + 1e-12
+    determined = np.abs(grouped - slope[:, :physics]).max(axis=1) < 1e-5 * scale
+    spread = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance, slope)))
+    return WholeVehicle(values, 1.96 * spread, tuple(bool(d) for d in determined))
+
+
+def _summation(fitted: Fit, vehicle: Vehicle) -> Array:
+    """(10, p): from the model's parameters to those of all bodies as one, about the body origin."""
+    out = np.zeros((10, len(fitted.theta)))
+    start = 0
+    for effect in fitted.model.physics:
+        stop = start + len(effect.parameters)
+        if effect.name == "body":
+            kind, _, corner = effect.where.partition(".")
+            p = np.zeros(3)
+            selection = np.eye(10)
+            if kind != "chassis":
+                p = np.asarray(vehicle.corners[corner].position)
+            R = car_chain().to_body[WHEEL[corner] - 1] if kind == "wheel" else np.eye(3)
+            if kind == "wheel":
+                selection = np.zeros((10, 4))  # a body of revolution: ZZ, XX = YY, MZ, M
+                for column, names in enumerate((("ZZ",), ("XX", "YY"), ("MZ",), ("M",))):
+                    selection[[PARAMETERS.index(n) for n in names], column] = 1.0
+            for column in range(selection.shape[1]):
+                out[:, start + column] = move_parameters(selection[:, column], R, p)
+        start = stop
+    return out
+
+
+def _central(summed: Array) -> Array:
+    """Mass, centre of gravity and central inertia from parameters about the origin."""
+    mass = summed[9]
+    cog = summed[6:9] / mass
+    central = move_parameters(np.array([*summed[:6], *summed[6:9], mass]), np.eye(3), -cog)
+    xx, xy, xz, yy, yz, zz = central[:6]
+    return np.array([mass, *cog, xx, yy, zz, xy, xz, yz])
+
+
+def _slopes(function: Callable[[Array], Array], at: Array) -> Array:
+    """Central differences of a smooth function, (outputs, inputs)."""
+    columns: list[Array] = []
+    for k in range(at.size):
+        step = np.zeros(at.size)
+        step[k] = 1e-4 * max(1.0, abs(at[k]))
+        columns.append((function(at + step) - function(at - step)) / (2 * step[k]))
+    return np.stack(columns, axis=1)

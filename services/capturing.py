@@ -1,0 +1,69 @@
+"""Simulated samples as the bytes the sensors would have sent: frames bus by bus, and a capture of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from daq.blocks import Block
+from daq.errors import UsageError
+from daq.frames import Frames
+from daq.log import LogWriter
+from daq.rig import Rig
+from daq.wire import StartRecord, StopRecord
+from drivers import open_driver
+
+BATCH_NS = 50_000_000
+"""Frames are stored in batches of this length [ns], as a recorder would."""
+
+
+def encode_rig(blocks: Mapping[str, Block], rig: Rig) -> tuple[dict[str, Frames], dict[str, str]]:
+    """Encode blocks with the drivers of a rig.
+
+    Returns
+    -------
+    frames : by bus, all sensors of a bus merged in the order of their stamps.
+    documents : file name → text of what the drivers used (DBC).
+
+    Raises
+    ------
+    UsageError : a sensor of the rig has no driver.
+    """
+    parts: dict[str, list[Frames]] = {}
+    documents: dict[str, str] = {}
+    for sensor in rig.sensors:
+        if sensor.driver is None or sensor.bus is None:
+            raise UsageError(
+                f"rig {rig.name}: sensor {sensor.name} has no driver and bus, so it has no bytes to capture; "
+                "give it both, or write tables: --format parquet"
+            )
+        driver = open_driver(sensor.driver, sensor.bus, sensor.options, rig.folder)
+        parts.setdefault(sensor.bus, []).append(driver.encode({c: blocks[c] for c in sensor.channels if c in blocks}))
+        documents |= driver.documents
+    return {bus: merged(bus, frames) for bus, frames in parts.items()}, documents
+
+
+def merged(source: str, parts: Iterable[Frames]) -> Frames:
+    """Frames of several senders on one bus, in the order of their stamps; of equal stamps the first sender's first."""
+    joined = Frames.concat(source, parts)
+    order = np.argsort(joined.t_ns, kind="stable")
+    lengths = joined.lengths[order]
+    offset = np.concatenate(([0], np.cumsum(lengths))).astype(np.int64)
+    take = np.arange(offset[-1]) + np.repeat(joined.offset[:-1][order] - offset[:-1], lengths)
+    return Frames(source, joined.t_ns[order], joined.ident[order], offset, joined.data[take])
+
+
+def write_capture(path: Path, frames: Mapping[str, Frames], start: StartRecord, overwrite: bool = False) -> None:
+    """Write a capture: start record, raw frames in order of time, stop record. Raises RunError when it exists."""
+    ends = [int(batch.t_ns[-1]) for batch in frames.values() if len(batch)]
+    last = max(ends, default=start.started_ns)
+    edges = np.arange(start.started_ns, last + BATCH_NS + 1, BATCH_NS)
+    cuts = {bus: np.searchsorted(batch.t_ns, edges) for bus, batch in frames.items()}
+    with LogWriter(path, start, overwrite=overwrite) as writer:
+        for i in range(len(edges) - 1):
+            for bus, batch in frames.items():
+                writer.write_frames(batch[int(cuts[bus][i]) : int(cuts[bus][i + 1])])
+        counts = {bus: len(batch) for bus, batch in frames.items()}
+        writer.close(StopRecord(last, "stopped", counts))

@@ -1,0 +1,243 @@
+"""``lacet record``: the wires into a log and onto the bus."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import secrets
+import signal
+import time
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+from daq.bus import ROUTER, open_session
+from daq.bus_publisher import RunPublisher
+from daq.channels import CHANNELS
+from daq.errors import LacetError, UsageError
+from daq.log import LogWriter, StartRecord
+from daq.rig import Rig
+from daq.spool import Spool
+from daq.vehicle import Vehicle
+from services.decoding import Decoder
+from services.progress import Line
+from services.record import Health, Recorder, Summary
+from services.result import DONE, WITH_LOSSES, write_result
+from services.transports.base import Receiver
+from services.transports.endpoints import (
+    default_endpoint,
+    open_receiver,
+    parse_assignments,
+    read_endpoints,
+    ready_file,
+)
+
+HELP = "record an instrumented car: log, decode, publish"
+DESCRIPTION = """\
+Record every bus of the rig: raw frames and decoded channels into one log (MCAP), decoded channels also onto the bus
+(Zenoh), where workers (lacet worker) pick them up. The recorder is the bus's router; it listens on this machine only
+unless told otherwise. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged
+the run, 30 s at most. A dead link is reported and opened again; a full disk is reported and publishing goes on.
+
+  lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
+  lacet record ... --manoeuvre slalom --brakes off --duration 60
+  lacet record ... --endpoints wires.json --until-idle 2   what `lacet replay --endpoints wires.json` sends
+  lacet record ... --from can0=socketcan:can1              a bus that is somewhere else today
+  lacet record ... --listen tcp/10.0.0.7:7447              workers on other machines
+  lacet record ... --connect tcp/10.0.0.9:7447             through a router elsewhere
+
+Exit code: 0, or 3 when frames were lost; what was lost where is printed and in the log."""
+
+
+_MANY = 6  # sources with the same loss that are no longer listed one by one
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--rig", metavar="RIG", required=True, help="rig file, or the name of a shipped rig")
+    parser.add_argument("--vehicle", metavar="VEHICLE", required=True, help="vehicle file, or a shipped vehicle's name")
+    parser.add_argument("-o", "--out", metavar="LOG", type=Path, required=True, help="log to write (.mcap)")
+    parser.add_argument("--manoeuvre", default="", help="what is driven, for the record")
+    parser.add_argument("--brakes", choices=("off", "used", "unknown"), default="unknown", help="for the record")
+    parser.add_argument("--notes", default="", help="anything worth keeping")
+    parser.add_argument(
+        "--from",
+        dest="sources",
+        metavar="BUS=ENDPOINT",
+        action="append",
+        default=[],
+        help="where a bus is: socketcan:IFACE, multicast:[GROUP:]PORT, serial:DEVICE, udp:HOST:PORT; may be repeated",
+    )
+    parser.add_argument("--endpoints", metavar="FILE", type=Path, help="file that says so, as `lacet replay` writes it")
+    parser.add_argument("--duration", metavar="S", type=float, help="stop after S seconds")
+    parser.add_argument("--until-idle", metavar="S", type=float, help="stop when nothing has come for S seconds")
+    place = parser.add_mutually_exclusive_group()
+    place.add_argument("--listen", metavar="ENDPOINT", default=ROUTER, help=f"be the router at (default {ROUTER})")
+    place.add_argument("--connect", metavar="ENDPOINT", help="use the router at ENDPOINT")
+    place.add_argument("--no-bus", action="store_true", help="log only")
+    parser.add_argument(
+        "--ack-wait", metavar="S", type=float, default=30.0, help="how long to wait for a worker at the end (30 s)"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace LOG if it exists")
+    parser.add_argument("--drop-live", type=float, default=0.0, help=argparse.SUPPRESS)  # fault tests
+
+
+def run(args: argparse.Namespace) -> int:
+    """Record; 0, or 3 when anything was lost."""
+    rig = Rig.load(args.rig)
+    vehicle = Vehicle.load(args.vehicle)
+    decoder = Decoder(rig)
+    receivers = _receivers(args, rig)
+    start = StartRecord(
+        run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}",
+        started_ns=time.time_ns(),
+        vehicle_text=vehicle.text,
+        rig_text=rig.text,
+        documents=decoder.documents,
+        vehicle=vehicle.name,
+        manoeuvre=args.manoeuvre,
+        wheel_reference=rig.wheel_reference,
+        brakes=args.brakes,
+        notes=args.notes,
+        software=_software(),
+    )
+    axes = {channel: sensor.axes for sensor in rig.sensors for channel in sensor.channels}
+    stop = Event()
+    signals: list[int] = []
+
+    def on_signal(number: int, frame: object) -> None:
+        signals.append(number)
+        stop.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+    with Line(period=0.5) as line, contextlib.ExitStack() as stack:
+        log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
+        publisher = _publisher(args, rig, start, line, stack)
+        recorder = Recorder(
+            receivers,
+            decoder,
+            log,
+            publisher,
+            axes=axes,
+            tell=line.tell,
+            report=lambda health: line.show(describe(health)),
+        )
+        line.tell(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
+        summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
+        if args.endpoints is not None:
+            ready_file(args.endpoints).unlink(missing_ok=True)
+        line.tell(_closing(summary))
+        acks: dict[str, Any] = {}
+        if publisher is not None:
+            line.tell(f"waiting up to {args.ack_wait:g} s for a worker (Ctrl-C: not any longer)")
+            before = len(signals)
+            acks = publisher.wait_for_ack(args.ack_wait, lambda: len(signals) > before)
+            for worker, ack in acks.items():
+                line.tell(f"worker {worker} has the run{'' if ack.get('complete') else ', NOT complete'}")
+            if not acks:
+                line.tell("no worker has taken the run; the log has everything")
+    write_result(
+        args.json,
+        "record",
+        {
+            "run_id": start.run_id,
+            "log": args.out,
+            "reason": summary.reason,
+            "seconds": summary.seconds,
+            "frames": summary.frames,
+            "samples": summary.samples,
+            "losses": summary.losses,
+            "log_error": summary.log_error,
+            "acknowledged": acks,
+        },
+    )
+    return WITH_LOSSES if summary.losses or summary.log_error else DONE
+
+
+def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
+    if not rig.buses:
+        raise UsageError(f"{args.rig}: the rig has no buses, so there is nothing to record")
+    named: dict[str, str] = {}
+    if args.endpoints is not None:
+        until = time.monotonic() + 10.0
+        while not args.endpoints.exists() and time.monotonic() < until:
+            time.sleep(0.05)  # a replay that is just starting
+        named = read_endpoints(args.endpoints)
+    named.update(parse_assignments(args.sources, rig.buses, "--from"))
+    if unknown := sorted(set(named) - set(rig.buses)):
+        raise UsageError(f"{args.endpoints}: bus '{unknown[0]}' is not in the rig ({', '.join(rig.buses)})")
+    return [
+        open_receiver(bus, named.get(name) or default_endpoint(rig.buses, name, sending=False))
+        for name, bus in rig.buses.items()
+    ]
+
+
+def _publisher(
+    args: argparse.Namespace, rig: Rig, start: StartRecord, line: Line, stack: contextlib.ExitStack
+) -> RunPublisher | None:
+    """The bus; None when it is not wanted or cannot be had, which never keeps a run from being recorded."""
+    if args.no_bus:
+        return None
+    try:
+        session = open_session(connect=(args.connect,)) if args.connect else open_session(listen=(args.listen,))
+    except LacetError as error:
+        line.tell(f"RECORDING WITHOUT THE BUS: {error}")
+        return None
+    stack.callback(session.close)
+    spool = Spool(args.out.absolute().parent)
+    stack.callback(spool.close)
+    publisher = RunPublisher(session, rig.name, start, spool, args.drop_live, line.tell)
+    stack.callback(publisher.close)
+    return publisher
+
+
+def _ready(args: argparse.Namespace) -> None:
+    if args.endpoints is not None:
+        with contextlib.suppress(OSError):
+            ready_file(args.endpoints).touch()
+
+
+def describe(health: Health) -> str:
+    """The line of a second: rates, losses, dead wires."""
+    frames = ", ".join(f"{name} {rate:.0f}/s" for name, rate in health.frames.items())
+    down = f"; DOWN: {', '.join(health.down)}" if health.down else ""
+    lost = lost_text(health.losses)
+    families: dict[str, list[float]] = {}
+    for channel, rate in health.samples.items():
+        families.setdefault(CHANNELS[channel].family, []).append(rate)
+    # One figure for the channels of a family; when they differ, the slowest shows.
+    rates = ", ".join(
+        f"{family} {min(found):.0f}" + (f" to {max(found):.0f}" if max(found) > 1.05 * min(found) else "")
+        for family, found in families.items()
+    )
+    return f"{health.seconds:.0f} s: {frames}{down}; {'LOST ' + lost if lost else 'nothing lost'}; samples/s: {rates}"
+
+
+def lost_text(losses: dict[str, dict[str, int]]) -> str:
+    """``can0 kernel 12, serial0 bad_checksum 1``; a cause that many sources share is summed."""
+    causes: dict[str, dict[str, int]] = {}
+    for source, numbers in losses.items():
+        for cause, number in numbers.items():
+            causes.setdefault(cause, {})[source] = number
+    return ", ".join(
+        f"{cause} {sum(sources.values())} (of {len(sources)} buses and channels)"
+        if len(sources) > _MANY
+        else ", ".join(f"{source} {cause} {number}" for source, number in sources.items())
+        for cause, sources in causes.items()
+    )
+
+
+def _closing(summary: Summary) -> str:
+    lost = lost_text(summary.losses)
+    frames = ", ".join(f"{name} {number}" for name, number in summary.frames.items())
+    return f"{summary.reason}. Frames: {frames or 'none'}. {'LOST: ' + lost if lost else 'Nothing was lost.'}"
+
+
+def _software() -> str:
+    try:
+        return f"lacet {version('lacet')}"
+    except PackageNotFoundError:
+        return "lacet (not installed)"

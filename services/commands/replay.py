@@ -1,0 +1,169 @@
+"""``lacet replay``: a capture back onto the wires."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import signal
+import sys
+import time
+from pathlib import Path
+from threading import Event
+
+from daq.errors import UsageError
+from daq.log import LogReader
+from daq.rig import Rig
+from services.progress import Line
+from services.replay import Progress, replay
+from services.result import DONE, WITH_LOSSES, write_result
+from services.transports.base import Sender
+from services.transports.endpoints import default_endpoint, open_sender, parse_assignments, ready_file, write_endpoints
+from services.transports.serial import PtySender
+
+HELP = "play a recorded run's raw frames onto the wires"
+DESCRIPTION = """\
+Play the raw frames of a capture (or of any log) onto the wires, so that `lacet record` or any other program receives
+them as if the car were there: CAN on vcan where there is one, otherwise as python-can's udp_multicast on this machine;
+serial on a pseudo-terminal; UDP on loopback. Values, counters and order are those of the capture; a receiver's stamps
+are arrival times. (To keep the stamps, decode the capture instead: lacet decode.)
+
+  lacet replay run.mcap --endpoints wires.json --wait 10 &
+  lacet record --rig peugeot-406 --vehicle peugeot-406 -o log.mcap --endpoints wires.json --until-idle 2
+
+  lacet replay run.mcap --speed 4                 four times as fast
+  lacet replay run.mcap --speed max               as fast as receivers on this machine read
+  lacet replay run.mcap --to can0=socketcan:can0  on a real bus
+  lacet replay run.mcap --loop                    again and again, until Ctrl-C"""
+
+
+_LINGER = 10.0  # s; how long the wires stay up after the last frame for a recorder that waits until nothing comes
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("capture", metavar="CAPTURE", help="log with raw frames (.mcap)")
+    parser.add_argument(
+        "--to",
+        metavar="BUS=ENDPOINT",
+        action="append",
+        default=[],
+        help="where to send a bus: socketcan:IFACE, multicast:[GROUP:]PORT, pty[:LINK], serial:DEVICE, udp:HOST:PORT "
+        "(default: see above); may be repeated",
+    )
+    parser.add_argument("--bus", metavar="BUS", action="append", help="play this bus only; may be repeated")
+    parser.add_argument("--speed", metavar="N", default="1", help="factor on the capture's time, or max (default 1)")
+    parser.add_argument("--loop", action="store_true", help="begin again at the end, until stopped")
+    parser.add_argument("--endpoints", metavar="FILE", type=Path, help="write where each bus is, for `lacet record`")
+    parser.add_argument(
+        "--wait",
+        metavar="S",
+        type=float,
+        default=0.0,
+        help="wait up to S seconds for a recorder given the same --endpoints file to listen",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay; 0 when every frame was sent, 3 when some were not or it was stopped."""
+    speed = _speed(args.speed)
+    if args.wait and args.endpoints is None:
+        raise UsageError("--wait waits for a recorder that was given the same --endpoints FILE: give that as well")
+    log = LogReader(args.capture)
+    if not log.sources():
+        raise UsageError(f"{args.capture}: no raw frames in it, only decoded samples; a capture is needed")
+    rig = Rig.parse(log.start.rig_text, f"{args.capture} (rig in its start record)")
+    chosen = args.bus or log.sources()
+    if unknown := sorted(set(chosen) - set(log.sources())):
+        raise UsageError(f"--bus {unknown[0]}: the capture has {', '.join(log.sources())}")
+    if foreign := sorted(set(chosen) - set(rig.buses)):
+        raise UsageError(f"{args.capture}: frames of '{foreign[0]}', which is not a bus of its rig; choose with --bus")
+    to = parse_assignments(args.to, rig.buses, "--to")
+    stop = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    frames = {source: log.frames(source) for source in chosen}
+    with contextlib.ExitStack() as stack:
+        senders = {name: _open(rig, name, to, stack) for name in chosen}
+        endpoints = {name: sender.endpoint for name, sender in senders.items()}
+        print("\n".join(f"{name}: {endpoint}" for name, endpoint in endpoints.items()), file=sys.stderr)
+        if args.endpoints is not None:
+            ready_file(args.endpoints).unlink(missing_ok=True)
+            write_endpoints(args.endpoints, endpoints)
+            stack.callback(args.endpoints.unlink, missing_ok=True)
+        if args.wait:
+            _wait(args, senders, stop)
+        with Line() as line:
+            progress = replay(frames, senders, speed, args.loop, stop, lambda now: line.show(_describe(now)))
+        _linger(args, senders, stop)
+    unsent = {name: sender.unsent for name, sender in senders.items() if sender.unsent}
+    done = progress.rounds > 0 and (args.loop or progress.sent == progress.total)
+    print(_summary(progress, unsent), file=sys.stderr)
+    write_result(
+        args.json,
+        "replay",
+        {
+            "endpoints": endpoints,
+            "frames": progress.total,
+            "sent": progress.sent,
+            "rounds": progress.rounds,
+            "unsent": unsent,
+            "complete": done and not unsent,
+        },
+    )
+    return DONE if done and not unsent else WITH_LOSSES
+
+
+def _speed(word: str) -> float | None:
+    if word == "max":
+        return None
+    try:
+        speed = float(word)
+        if not 0.0 < speed < 1e6:
+            raise ValueError
+    except ValueError:
+        raise UsageError(f"--speed {word}: a number greater than 0, or max") from None
+    return speed
+
+
+def _open(rig: Rig, name: str, to: dict[str, str], stack: contextlib.ExitStack) -> Sender:
+    sender = open_sender(rig.buses[name], to.get(name) or default_endpoint(rig.buses, name, sending=True))
+    try:
+        sender.open()
+    except OSError as error:
+        raise UsageError(f"{name}: cannot send to {sender.endpoint}: {error}") from None
+    stack.callback(sender.close)
+    return sender
+
+
+def _wait(args: argparse.Namespace, senders: dict[str, Sender], stop: Event) -> None:
+    until = time.monotonic() + args.wait
+    while not ready_file(args.endpoints).exists():
+        if time.monotonic() > until:
+            print(f"no recorder after {args.wait:g} s; playing all the same", file=sys.stderr)
+            return
+        if stop.wait(0.02):
+            return
+
+
+def _linger(args: argparse.Namespace, senders: dict[str, Sender], stop: Event) -> None:
+    """Keep the wires up until the recorder is done: closing a pseudo-terminal discards what waits in it."""
+    if args.endpoints is not None:
+        until = time.monotonic() + _LINGER
+        while ready_file(args.endpoints).exists() and time.monotonic() < until and not stop.wait(0.05):
+            pass
+    elif any(isinstance(sender, PtySender) and sender.has_reader for sender in senders.values()):
+        stop.wait(0.3)
+
+
+def _describe(progress: Progress) -> str:
+    again = f", round {progress.rounds + 1}" if progress.rounds else ""
+    return (
+        f"{progress.capture_seconds:.1f} of {progress.capture_length:.1f} s, {progress.sent} of {progress.total} "
+        f"frames{again}"
+    )
+
+
+def _summary(progress: Progress, unsent: dict[str, int]) -> str:
+    lines = [f"played {progress.sent} of {progress.total} frames"]
+    lines += [f"{name}: {number} frames that nobody took" for name, number in unsent.items()]
+    return "\n".join(lines)

@@ -1,0 +1,185 @@
+"""``lacet simulate``: runs of a car whose parameters are known."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from daq.errors import UsageError
+from daq.exchange import write_table
+from daq.rig import Rig
+from daq.wire import StartRecord
+from services.capturing import encode_rig, write_capture
+from services.result import DONE, plain, write_result
+from simulate import (
+    CARS,
+    KINDS,
+    MANOEUVRES,
+    START_NS,
+    Hidden,
+    Manoeuvre,
+    Sheet,
+    SimulatedMotion,
+    exchange_run,
+    find_car,
+    make_manoeuvre,
+    measure,
+)
+from simulate import (
+    run as drive,
+)
+from simulate.vehicle_file import vehicle_text
+
+HELP = "drive a simulated car and write what its sensors measure"
+DESCRIPTION = f"""\
+Drive a car of known parameters through manoeuvres and write what the sensors of a rig measure: captures of raw bytes,
+as if recorded from the wires, or exchange tables at one rate. Hidden effects are what the car has and the base model
+lacks; the truth (every parameter and hidden effect) is written only where --truth says, apart from the runs.
+
+  lacet simulate --rig peugeot-406-paper --manoeuvre sinus --manoeuvre liftoff -o runs
+  lacet simulate --rig rig.toml --manoeuvre rough --set grade=C --format parquet -o runs
+  lacet simulate --rig rig.toml --manoeuvre sinus --hide anti_roll_bar.front=19780 --seed 3 -o runs --truth truth.json
+  lacet simulate --rig rig.toml --manoeuvre rough --hide bump_stop.front=200000,gap=0.02 -o runs
+
+Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
+Hidden effects: {", ".join(KINDS)};
+those of an axle end in .front or .rear, those of a sensor in its name (sensor_latency.imu).
+The vehicle file to identify with is written beside the runs."""
+
+HOUR_NS = 3_600_000_000_000
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("--vehicle", default="peugeot-406", metavar="CAR", help="simulated car (default peugeot-406)")
+    parser.add_argument("--rig", required=True, metavar="FILE", help="rig file, or the name of one shipped with lacet")
+    parser.add_argument(
+        "--manoeuvre", action="append", required=True, metavar="NAME", help="what is driven; again for more runs"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="a setting of the manoeuvres: speed=25 (m/s), duration=30 (s), amplitude=0.03 (rad), grade=C …",
+    )
+    parser.add_argument(
+        "--hide", action="append", default=[], metavar="EFFECT=SIZE", help="add a hidden effect, SI units"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of road, noise, zeros and clocks (default 0)")
+    parser.add_argument("--format", choices=("capture", "parquet"), default="capture", help="default capture (.mcap)")
+    parser.add_argument("--rate", type=float, default=250.0, metavar="HZ", help="of exchange tables (default 250)")
+    parser.add_argument("--no-noise", action="store_true", help="leave the sensors' white noise out")
+    parser.add_argument("--no-zeros", action="store_true", help="do not draw sensor zeros from the rig's tolerances")
+    parser.add_argument("--gains", action="store_true", help="draw sensor gains from the rig's tolerances, too")
+    parser.add_argument("--latencies", action="store_true", help="draw latency errors from the rig's tolerances, too")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the runs")
+    parser.add_argument("--truth", type=Path, metavar="FILE", help="write what was put in (JSON); not into DIR")
+    parser.add_argument("--force", action="store_true", help="replace runs of the same name")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate; 0 when every run is written."""
+    car, rig = find_car(args.vehicle), Rig.load(args.rig)
+    hidden = [Hidden.parse(text) for text in args.hide]
+    settings = dict(_setting(text) for text in args.set)
+    manoeuvres = [make_manoeuvre(name, **settings) for name in args.manoeuvre]
+    sheet = Sheet(not args.no_zeros, args.gains, args.latencies, args.seed)
+    suffix = ".mcap" if args.format == "capture" else ".parquet"
+    files = [args.output / f"{name}{suffix}" for name in _names(manoeuvres)]
+    vehicle_file = args.output / f"{car.name}.toml"
+    _check_places(args, [*files, vehicle_file])
+    args.output.mkdir(parents=True, exist_ok=True)
+    text = vehicle_text(car)
+    vehicle_file.write_text(text, encoding="utf-8")
+    runs, truths = [], []
+    with Progress(console=Console(stderr=True)) as progress:
+        for index, (manoeuvre, file) in enumerate(zip(manoeuvres, files, strict=True)):
+            task = progress.add_task(manoeuvre.name, total=1.0)
+            seed = args.seed + index
+            motion = drive(
+                car, manoeuvre, hidden, seed, progress=lambda f, task=task: progress.update(task, completed=f)
+            )
+            start_ns = START_NS + index * HOUR_NS
+            if args.format == "capture":
+                _capture(file, motion, rig, text, seed, sheet, not args.no_noise, start_ns)
+            else:
+                table = exchange_run(motion, rig, seed, rate=args.rate, sheet=sheet, noise=not args.no_noise)
+                file.unlink(missing_ok=True)
+                write_table(table, file)
+            progress.update(task, completed=1.0)
+            runs.append({"file": str(file), "manoeuvre": motion.manoeuvre, "duration_s": float(motion.t[-1])})
+            truths.append({"file": file.name, "sheet": _drawn(sheet, not args.no_noise), **motion.truth()})
+    if args.truth is not None:
+        args.truth.parent.mkdir(parents=True, exist_ok=True)
+        document = {"format": "lacet-truth 1", "runs": truths}
+        args.truth.write_text(json.dumps(plain(document), indent=1) + "\n", encoding="utf-8")
+    for row in runs:
+        print(f"{row['file']}: {row['manoeuvre']}, {row['duration_s']:g} s")
+    print(f"{vehicle_file}: geometry of the car, to identify with")
+    write_result(args.json, "simulate", {"runs": runs, "vehicle_file": str(vehicle_file), "rig": rig.name})
+    return DONE
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    key, found, value = text.partition("=")
+    if not found or not key or not value:
+        raise UsageError(f"--set {text}: write KEY=VALUE, e.g. --set amplitude=0.03")
+    for kind in (int, float):
+        try:
+            return key, kind(value)
+        except ValueError:
+            continue
+    return key, value
+
+
+def _names(manoeuvres: list[Manoeuvre]) -> list[str]:
+    """File names: the manoeuvre's, numbered where one is driven more than once."""
+    names = [manoeuvre.name for manoeuvre in manoeuvres]
+    return [name if names.count(name) == 1 else f"{name}-{names[:i].count(name) + 1}" for i, name in enumerate(names)]
+
+
+def _check_places(args: argparse.Namespace, files: list[Path]) -> None:
+    there = [str(file) for file in files[:-1] if file.exists()]
+    if there and not args.force:
+        raise UsageError(f"{', '.join(there)}: already there; give another folder, or --force to replace")
+    if args.truth is not None and args.truth.resolve().parent == args.output.resolve():
+        raise UsageError(f"--truth {args.truth}: the truth is not kept among the runs; name another folder")
+
+
+def _drawn(sheet: Sheet, noise: bool) -> dict[str, Any]:
+    return {
+        "zeros": sheet.zeros,
+        "gains": sheet.gains,
+        "latencies": sheet.latencies,
+        "seed": sheet.seed,
+        "noise": noise,
+    }
+
+
+def _capture(
+    file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: bool, start_ns: int
+) -> None:
+    blocks = measure(motion, rig, seed, sheet=sheet, noise=noise, start_ns=start_ns)
+    frames, documents = encode_rig(blocks, rig)
+    when = datetime.fromtimestamp(start_ns / 1e9, UTC)
+    start = StartRecord(
+        run_id=f"{when:%Y%m%dT%H%M%SZ}-{file.stem}",
+        started_ns=start_ns,
+        vehicle_text=vehicle,
+        rig_text=rig.text,
+        documents=documents,
+        vehicle=motion.car.name,
+        manoeuvre=motion.manoeuvre,
+        wheel_reference=rig.wheel_reference,
+        brakes=motion.brakes,
+        notes="simulated",
+        software="lacet simulate",
+    )
+    write_capture(file, frames, start, overwrite=True)

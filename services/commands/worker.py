@@ -1,0 +1,114 @@
+"""``lacet worker``: the machine that identifies, somewhere else."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import signal
+import socket
+import sys
+import time
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import zenoh
+
+from daq.bus import ROUTER, open_session
+from daq.bus_listener import BusListener
+from daq.errors import UsageError
+from services.result import DONE, WITH_LOSSES, write_result
+from services.worker import DEADLINE, PATIENCE, RESULT, Worker
+
+HELP = "assemble runs from the bus and identify the car from them"
+DESCRIPTION = f"""\
+Listen for runs on the bus, anywhere the recorder's router can be reached. Nothing else is needed: rig, vehicle and
+driver files come with the run. At its end the worker checks that it has every block, asks for those it missed, writes
+the run as a local log, acknowledges it, fits the base model and writes and publishes the result.
+
+  lacet worker                                     the recorder on this machine, runs go to the current folder
+  lacet worker --connect tcp/10.0.0.7:7447 --out runs
+  lacet worker --once                              end after one run; exit code 3 when the run is not complete
+
+Files: RUN.mcap for each run (decoded channels), {RESULT} for the last."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--connect", metavar="ENDPOINT", default=ROUTER, help=f"the router (default {ROUTER})")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path(), help="where files go (default: here)")
+    parser.add_argument("--once", action="store_true", help="end after one run")
+    parser.add_argument("--no-fit", action="store_true", help="assemble runs only, identify nothing")
+    parser.add_argument("--name", default=f"{socket.gethostname()}-{os.getpid()}", help="this worker's name on the bus")
+    parser.add_argument(
+        "--patience",
+        metavar="S",
+        type=float,
+        default=PATIENCE,
+        help=f"silence after which a run whose recorder is gone is closed (default {PATIENCE:g} s)",
+    )
+    parser.add_argument(
+        "--deadline",
+        metavar="S",
+        type=float,
+        default=DEADLINE,
+        help=f"how long to go on asking for missing blocks after the run (default {DEADLINE:g} s)",
+    )
+    parser.add_argument(
+        "--wait",
+        metavar="S",
+        type=float,
+        default=3600.0,
+        help="how long to wait for the router to be there at first (default one hour)",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Work; 0 when every run was complete, 3 when one was not or could not be worked on."""
+    stop = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    session = _connect(args.connect, args.wait, stop)
+    if session is None:
+        return WITH_LOSSES
+    try:
+        listener = BusListener(session)
+        worker = Worker(
+            listener,
+            args.out,
+            args.name,
+            (lambda path: {}) if args.no_fit else fit,
+            patience=args.patience,
+            deadline=args.deadline,
+            tell=lambda text: print(text, file=sys.stderr, flush=True),
+        )
+        results = worker.run(stop, args.once)
+        listener.close()
+    finally:
+        session.close()
+    write_result(args.json, "worker", {"runs": [result.payload() for result in results]})
+    good = all(result.complete and "error" not in result.work for result in results)
+    return DONE if good and (results or not args.once) else WITH_LOSSES
+
+
+def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
+    """Open the session as soon as the router is there; None when told to stop before."""
+    until = time.monotonic() + wait
+    told = False
+    while not stop.is_set():
+        try:
+            return open_session(connect=(router,), wait=1.0)  # no longer: a signal is not heard in there
+        except UsageError:
+            if time.monotonic() > until:
+                raise
+        if not told:
+            print(f"no router at {router} yet; trying for {wait:g} s", file=sys.stderr, flush=True)
+            told = True
+        stop.wait(0.3)
+    return None
+
+
+def fit(path: Path) -> dict[str, Any]:
+    """Fit the base model to a run (imported when it is needed: the worker starts at once)."""
+    return importlib.import_module("services.fitting").fit_run(path)

@@ -1,0 +1,49 @@
+"""One line that tells how far a long task is: rewritten in place on a terminal, now and then a new line elsewhere."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.status import Status
+
+PERIOD = 5.0
+"""Seconds between lines where the output is not a terminal."""
+
+
+class Line:
+    """Shows the latest text on standard error."""
+
+    def __init__(self, period: float = PERIOD):
+        self._period = period
+        self._console = Console(stderr=True, highlight=False, markup=False)
+        self._status = Status("", console=self._console) if self._console.is_terminal else None
+        self._shown = time.monotonic()
+
+    def show(self, text: str) -> None:
+        """Replace the line."""
+        if self._status is not None:
+            self._status.update(text)
+        elif time.monotonic() - self._shown >= self._period:
+            self._shown = time.monotonic()
+            print(text, file=sys.stderr, flush=True)
+
+    def tell(self, text: str) -> None:
+        """A sentence that stays."""
+        if self._status is not None:
+            self._console.print(text)
+        else:
+            print(text, file=sys.stderr, flush=True)
+
+    def __enter__(self) -> Line:
+        if self._status is not None:
+            self._status.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()

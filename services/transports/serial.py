@@ -1,0 +1,201 @@
+"""Serial lines: a real one through pyserial, and a pseudo-terminal that stands in for one on a bench."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import struct
+import time
+import tty
+from collections import Counter
+from pathlib import Path
+from select import POLLHUP, POLLOUT, poll
+
+import serial
+
+from daq.frames import Frame, Frames
+
+_TIOCGICOUNT = 0x545D  # linux: struct serial_icounter_struct, 20 ints
+_COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer_overrun": 10}  # places in it
+_PATIENCE = 1.0  # s; how long a sender waits for a reader that does not read
+
+
+class SerialReceiver:
+    """A serial line, 8N1. Each piece a read returns is one frame, stamped when the read returned.
+
+    Parameters
+    ----------
+    baud : symbol rate [1/s]; a pseudo-terminal ignores it.
+    """
+
+    def __init__(self, source: str, device: str, baud: int):
+        self.source = source
+        self.warnings: list[str] = []
+        self._device = device
+        self._baud = baud
+        self._port: serial.Serial | None = None
+        self._base: dict[str, int] = {}
+        self._losses: Counter[str] = Counter()
+
+    def open(self) -> None:
+        """Open the line for this process alone; OSError (serial.SerialException) when it is not there."""
+        port = serial.Serial(self._device, self._baud, timeout=0.0, exclusive=True)
+        with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
+            port.set_low_latency_mode(True)  # USB converters: 1 ms instead of a 16 ms timer
+        self._port = port
+        self._base = _counters(port.fd)
+
+    def read(self, timeout: float) -> Frames:
+        """The bytes that are there, as one frame, waiting up to `timeout` [s]; OSError when the line is unplugged."""
+        port = self._port
+        if port is None:
+            raise OSError(f"{self._device} is closed")
+        port.timeout = timeout
+        first = port.read(1)
+        t_ns = time.time_ns()
+        if not first:
+            return Frames.empty(self.source)
+        waiting = port.in_waiting
+        payload = first + port.read(waiting) if waiting else first
+        return Frames.from_iter(self.source, [Frame(self.source, t_ns, 0, payload)])
+
+    def losses(self) -> dict[str, int]:
+        """``overrun``, ``buffer_overrun``, ``framing``, ``parity``: what the line's driver in the kernel counted."""
+        counts = Counter(self._losses)
+        counts.update(self._since_open())
+        return {cause: n for cause, n in counts.items() if n}
+
+    def _since_open(self) -> dict[str, int]:
+        if self._port is None:
+            return {}
+        now = _counters(self._port.fd)
+        return {cause: n - self._base.get(cause, 0) for cause, n in now.items()}
+
+    def close(self) -> None:
+        """Release the line."""
+        if self._port is not None:
+            self._losses.update(self._since_open())
+            with contextlib.suppress(OSError):
+                self._port.close()
+            self._port = None
+
+
+def _counters(fd: int | None) -> dict[str, int]:
+    """The kernel's error counters of a serial line; none where the device keeps none (pseudo-terminals)."""
+    try:
+        words = struct.unpack("@20i", fcntl.ioctl(fd, _TIOCGICOUNT, bytes(80)))  # type: ignore[arg-type]
+    except (OSError, TypeError):
+        return {}
+    return {cause: words[place] for cause, place in _COUNTERS.items()}
+
+
+class SerialSender:
+    """Send the payloads, end to end, on a real serial line, 8N1."""
+
+    def __init__(self, source: str, device: str, baud: int):
+        self.source = source
+        self.unsent = 0
+        self.sees_receivers = True
+        self.endpoint = f"serial:{device}"
+        self._device = device
+        self._baud = baud
+        self._port: serial.Serial | None = None
+
+    def open(self) -> None:
+        """Open the line."""
+        self._port = serial.Serial(self._device, self._baud, write_timeout=_PATIENCE, exclusive=True)
+
+    def send(self, frames: Frames) -> None:
+        """Send the bytes; waits for the line, which is as slow as its symbol rate."""
+        assert self._port is not None
+        try:
+            self._port.write(frames.data.tobytes())
+        except serial.SerialTimeoutException:
+            self.unsent += len(frames)
+
+    def has_room(self) -> bool:
+        """Always: `send` itself waits for the line."""
+        return True
+
+    def close(self) -> None:
+        """Release the line."""
+        if self._port is not None:
+            self._port.close()
+            self._port = None
+
+
+class PtySender:
+    """A pseudo-terminal: we hold one end, the receiver opens the other like a serial device.
+
+    As on a real line, bytes sent while nobody has the other end open are gone (`unsent`).
+
+    Parameters
+    ----------
+    link : where to place a symbolic link to the device, so that its name is known beforehand; none if None.
+
+    Attributes
+    ----------
+    device : path of the end to open, e.g. ``/dev/pts/3``; known after `open`.
+    """
+
+    def __init__(self, source: str, link: str | None = None):
+        self.source = source
+        self.unsent = 0
+        self.sees_receivers = True
+        self.device = ""
+        self.endpoint = "pty"
+        self._link = Path(link) if link else None
+        self._master = -1
+        self._poll = poll()
+
+    def open(self) -> None:
+        """Make the pseudo-terminal and the link."""
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        self.device = os.ttyname(slave)
+        os.close(slave)  # from here on POLLHUP says that nobody has the other end open
+        os.set_blocking(master, False)
+        if self._link is not None:
+            if self._link.is_symlink():
+                self._link.unlink()
+            self._link.symlink_to(self.device)
+        self._master = master
+        self._poll = poll()
+        self._poll.register(master, POLLOUT)
+        self.endpoint = f"serial:{self._link or self.device}"
+
+    @property
+    def has_reader(self) -> bool:
+        """Whether somebody has the other end open."""
+        return not any(events & POLLHUP for _, events in self._poll.poll(0))
+
+    def send(self, frames: Frames) -> None:
+        """Send the bytes; waits up to a second for a reader that is slow."""
+        left = memoryview(frames.data.tobytes())
+        until = time.monotonic() + _PATIENCE
+        while left:
+            if not self.has_reader:
+                break
+            try:
+                left = left[os.write(self._master, left) :]
+                continue
+            except BlockingIOError:
+                if time.monotonic() > until:
+                    break
+            self._poll.poll(50)
+        if left:
+            sent = frames.data.size - len(left)
+            self.unsent += int((frames.offset[1:] > sent + frames.offset[0]).sum())
+
+    def has_room(self) -> bool:
+        """Always: `send` itself waits for the reader."""
+        return True
+
+    def close(self) -> None:
+        """Hang up, and remove the link."""
+        if self._master >= 0:
+            os.close(self._master)
+            self._master = -1
+            if self._link is not None and self._link.is_symlink():
+                self._link.unlink()

@@ -1,0 +1,194 @@
+"""Driving a simulated car: the loop around the engine.
+
+Integration: third-order Adams–Bashforth for velocities and slip states, third-order Adams–Moulton for positions (the
+new velocity is known when the position is stepped): one solution of the equations of motion a step, and what is
+recorded is that solution itself, forces and accelerations of one instant.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CORNERS
+from daq.errors import LacetError
+from simulate.cars import Car
+from simulate.engine import Engine
+from simulate.hidden import Hidden
+from simulate.manoeuvres import Manoeuvre
+from simulate.motion import SimulatedMotion, matrices
+
+STEP = 0.0005
+"""Integration step [s]."""
+EVERY = 2
+"""Steps from one recorded instant to the next: 1 kHz."""
+SETTLE = 2.0
+"""Time driven before the recorded run starts [s]."""
+BASHFORTH = np.array([[1.0, 0.0, 0.0], [1.5, -0.5, 0.0], [23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0]])
+"""Weights of the rates, newest first, on the first, second and every later step."""
+MOULTON = ((0.5, np.array([0.5, 0.0])), (5.0 / 12.0, np.array([8.0 / 12.0, -1.0 / 12.0])))
+"""Weights of the new velocity and of the old ones, on the first and every later step."""
+FRONT_BRAKES = 0.66
+"""Share of the braking torque at the front axle."""
+
+
+class SimulationFailed(LacetError):
+    """The simulated car left the range in which the model makes sense."""
+
+
+class _Recorder:
+    """Arrays that fill up, one row a recorded instant."""
+
+    def __init__(self, n: int, nq: int, nv: int):
+        self.q, self.v, self.a = np.empty((n, nq)), np.empty((n, nv)), np.empty((n, nv))
+        self.force, self.moment = np.empty((n, 4, 3)), np.empty((n, 4, 3))
+        self.normal, self.air = np.empty((n, 3)), np.empty((n, 2, 3))
+        self.distance, self.deflection, self.suspension = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
+        self.shaft, self.brake = np.empty((n, 4)), np.empty((n, 4))
+
+    def write(self, row: int, engine: Engine, a: NDArray[np.float64], shaft: Sequence[float], brake: Sequence[float]):
+        """Record the engine's present instant."""
+        now = engine.now
+        self.q[row], self.v[row], self.a[row] = engine.data.qpos, engine.data.qvel, a
+        self.force[row], self.moment[row] = now.force, now.moment
+        self.normal[row], self.air[row, 0], self.air[row, 1] = now.normal, now.air_force, now.air_moment
+        self.distance[row], self.deflection[row] = now.distance, now.deflection
+        self.suspension[row], self.shaft[row], self.brake[row] = now.suspension, shaft, brake
+
+
+def run(
+    vehicle: Car,
+    manoeuvre: Manoeuvre,
+    hidden: Sequence[Hidden] = (),
+    seed: int = 0,
+    settle: float = SETTLE,
+    step: float = STEP,
+    progress: Callable[[float], None] | None = None,
+) -> SimulatedMotion:
+    """Drive `vehicle` through `manoeuvre` and return the motion at 1 kHz, without any sensor.
+
+    `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : draws the road; `settle` : time
+    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : told the
+    fraction done every 0.1 s of the run. The same arguments give the same
+    motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
+    """
+    car = vehicle
+    for effect in hidden:
+        if effect.effect == "payload":
+            car = car.with_payload(effect.size, (effect.shape["x"], effect.shape["y"], effect.shape["z"]))
+    every = round(EVERY * STEP / step)
+    road = manoeuvre.road(car, seed, settle)
+    engine = Engine(car, road, [effect for effect in hidden if not effect.of_sensor])
+    before = round(settle / (step * every)) * every
+    samples = round(manoeuvre.duration / (step * every)) + 1
+    record = _Recorder(samples, engine.model.nq, engine.model.nv)
+    _integrate(engine, manoeuvre, record, before, samples, every, step, progress or (lambda fraction: None))
+    return _motion(engine, manoeuvre, record, tuple(hidden), seed, 1.0 / (step * every))
+
+
+def _integrate(
+    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, before: int, samples: int, every: int, step: float,
+    progress: Callable[[float], None],
+) -> None:  # fmt: skip
+    data, car, lib = engine.data, engine.car, engine.lib
+    radii = [
+        car.axle(c).radius - d / car.axle(c).tyre_stiffness / 3 for c, d in zip(CORNERS, car.static_loads, strict=True)
+    ]
+    data.qvel[0] = manoeuvre.speed
+    for dof, radius in zip(engine.spin_dof, radii, strict=True):
+        data.qvel[dof] = manoeuvre.speed / radius
+    mass = car.total.mass + (car.payload.mass if car.payload else 0.0)
+    driven, torque, brakes = engine.driven, 0.0, 0.0
+    nv = engine.model.nv
+    state = np.concatenate([data.qvel, np.zeros(8)])  # velocities and tyre slips
+    rates, speeds = np.zeros((3, nv + 8)), np.zeros((2, nv))  # newest first
+    for k in range(before + (samples - 1) * every + 1):
+        t = (k - before) * step
+        q, v = data.qpos.tolist(), data.qvel.tolist()
+        speed, steer = _driver(manoeuvre, t, q, v)
+        torque += step / manoeuvre.torque_lag * (manoeuvre.drive(t, speed) - torque)
+        brakes += step / 0.02 * (manoeuvre.brake(t, speed) - brakes)
+        total = brakes * mass * car.front.radius
+        shaft = [torque / len(driven) if i in driven else 0.0 for i in range(4)]
+        brake = [total * (FRONT_BRAKES if i < 2 else 1.0 - FRONT_BRAKES) / 2.0 for i in range(4)]
+        now = engine.load(q, v, state[nv:].tolist(), steer, shaft, brake, step)
+        a = engine.accelerate()
+        if k >= before and (k - before) % every == 0:
+            record.write((k - before) // every, engine, a, shaft, brake)
+            _check(manoeuvre, t, q, a)
+        rates[1:], rates[0, :nv], rates[0, nv:] = rates[:-1].copy(), a, now.slip_rates
+        speeds[1], speeds[0] = speeds[0], state[:nv]
+        if k % 200 == 0:
+            progress(k * step / (before * step + manoeuvre.duration))
+        state += step * (BASHFORTH[min(k, 2)] @ rates)
+        data.qvel[:] = state[:nv]
+        new, old = MOULTON[min(k, 1)]
+        lib.mj_integratePos(engine.model, data.qpos, new * state[:nv] + old @ speeds, step)
+
+
+def _driver(manoeuvre: Manoeuvre, t: float, q: list[float], v: list[float]) -> tuple[float, float]:
+    """Forward speed and demanded steering angle; on a straight the driver keeps to the line y = 0."""
+    w, x, y, z = q[3:7]
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    steer = manoeuvre.steer(t)
+    if manoeuvre.straight or t < 0.0:
+        steer += max(-0.02, min(0.02, -0.1 * yaw - 0.004 * q[1]))
+    return v[0] * math.cos(yaw) + v[1] * math.sin(yaw), steer
+
+
+def _check(manoeuvre: Manoeuvre, t: float, q: list[float], a: NDArray[np.float64]) -> None:
+    upright = 1.0 - 2.0 * (q[4] ** 2 + q[5] ** 2)
+    if not np.all(np.isfinite(a)) or upright < 0.9:
+        raise SimulationFailed(
+            f"the simulated car overturned or flew apart {t:.2f} s into '{manoeuvre.name}': "
+            "lower the amplitude or the speed, or the size of the hidden effects"
+        )
+
+
+def _motion(
+    engine: Engine, manoeuvre: Manoeuvre, record: _Recorder, hidden: tuple[Hidden, ...], seed: int, rate: float
+) -> SimulatedMotion:
+    def joint(dofs: list[int], scale: Sequence[float]) -> NDArray[np.float64]:
+        out = np.zeros((len(record.q), 3, 4))
+        for i, dof in enumerate(dofs):
+            if dof >= 0:
+                columns = record.q[:, dof + 1], record.v[:, dof], record.a[:, dof]
+                out[:, :, i] = np.stack(columns, axis=1) / scale[i]
+        return out
+
+    settings: dict[str, Any] = dataclasses.asdict(manoeuvre)
+    return SimulatedMotion(
+        car=engine.car,
+        road=engine.road,
+        manoeuvre=manoeuvre.name,
+        settings=settings,
+        brakes=manoeuvre.brakes,
+        hidden=hidden,
+        seed=seed,
+        rate=rate,
+        t=np.arange(len(record.q)) / rate,
+        position=record.q[:, :3],
+        velocity=record.v[:, :3],
+        acceleration=record.a[:, :3],
+        attitude=matrices(record.q[:, 3:7]),
+        turn=record.v[:, 3:6],
+        turn_rate=record.a[:, 3:6],
+        travel=joint(engine.slide_dof, engine.stretch),
+        kingpin=joint(engine.steer_dof, [1.0] * 4),
+        spin=joint(engine.spin_dof, [1.0] * 4),
+        force=record.force,
+        moment=record.moment,
+        distance=record.distance,
+        normal=record.normal,
+        deflection=record.deflection,
+        suspension=record.suspension,
+        shaft=record.shaft,
+        brake=record.brake * np.tanh(record.v[:, engine.spin_dof]),
+        air=record.air,
+        slides=engine.slides,
+    )

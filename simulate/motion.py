@@ -1,0 +1,202 @@
+"""The simulated motion: everything the engine computed, as arrays, and what follows from it by rigid-body kinematics.
+
+Body axes and corner order (fl, fr, rl, rr) throughout. All arrays belong to the same instants: forces and
+accelerations come from one solution of the equations of motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CORNERS
+from simulate.cars import Car
+from simulate.hidden import Hidden
+from simulate.road import Road
+
+Array = NDArray[np.float64]
+
+
+def rotate(R: Array, v: Array) -> Array:
+    """R·v for stacks (…, 3, 3) and (…, 3)."""
+    return np.einsum("...ij,...j->...i", R, v)
+
+
+def rotate_back(R: Array, v: Array) -> Array:
+    """Rᵀ·v for stacks (…, 3, 3) and (…, 3)."""
+    return np.einsum("...ji,...j->...i", R, v)
+
+
+def matrices(quaternions: Array) -> Array:
+    """(N, 3, 3) rotations of unit quaternions (N, 4), scalar first."""
+    w, x, y, z = quaternions.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def euler_zyx(R: Array) -> Array:
+    """(N, 3) roll, pitch, yaw of R = Rz(yaw)·Ry(pitch)·Rx(roll), yaw unwrapped [rad]."""
+    roll = np.arctan2(R[..., 2, 1], R[..., 2, 2])
+    pitch = -np.arcsin(np.clip(R[..., 2, 0], -1.0, 1.0))
+    yaw = np.unwrap(np.arctan2(R[..., 1, 0], R[..., 0, 0]))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+@dataclass(frozen=True)
+class SimulatedMotion:
+    """One simulated drive.
+
+    Attributes (N samples at `rate`; SI; corners second)
+    ----------
+    t : (N,) s from the start of the run.
+    position, velocity, acceleration : (N, 3) of the body origin, ground axes (z up).
+    attitude : (N, 3, 3) R_ground_body.
+    turn, turn_rate : (N, 3) angular velocity and acceleration of the body, body axes.
+    travel : (N, 3, 4) s, ds/dt, d²s/dt², compression positive, along body z.
+    kingpin : (N, 3, 4) angle about the kingpin axis and its derivatives, left positive (rear: 0).
+    spin : (N, 3, 4) wheel angle against the carrier and its derivatives, rolling forward positive.
+    force, moment : (N, 4, 3) road on tyre reduced to the wheel centre, body axes.
+    distance : (N, 4) wheel centre to road along body -z [m]; `normal` : (N, 3) road normal e, body axes.
+    deflection : (N, 4) tyre deflection δ [m]; `suspension` : (N, 4) spring, damper and all other forces between
+        chassis and carrier along the travel [N].
+    shaft, brake : (N, 4) half-shaft torque (reacts on the chassis), brake torque (reacts on the carrier) [N·m].
+    air : (N, 2, 3) force and moment about the body origin of the air on the body, body axes.
+    slides : (4, 3) displacement of the wheel centres per unit of travel, body axes.
+    """
+
+    car: Car
+    road: Road
+    manoeuvre: str
+    settings: dict[str, Any]
+    brakes: str
+    hidden: tuple[Hidden, ...]
+    seed: int
+    rate: float
+    t: Array
+    position: Array
+    velocity: Array
+    acceleration: Array
+    attitude: Array
+    turn: Array
+    turn_rate: Array
+    travel: Array
+    kingpin: Array
+    spin: Array
+    force: Array
+    moment: Array
+    distance: Array
+    normal: Array
+    deflection: Array
+    suspension: Array
+    shaft: Array
+    brake: Array
+    air: Array
+    slides: Array
+
+    @property
+    def gravity(self) -> Array:
+        """(N, 3) gravity, body axes [m/s²]."""
+        return rotate_back(self.attitude, np.array([0.0, 0.0, -self.car.gravity]))
+
+    @cached_property
+    def wheel_centres(self) -> Array:
+        """(N, 4, 3) in body axes [m]."""
+        return self.car.wheel_centres + self.travel[:, 0, :, None] * self.slides
+
+    @cached_property
+    def carrier_attitude(self) -> Array:
+        """(N, 4, 3, 3) R_body_carrier = Rz(steer)·Rx(camber)·Ry(pitch)."""
+        out = np.empty((len(self.t), 4, 3, 3))
+        for i, corner in enumerate(CORNERS):
+            k, angle = self.car.kingpin(corner), self.kingpin[:, 0, i, None, None]
+            cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
+            turned = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+            out[:, i] = turned @ self.car.design_attitude(corner)
+        return out
+
+    @property
+    def steer(self) -> Array:
+        """(N, 4) steer about body z [rad]."""
+        R = self.carrier_attitude
+        return np.arctan2(-R[..., 0, 1], R[..., 1, 1])
+
+    @property
+    def camber(self) -> Array:
+        """(N, 4) camber about x after steer [rad]."""
+        return np.arcsin(self.carrier_attitude[..., 2, 1])
+
+    @property
+    def carrier_pitch(self) -> Array:
+        """(N, 4) pitch of the carrier after steer and camber [rad]."""
+        R = self.carrier_attitude
+        return np.arctan2(-R[..., 2, 0], R[..., 2, 2])
+
+    def at(self, points: Array) -> tuple[Array, Array]:
+        """Velocity and acceleration (N, k, 3), body axes, of points fixed to the body, (k, 3) or moving (N, k, 3)."""
+        v, a = rotate_back(self.attitude, self.velocity), rotate_back(self.attitude, self.acceleration)
+        w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
+        swing = np.cross(w, points)
+        return v[:, None, :] + swing, a[:, None, :] + np.cross(wd, points) + np.cross(w, swing)
+
+    @cached_property
+    def wheel_centre_motion(self) -> tuple[Array, Array]:
+        """Velocity and acceleration (N, 4, 3) of the wheel centres, body axes [m/s, m/s²]."""
+        v, a = self.at(self.wheel_centres)
+        s, w = self.travel[..., None], self.turn[:, None, :]
+        slip = s[:, 1] * self.slides
+        return v + slip, a + s[:, 2] * self.slides + 2.0 * np.cross(w, slip)
+
+    @cached_property
+    def carrier_turn(self) -> tuple[Array, Array]:
+        """Angular velocity and acceleration (N, 4, 3) of the carriers, body axes [rad/s, rad/s²]."""
+        k = np.stack([self.car.kingpin(corner) for corner in CORNERS])
+        own = self.kingpin[:, 1, :, None] * k
+        w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
+        return w + own, wd + self.kingpin[:, 2, :, None] * k + np.cross(w, own)
+
+    def spinning_momentum_rate(self, spin: Array, transverse: Array) -> Array:
+        """(N, 4, 3) rate of change of the angular momentum of axisymmetric wheels about their centres, body axes.
+
+        `spin`, `transverse` : (4,) moments of inertia about the spin axis and across it [kg·m²].
+        """
+        R = self.carrier_attitude
+        w, wd = (rotate_back(R, x) for x in self.carrier_turn)
+        inertia = np.stack([transverse, spin, transverse], axis=-1)
+        y = np.array([0.0, 1.0, 0.0])
+        momentum = inertia * (w + self.spin[:, 1, :, None] * y)
+        own = inertia * (wd + self.spin[:, 2, :, None] * y)
+        return rotate(R, own + np.cross(w, momentum))
+
+    @cached_property
+    def hub(self) -> tuple[Array, Array]:
+        """Force and moment (N, 4, 3) of the wheel on the hub (rim and tyre outboard), about the wheel centre, body
+        axes: the contact load minus what accelerates and carries the outboard mass."""
+        axles = [self.car.axle(corner) for corner in CORNERS]
+        mass = np.array([a.outboard_mass for a in axles])[:, None]
+        felt = self.wheel_centre_motion[1] - self.gravity[:, None, :]
+        rate = self.spinning_momentum_rate(
+            np.array([a.outboard_spin for a in axles]), np.array([a.outboard_transverse for a in axles])
+        )
+        return self.force - mass * felt, self.moment - rate
+
+    def wheel_loads(self, reference: str) -> tuple[Array, Array]:
+        """Force and moment (N, 4, 3), carrier axes, about the wheel centre, in the ``contact`` or ``hub`` reference."""
+        force, moment = (self.force, self.moment) if reference == "contact" else self.hub
+        return rotate_back(self.carrier_attitude, force), rotate_back(self.carrier_attitude, moment)
+
+    def truth(self) -> dict[str, Any]:
+        """What an identification should find, and how the run was made: JSON-able."""
+        return {
+            "car": self.car.truth(),
+            "hidden": [effect.truth() for effect in self.hidden],
+            "manoeuvre": {"name": self.manoeuvre, "road": self.road.name, **self.settings},
+            "seed": self.seed,
+        }

@@ -1,0 +1,47 @@
+"""The vehicle file of a simulated car: its geometry, as somebody who measured it would write it down."""
+
+from __future__ import annotations
+
+import math
+
+from simulate.cars import Axle, Car
+
+
+def vehicle_text(car: Car) -> str:
+    """The car's geometry in the format of ``docs/vehicle.md``: all the identification may know beforehand."""
+    source = "geometry of the simulated car"
+
+    def row(key: str, value: float, unit: str) -> str:
+        return f'{key} = {{ value = {value!r}, unit = "{unit}", source = "{source}" }}'
+
+    def axle(name: str, of: Axle, height: float) -> list[str]:
+        lines = [
+            "",
+            f"[axle.{name}]",
+            row("track", of.track, "m"),
+            row("wheel_centre_height", round(height, 6), "m"),
+            row("tyre_radius", of.radius, "m"),
+            row("static_camber", round(math.degrees(of.camber), 6), "deg"),
+            row("static_toe", round(math.degrees(of.toe), 6), "deg"),
+        ]
+        if of.steered:
+            lines += [
+                row("caster", round(math.degrees(of.caster), 6), "deg"),
+                row("kingpin_inclination", round(math.degrees(of.kingpin_inclination), 6), "deg"),
+            ]
+        return [*lines, f"driven = {str(of.driven).lower()}", 'brakes = "outboard"']
+
+    heights = car.heights.tolist()
+    return "\n".join(
+        [
+            'format = "lacet-vehicle 1"',
+            f'name = "{car.name}"',
+            f'description = "Geometry of the simulated car {car.name}; each wheel centre moves along body z only."',
+            "",
+            "[geometry]",
+            row("wheelbase", car.wheelbase, "m"),
+            *axle("front", car.front, heights[0]),
+            *axle("rear", car.rear, heights[2]),
+            "",
+        ]
+    )

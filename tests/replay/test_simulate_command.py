@@ -1,0 +1,165 @@
+"""``lacet simulate``: what it writes can be read, decoded and is what the sensors delivered."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("mujoco")
+
+from daq.channels import CHANNELS
+from daq.log import LogReader
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from services.cli import main
+from simulate import Sheet, find_car, make_manoeuvre, measure
+from simulate import run as drive
+
+RIG = """
+format = "lacet-rig 1"
+name = "trial"
+wheel_reference = "hub"
+[bus.can0]
+kind = "can"
+[bus.can1]
+kind = "can"
+[bus.serial0]
+kind = "serial"
+[bus.udp0]
+kind = "udp"
+[[sensor]]
+name = "wheels"
+driver = "igel"
+bus = "can0"
+channels = ["wheel.*"]
+latency = 0.002
+[[sensor]]
+name = "imu"
+driver = "sagem"
+bus = "serial0"
+channels = ["imu.*"]
+position = [-1.35, 0.1, 0.31]
+latency = 0.004
+clock = "device"
+[[sensor]]
+name = "lasers"
+driver = "lasers"
+bus = "can1"
+channels = ["laser.*"]
+latency = 0.008
+[[sensor]]
+name = "cameras"
+driver = "zimmer"
+bus = "udp0"
+channels = ["camera.*"]
+latency = 0.025
+clock = "device"
+[[sensor]]
+name = "correvit"
+driver = "correvit"
+bus = "can1"
+channels = ["correvit.speed"]
+axes = "heading"
+position = [-3.2, 0.0, 0.01]
+latency = 0.012
+"""
+SHORT = ["--set", "duration=2"]
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path = tmp_path / "rig.toml"
+    path.write_text(RIG, encoding="utf-8")
+    return path
+
+
+def lacet(*words: object) -> int:
+    return main([str(word) for word in words])
+
+
+def test_tables_can_be_identified_with_what_lies_beside_them(tmp_path: Path, rig: Path) -> None:
+    out, truth, result = tmp_path / "runs", tmp_path / "truth" / "truth.json", tmp_path / "result.json"
+    words = ["simulate", "--rig", rig, "--manoeuvre", "sinus", "--manoeuvre", "sinus", *SHORT, "--format", "parquet"]
+    assert lacet(*words, "--hide", "anti_roll_bar.front=19780", "-o", out, "--truth", truth, "--json", result) == 0
+    run = Run.open(out / "sinus-1.parquet")
+    assert set(run.signals) == set(CHANNELS)
+    assert (run.vehicle, run.rig, run.wheel_reference, run.brakes) == ("peugeot-406", "trial", "hub", "off")
+    vehicle = Vehicle.load(out / "peugeot-406.toml")
+    centres = find_car("peugeot-406").wheel_centres
+    for i, corner in enumerate(vehicle.corners.values()):
+        assert corner.position == pytest.approx(centres[i], abs=1e-6)
+    told = json.loads(truth.read_text(encoding="utf-8"))
+    assert told["runs"][0]["hidden"][0]["name"] == "anti_roll_bar.front"
+    assert json.loads(result.read_text(encoding="utf-8"))["runs"][1]["file"].endswith("sinus-2.parquet")
+    for file in out.iterdir():
+        assert b"anti_roll" not in file.read_bytes()
+    other = Run.open(out / "sinus-2.parquet")
+    assert not np.array_equal(run.signals["imu.rate"].values, other.signals["imu.rate"].values)
+
+
+def test_a_capture_decodes_to_what_the_sensors_delivered(tmp_path: Path, rig: Path) -> None:
+    out = tmp_path / "runs"
+    assert lacet("simulate", "--rig", rig, "--manoeuvre", "liftoff", *SHORT, "--seed", 4, "-o", out) == 0
+    capture = out / "liftoff.mcap"
+    reader = LogReader(capture)
+    assert set(reader.sources()) == {"can0", "can1", "serial0", "udp0"}
+    for source in reader.sources():
+        assert np.all(np.diff(reader.frames(source).t_ns) >= 0)
+    assert (reader.start.vehicle, reader.start.manoeuvre, reader.start.brakes) == ("peugeot-406", "liftoff", "off")
+    assert not reader.damage
+    assert lacet("decode", capture, "-o", tmp_path / "log.mcap") == 0
+    motion = drive(find_car("peugeot-406"), make_manoeuvre("liftoff", duration=2), seed=4)
+    blocks = measure(motion, Rig.load(rig), 4, sheet=Sheet(seed=4))
+    decoded = LogReader(tmp_path / "log.mcap").blocks()
+    assert set(decoded) == set(CHANNELS)
+    for name, block in blocks.items():
+        assert np.array_equal(decoded[name].t_ns, block.t_ns)
+        assert not np.any(decoded[name].flags)
+        step = decoded[name].values - block.values
+        if CHANNELS[name].family in ("wheel.angle", "imu.attitude"):
+            step = np.mod(step + np.pi, 2 * np.pi) - np.pi
+        assert np.max(np.abs(step)) < CHANNELS[name].noise  # quantisation lies below the noise
+    run = Run.open(tmp_path / "log.mcap")
+    assert set(run.signals) == set(CHANNELS)
+    assert run.signals["wheel.fl.force"].t[-1] == pytest.approx(2.0, abs=0.1)
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path, rig: Path) -> None:
+    files = []
+    for name in ("a", "b"):
+        assert lacet("simulate", "--rig", rig, "--manoeuvre", "kerb", *SHORT, "-o", tmp_path / name) == 0
+        files.append((tmp_path / name / "kerb.mcap").read_bytes())
+    assert files[0] == files[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--manoeuvre", "sinsu"], "sinus"),
+        (["--manoeuvre", "sinus", "--set", "amplitud=1"], "amplitude"),
+        (["--manoeuvre", "sinus", "--set", "amplitude"], "KEY=VALUE"),
+        (["--manoeuvre", "rough", "--set", "grade=Z"], "A, B, C"),
+        (["--manoeuvre", "sinus", "--hide", "bump_stpo.front=1"], "bump_stop.front"),
+        (["--manoeuvre", "sinus", "--vehicle", "peugeot-407"], "peugeot-406"),
+        (["--manoeuvre", "sinus", "--truth", "OUT/truth.json"], "not kept among the runs"),
+    ],
+)
+def test_wrong_arguments_are_told_with_the_remedy(
+    tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str], words: list[str], told: str
+) -> None:
+    out = tmp_path / "runs"
+    given = [word.replace("OUT", str(out)) for word in words]
+    assert lacet("simulate", "--rig", rig, *given, *SHORT, "-o", out) == 2
+    assert told in capsys.readouterr().err
+
+
+def test_runs_are_not_replaced_unless_asked(tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["simulate", "--rig", rig, "--manoeuvre", "straight", "--set", "duration=0.5", "--format", "parquet"]
+    assert lacet(*words, "-o", tmp_path / "runs") == 0
+    assert lacet(*words, "-o", tmp_path / "runs") == 2
+    assert "--force" in capsys.readouterr().err
+    assert lacet(*words, "-o", tmp_path / "runs", "--force") == 0

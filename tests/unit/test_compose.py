@@ -1,0 +1,119 @@
+"""`docker-compose.yml` and the Dockerfile, as far as they can be checked without an engine."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import zipfile
+
+import jsonschema
+import pytest
+
+from daq.log import LogReader
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from services.cli import build_parser
+from services.environment import FOLDERS, HOME
+from tests.support.compose import compose_file, lacet_commands
+
+COMPOSE = compose_file()
+SCHEMA = json.loads((HOME / "tests" / "data" / "compose" / "compose_spec.json").read_text(encoding="utf-8"))
+
+
+def test_it_follows_the_compose_specification():
+    jsonschema.Draft7Validator.check_schema(SCHEMA)
+    faults = [f"{list(e.path)}: {e.message}" for e in jsonschema.Draft7Validator(SCHEMA).iter_errors(COMPOSE)]
+    assert faults == []
+
+
+def test_the_schema_would_find_a_fault():
+    wrong = json.loads(json.dumps(COMPOSE))
+    wrong["services"]["worker"]["comand"] = ["lacet"]
+    assert list(jsonschema.Draft7Validator(SCHEMA).iter_errors(wrong))
+
+
+def test_every_lacet_command_in_it_is_one():
+    found = {name: lacet_commands(service) for name, service in COMPOSE["services"].items()}
+    assert [args[0] for commands in found.values() for args in commands] == ["worker", "replay", "record"]
+    for commands in found.values():
+        for args in commands:
+            build_parser().parse_args(args)
+
+
+def test_the_shell_script_is_one():
+    script = COMPOSE["services"]["recorder"]["command"]
+    assert script[:2] == ["sh", "-euc"]
+    assert subprocess.run(["sh", "-n", "-c", script[2]], check=False).returncode == 0
+
+
+def test_rig_and_vehicle_are_shipped():
+    args = next(args for args in lacet_commands(COMPOSE["services"]["recorder"]) if args[0] == "record")
+    parsed = build_parser().parse_args(args)
+    assert set(Rig.load(parsed.rig).buses) == {"can0", "can1", "serial0", "udp0"}
+    assert Vehicle.load(parsed.vehicle).name == "peugeot-406"
+
+
+def test_services_wait_for_what_they_need_and_volumes_are_declared():
+    services = COMPOSE["services"]
+    assert services["router"]["healthcheck"]["test"]
+    for name, service in services.items():
+        for other, how in service.get("depends_on", {}).items():
+            assert how["condition"] != "service_healthy" or "healthcheck" in services[other], name
+        for volume in service.get("volumes", []):
+            source = volume.split(":")[0]
+            assert source in COMPOSE["volumes"] or source.startswith("./")
+
+
+def test_nothing_is_open_on_the_host_and_everybody_meets_at_the_router():
+    services = COMPOSE["services"]
+    assert not any("ports" in service or "network_mode" in service for service in services.values())
+    listen = services["router"]["command"]
+    port = listen[listen.index("--listen") + 1].rpartition(":")[2]
+    for name in ("worker", "recorder"):
+        for args in lacet_commands(services[name]):
+            if args[0] in ("worker", "record"):
+                assert args[args.index("--connect") + 1] == f"tcp/router:{port}"
+
+
+def test_the_capture_is_there_and_of_this_rig():
+    source = COMPOSE["services"]["recorder"]["volumes"][0].split(":")[0]
+    reader = LogReader(HOME / source)
+    assert set(reader.sources()) == set(Rig.load("peugeot-406").buses)
+
+
+def test_what_the_dockerfile_copies_is_there_and_gets_past_dockerignore():
+    text = (HOME / "Dockerfile").read_text(encoding="utf-8")
+    sources = [word for line in re.findall(r"^COPY (.*)$", text, re.MULTILINE) for word in line.split()[:-1]]
+    ignored = (HOME / ".dockerignore").read_text(encoding="utf-8").split()
+    assert set(FOLDERS) <= set(sources)
+    for source in sources:
+        assert (HOME / source).exists(), source
+        assert source not in ignored
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
+    done = subprocess.run(build, cwd=HOME, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+def test_the_wheel_that_the_dockerfile_installs_runs_alone(wheel, tmp_path):
+    zipfile.ZipFile(wheel).extractall(tmp_path)
+    for wanted in ("daq/rigs/peugeot-406.toml", "daq/vehicles/peugeot-406.toml", "drivers/dbc/igel.dbc"):
+        assert (tmp_path / wanted).is_file()
+    code = (
+        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.argv = ['lacet', '--help']\n"
+        "import services; print(services.__path__[0]); from services.__main__ import main; sys.exit(main())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert str(tmp_path) in done.stdout.splitlines()[0]
+    assert done.returncode == 0, done.stderr
+    assert "record" in done.stdout

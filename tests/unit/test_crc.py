@@ -1,0 +1,34 @@
+"""CRCs over many messages against crccheck, zlib and the catalogue's check values."""
+
+from __future__ import annotations
+
+import zlib
+
+import crccheck.crc
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
+
+ORACLES = {
+    "CRC-8/SAE-J1850": crccheck.crc.Crc8SaeJ1850.calc,
+    "CRC-16/CCITT-FALSE": crccheck.crc.Crc16CcittFalse.calc,
+    "CRC-32/ISO-HDLC": zlib.crc32,
+}
+CHECK = {"CRC-8/SAE-J1850": 0x4B, "CRC-16/CCITT-FALSE": 0x29B1, "CRC-32/ISO-HDLC": 0xCBF43926}
+every_crc = pytest.mark.parametrize("crc", [CRC8_J1850, CRC16_CCITT_FALSE, CRC32], ids=lambda crc: crc.name)
+
+
+@every_crc
+def test_check_value(crc):
+    assert crc.over(np.frombuffer(b"123456789", np.uint8)[None])[0] == CHECK[crc.name]
+
+
+@every_crc
+@given(data=st.data(), length=st.integers(0, 40), n=st.integers(0, 5))
+def test_same_as_the_oracle(crc, data, length, n):
+    messages = data.draw(st.lists(st.binary(min_size=length, max_size=length), min_size=n, max_size=n))
+    rows = np.frombuffer(b"".join(messages), np.uint8).reshape(n, length)
+    assert crc.over(rows).tolist() == [ORACLES[crc.name](message) for message in messages]
