@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.csv
+import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -67,7 +67,7 @@ def write_table(run: Run, path: str | Path) -> None:
     metadata = {key: value for key in METADATA_KEYS if (value := getattr(run, key))}
     table = pa.table(columns)
     if file.suffix == ".csv":
-        pa.csv.write_csv(table, file)
+        pa_csv.write_csv(table, file)
         file.with_suffix(".json").write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
     else:
         pq.write_table(table.replace_schema_metadata({"lacet": json.dumps(metadata)}), file, compression="zstd")
@@ -78,7 +78,7 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
     metadata: dict[str, Any] = {}
     try:
         if file.suffix.lower() == ".csv":
-            table = pa.csv.read_csv(file)
+            table = _read_csv(file, problems)
             beside = file.with_suffix(".json")
             text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
         else:
@@ -100,6 +100,27 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
         except pa.ArrowException:
             problems.append(f"column '{name}' is not numbers and was left out")
     return columns, metadata, problems
+
+
+def _read_csv(file: Path, problems: list[str]) -> pa.Table:
+    """Read a CSV file as far as it goes: lines that were cut are left out and reported."""
+    cut: list[str] = []
+
+    def skip(row: pa_csv.InvalidRow) -> str:
+        cut.append(row.text)
+        return "skip"
+
+    table = pa_csv.read_csv(file, parse_options=pa_csv.ParseOptions(invalid_row_handler=skip))
+    with file.open("rb") as stream:
+        stream.seek(max(0, file.stat().st_size - 2**16))
+        last = stream.read().rpartition(b"\n")[2].decode("utf-8", "replace")
+    if last.strip() and last not in cut and table.num_rows:
+        # A number cut in the middle is still a number: the last one may be wrong without its line's end.
+        table = table.slice(0, table.num_rows - 1)
+        cut.append(last)
+    if cut:
+        problems.append(f"{len(cut)} lines are not whole (file cut short?) and were left out")
+    return table
 
 
 def _signals(

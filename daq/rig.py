@@ -121,6 +121,9 @@ class Rig:
         if not isinstance(rows, list) or not rows:
             reader.fault("sensor", "the rig needs at least one [[sensor]] row")
             rows = []
+        for i, row in enumerate(rows):
+            if not isinstance(row, dict):
+                reader.fault(f"sensor #{i + 1}", f"must be a [[sensor]] row, found {row!r}")
         sensors = tuple(_sensor(reader, i, row, buses) for i, row in enumerate(rows) if isinstance(row, dict))
         _check_unique(reader, sensors)
         rig = cls(

@@ -140,6 +140,8 @@ def _required(
         if key not in rows:
             reader.fault(place, f"{key} is missing" + nearest(key, [k for k in rows if k not in _CORNER_KEYS]))
         return 1.0
+    if unit == "m" and quantity.value <= 0.0:
+        reader.fault(f"{place}.{key}", f"must be above zero, found {quantity.value:g} m")
     numbers[f"{place}.{key}"] = quantity
     return quantity.value
 

@@ -66,16 +66,16 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
     W : (rows, p), or the R factor of it.
     names : p names.
     """
-    W = np.asarray(W, float)
-    if W.shape[0] > W.shape[1]:
-        W = np.asarray(scipy.linalg.qr(W, mode="r")[0])[: W.shape[1]]
-    lengths = np.linalg.norm(W, axis=0)
+    table = np.asarray(W, float)
+    if table.shape[0] > table.shape[1]:
+        table = np.asarray(scipy.linalg.qr(table, mode="r")[0], float)[: table.shape[1]]
+    lengths = np.linalg.norm(table, axis=0)
     largest = float(np.max(lengths, initial=0.0))
     absent = np.flatnonzero(lengths <= 1e-12 * largest)
     present = np.flatnonzero(lengths > 1e-12 * largest)
-    unit_columns = W[:, present] / lengths[present]
+    unit_columns = table[:, present] / lengths[present]
     kept: list[int] = []
-    basis = np.empty((W.shape[0], 0))
+    basis = np.empty((table.shape[0], 0))
     kept_pivot, dropped_pivot = np.inf, 0.0
     for k in range(len(present)):
         left = unit_columns[:, k]
@@ -91,7 +91,7 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
     dropped = [k for k in range(len(present)) if k not in set(kept)]
     relations = np.zeros((len(kept), len(dropped)))
     if kept and dropped:
-        solution = np.linalg.lstsq(unit_columns[:, kept], unit_columns[:, dropped], rcond=None)[0]
+        solution = np.asarray(np.linalg.lstsq(unit_columns[:, kept], unit_columns[:, dropped], rcond=None)[0], float)
         relations = solution * lengths[present[dropped]] / lengths[present[kept]][:, None]
         relations[np.abs(relations) < 1e-9] = 0.0
     return BaseParameters(

@@ -319,12 +319,12 @@ class _Space:
         coverage = float(np.sum(energy) ** 2 / np.sum(energy**2)) if np.any(energy) else 0.0
         largest = np.array([q.largest for q in effect.parameters])
         size = float(np.linalg.norm(columns * largest, axis=0).max())
-        values = np.linalg.lstsq(columns, left, rcond=None)[0]
+        values: Array = np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0], float)
         spread = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
-        common = {
-            "key": effect.key, "shape": dict(effect.shape), "coverage": coverage, "size": size, "drop": trial.drop,
-            "values": tuple(float(x) for x in values), "interval": tuple(float(1.96 * x) for x in spread),
-        }  # fmt: skip
+        found = Candidate(
+            effect.key, dict(effect.shape), "", "", coverage=coverage, size=size, drop=trial.drop,
+            values=tuple(float(x) for x in values), interval=tuple(float(1.96 * x) for x in spread),
+        )  # fmt: skip
         if coverage < LEAST_COVERAGE or size < LEAST_SIZE:
             reason = (
                 f"it acts in only {coverage:.1f} blocks of {BLOCK:g} s"
@@ -333,7 +333,7 @@ class _Space:
                 f"{LEAST_SIZE:g} needed) once model, zeros and sensor tolerances have taken their share"
             )
             why = f"Cannot be tested with these runs: {reason}. A run that shows it: {effect.shown_by}."
-            return Candidate(answer="not testable", why=why, **common)
+            return replace(found, answer="not testable", why=why)
         before, after = basis.cross_validated(self.y, self._columns(effect), self.blocks)
         fall = before**2 - after**2
         rows = self._rows(effect)
@@ -341,10 +341,13 @@ class _Space:
         for _, row, place in self.segments:
             acting[place] = row in rows
         here, gone = float(np.sum(before[acting] ** 2)), float(np.sum(fall[acting]))
-        return Candidate(
-            answer="", why="", gain=gone / here if here else 0.0, total_gain=float(np.sum(fall)),
-            gain_rms=self._rms_gain(gone, rows), block_gain=np.bincount(self.blocks, weights=fall), **common,
-        )  # fmt: skip
+        return replace(
+            found,
+            gain=gone / here if here else 0.0,
+            total_gain=float(np.sum(fall)),
+            gain_rms=self._rms_gain(gone, rows),
+            block_gain=np.bincount(self.blocks, weights=fall).astype(float),
+        )
 
     def _rows(self, effect: Effect) -> tuple[str, ...]:
         columns = self._columns(effect)
@@ -385,7 +388,7 @@ class _Space:
 
     def explained(self, ranked: Sequence[Candidate]) -> tuple[float, float]:
         """Squares above the floor, and the part that the best set of up to three candidates takes away."""
-        floor = float(np.mean(np.sum(self.null_left**2, axis=0)))
+        floor = float(np.sum(self.null_left**2)) / self.null_left.shape[1]
         excess = float(np.sum(self.left**2)) - floor
         left = self.left.copy()
         keys = [c.key for c in ranked if not isinstance(self.trials[c.key].effect, SensorFault)]
@@ -474,7 +477,8 @@ class _Basis:
         self.columns, self.priors = columns[:, keep], priors[keep]
         augmented = np.concatenate([self.columns, np.diag(1.0 / self.priors)])
         self._folds: dict[int, tuple[tuple[Array, bool], Array]] = {}
-        self.q = np.asarray(scipy.linalg.qr(augmented / np.linalg.norm(augmented, axis=0), mode="economic")[0])
+        q = scipy.linalg.qr(augmented / np.linalg.norm(augmented, axis=0), mode="economic")[0]
+        self.q: Array = np.asarray(q, float)
 
     def partial(self, y: Array) -> Array:
         """(n + priors, k): what the basis cannot explain of data columns (n, k)."""

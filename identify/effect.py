@@ -7,7 +7,7 @@ A model is a sum of effects and nothing else; a rigid body is an effect too. To 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Self
 
@@ -59,7 +59,7 @@ class Effect(ABC):
     """
 
     where: str = ""
-    shape: Mapping[str, float] = field(default_factory=dict)
+    shape: Mapping[str, float] = field(default_factory=dict[str, float])
 
     name: ClassVar[str]
     """Family name, e.g. ``anti_roll_bar``."""
@@ -90,7 +90,7 @@ class Effect(ABC):
 
     @classmethod
     @abstractmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """The places this effect can act on a vehicle, for wheel loads in `reference`."""
 
     @abstractmethod
@@ -124,7 +124,7 @@ class SuspensionForce(Effect):
     """
 
     @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """Both axles (the same parameter left and right) and each corner."""
         return [cls(where) for where in (*AXLES, *vehicle.corners)]
 

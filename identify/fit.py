@@ -160,9 +160,9 @@ class _Problem:
         """The same with the columns of the model's sensor faults."""
         if not model.faults:
             return self
-        blocks = {}
+        blocks: dict[tuple[int, str], Array] = {}
         for (d, row), W in self.blocks.items():
-            columns = []
+            columns: list[Array] = []
             for fault in model.faults:
                 found = drives[d].decimated(sensitivities[d].fault(fault))
                 columns.append(found.get(row, np.zeros(len(W))))
@@ -175,7 +175,7 @@ class _Problem:
         if not zeros:
             return self
         starts = np.concatenate([[0], np.cumsum([len(z.names) for z in zeros])]).astype(int)
-        blocks = {}
+        blocks: dict[tuple[int, str], Array] = {}
         for (d, row), W in self.blocks.items():
             wide = np.zeros((len(W), starts[-1]))
             wide[:, starts[d] : starts[d + 1]] = zeros[d].columns[row]
@@ -208,14 +208,15 @@ class _Problem:
         lengths = np.linalg.norm(stacked[:, :-1], axis=0)
         triangle = _triangle(stacked / np.append(lengths, 1.0))
         p = len(self.prior)
-        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p])) / lengths
+        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p]), float) / lengths
 
     def _solve_normal(self, squares: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
         """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
-        total = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
+        total: Array = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
         A = total[:-1, :-1] + np.diag(1.0 / self.prior**2)
         lengths = np.sqrt(np.diag(A))
-        return np.linalg.solve(A / np.outer(lengths, lengths), total[:-1, -1] / lengths) / lengths
+        right: Array = total[:-1, -1] / lengths
+        return np.linalg.solve(A / np.outer(lengths, lengths), right) / lengths
 
     def stacked(self, sigma: Mapping[str, float]) -> Array:
         """Weighted triangles of all rows over the priors as further equations, right-hand side last."""
@@ -247,19 +248,21 @@ class _Problem:
                     W = self.blocks[d, row][:, :p]
                     slope[:p, :p] -= scale * (W.T @ W)
                     constant[:p] -= scale * (W.T @ self.left[d, row])
-                    W = noisy.matrix(effects, row)[:, keep]
-                    slope[:p, :p] += scale * (W.T @ W)
-                    constant[:p] += scale * (W.T @ noisy.measured[row])
+                    moved_W = noisy.matrix(effects, row)[:, keep]
+                    slope[:p, :p] += scale * (moved_W.T @ moved_W)
+                    constant[:p] += scale * (moved_W.T @ noisy.measured[row])
         stacked = self.stacked(sigma)[:, :-1]
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
         # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
-        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width))) / lengths[:, None]
+        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float) / lengths[:, None]
         x0, k = triangle @ (lengths * theta), inverse.T @ constant
-        part, V = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        found = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        part, V = np.asarray(found[0], float), np.asarray(found[1], float)
         # Where noise makes up most of what a direction seems to know, there is nothing to correct.
         sound = part < 0.5
-        x = np.where(sound, (V.T @ (x0 - k)) / np.where(sound, 1.0 - part, 1.0), V.T @ x0)
+        solved: Array = (V.T @ (x0 - k)) / np.where(sound, 1.0 - part, 1.0)
+        x: Array = np.where(sound, solved, V.T @ x0)
         return theta - inverse @ (V @ x)
 
     def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
@@ -333,10 +336,9 @@ def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
 
 def _triangle(W: Array) -> Array:
     """The R factor, square even when there are fewer rows than columns."""
-    R = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0])[: W.shape[1]]
-    if R.shape[0] < W.shape[1]:
-        R = np.concatenate([R, np.zeros((W.shape[1] - R.shape[0], W.shape[1]))])
-    return R
+    triangle = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0], float)[: W.shape[1]]
+    lacking = W.shape[1] - triangle.shape[0]
+    return np.concatenate([triangle, np.zeros((lacking, W.shape[1]))]) if lacking else triangle
 
 
 def _narrow(W: Array, y: Array) -> Array:

@@ -51,7 +51,7 @@ def build_motion(recording: Recording) -> Motion:
         assert wheel is not None
         spin_axis = turn(2, part.steer, turn(0, part.camber, unit(1) * np.ones(n)))
         tilt = np.sqrt(1.0 - dot(spin_axis, normal) ** 2)
-        height = road.height(c, normal)
+        height = road.height(c, normal, part.centre)
         corners[c] = CornerMotion(
             travel=part.travel,
             rate=part.rate,
@@ -62,6 +62,7 @@ def build_motion(recording: Recording) -> Motion:
             centre=part.centre,
             dp_ds=part.dp_ds,
             dphi_ds=part.dphi_ds,
+            axle_dphi_ds=part.axle_dphi_ds,
             force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal, spin_axis),
             moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal, spin_axis),
             spin_axis=spin_axis,
@@ -105,9 +106,9 @@ def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
     if "imu.accel" not in values or "imu.rate" not in values:
         return FrameMotion(zero, zero, zero)
     sensor = rig.sensor_of("imu.accel")
-    R, r = np.eye(3), np.zeros((3, 1))
+    R = np.eye(3) if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation)
+    r = np.zeros((3, 1))
     if sensor is not None:
-        R = orientation(sensor.orientation) if sensor.axes == "sensor" else np.eye(3)
         r = np.asarray(sensor.position.get("", (0.0, 0.0, 0.0)))[:, None]
     omega, force = R @ values["imu.rate"], R @ values["imu.accel"]
     omega_dot = R @ signals.rate["imu.rate"]
@@ -177,6 +178,7 @@ class _Branch:
     centre: Array
     dp_ds: Array
     dphi_ds: Array
+    axle_dphi_ds: Array
     spin: Array
     spin_accel: Array
 
@@ -214,11 +216,13 @@ def _geometry(corner: Corner, signals: Signals, road: _Road, q: Array, qd: Array
     ones = np.ones(n)
     camber_axis = turn(2, steer, unit(0) * ones)
     pitch_axis = turn(2, steer, turn(0, camber, unit(1) * ones))
+    axle_dphi_ds = unit(2) * table.slope[2] + camber_axis * table.slope[3]
     return _Branch(
         travel, speed, accel, steer, camber, joints[5][0] + kingpin,
         centre=np.stack([joints[1][0], joints[0][0], centre_z]),
         dp_ds=np.stack([table.slope[1], table.slope[0], ones]),
-        dphi_ds=unit(2) * table.slope[2] + camber_axis * table.slope[3] + pitch_axis * table.slope[4],
+        dphi_ds=axle_dphi_ds + pitch_axis * table.slope[4],
+        axle_dphi_ds=axle_dphi_ds,
         spin=spin, spin_accel=spin_accel,
     )  # fmt: skip
 
@@ -288,12 +292,10 @@ class _Road:
         roll, pitch, _ = attitude
         return turn(0, -roll, turn(1, -pitch, unit(2) * ones)), True
 
-    def height(self, c: str, normal: Array) -> Array:
-        """(N,) wheel centre above the road along its normal [m]."""
+    def height(self, c: str, normal: Array, centre: Array) -> Array:
+        """(N,) wheel centre (3, N) above the road along its normal [m]."""
         if c not in self.grounds:
             return np.full(self.n, self.vehicle.corners[c].height)
-        x, y, _ = self.vehicle.corners[c].position
-        centre = np.stack([np.full(self.n, x), np.full(self.n, y), self.centre_z(c)[0]])
         return dot(centre - self.point(c), normal)
 
     def height_rate(self, c: str) -> Array:

@@ -23,6 +23,7 @@ class CornerMotion:
     steer, camber, pitch : carrier attitude Rz(steer) Rx(camber) Ry(pitch) [rad].
     centre : wheel centre from the body origin [m].
     dp_ds, dphi_ds : wheel-centre position and carrier rotation per unit of travel, from the bench tables.
+    axle_dphi_ds : the same for the axle's body, which in the paper's chain stands before the carrier's pitch.
     force, moment : measured wheel load, about the wheel centre [N, N·m].
     spin_axis : the wheel's axis, to the left.
     spin, spin_accel : wheel speed about it [rad/s], and its derivative.
@@ -44,6 +45,7 @@ class CornerMotion:
     centre: Array
     dp_ds: Array
     dphi_ds: Array
+    axle_dphi_ds: Array
     force: Array
     moment: Array
     spin_axis: Array

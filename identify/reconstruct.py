@@ -150,7 +150,8 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
     t = signal.t[good]
     values = signal.values
     if not np.all(good):
-        values = np.stack([np.interp(signal.t, t, column[good]) for column in signal.values.T], axis=1)
+        columns = [np.asarray(np.interp(signal.t, t, column[good]), float) for column in signal.values.T]
+        values = np.stack(columns, axis=1)
     # Lost samples leave no rows: a hole shows as a long step between usable stamps, whatever its cause.
     threshold = max(_GAP, 3.0 * float(np.median(np.diff(t))))
     edges = np.concatenate(([signal.t[0] - 1e-9], t, [signal.t[-1] + 1e-9]))

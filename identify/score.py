@@ -78,7 +78,7 @@ def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], sig
         return np.zeros(0)
     A = np.concatenate([zeros.columns[row] / sigma[row] for row in drive.rows] + [np.diag(1.0 / zeros.sigma)])
     b = np.concatenate([residual[row] / sigma[row] for row in drive.rows] + [np.zeros(len(zeros.names))])
-    return np.linalg.lstsq(A, b, rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
 
 
 def score_row(row: str, measured: Array, residual: Array, floor: float) -> RowScore:

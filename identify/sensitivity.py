@@ -156,5 +156,6 @@ def _slopes(
         if largest * step < 1e-9 * (1.0 + float(np.max(np.abs(base)))):
             continue
         spread = float(np.ptp(slope))
-        out[row] = np.asarray(np.mean(slope)) if spread < 1e-6 * largest else np.interp(t, coarse, slope)
+        constant = spread < 1e-6 * largest
+        out[row] = np.asarray(np.mean(slope) if constant else np.interp(t, coarse, slope), float)
     return out

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from identify.vectors import Array
 
 
 def clustered_scores(
-    rows: Mapping[str, tuple[Array, Array, float]], instants: Mapping[str, Array], count: int
+    rows: Mapping[str, tuple[Array, Array, float]], instants: Mapping[str, NDArray[np.intp]], count: int
 ) -> Array:
     """Scores g_t = Σ_rows W_tᵀ r_t / σ², (count, p): rows of one instant are added before anything is squared.
 

@@ -61,12 +61,12 @@ def _summation(fitted: Fit, vehicle: Vehicle) -> Array:
         stop = start + len(effect.parameters)
         if effect.name == "body":
             kind, _, corner = effect.where.partition(".")
-            R, p = np.eye(3), np.zeros(3)
+            p = np.zeros(3)
             selection = np.eye(10)
             if kind != "chassis":
                 p = np.asarray(vehicle.corners[corner].position)
+            R = car_chain().to_body[WHEEL[corner] - 1] if kind == "wheel" else np.eye(3)
             if kind == "wheel":
-                R = car_chain().to_body[WHEEL[corner] - 1]
                 selection = np.zeros((10, 4))  # a body of revolution: ZZ, XX = YY, MZ, M
                 for column, names in enumerate((("ZZ",), ("XX", "YY"), ("MZ",), ("M",))):
                     selection[[PARAMETERS.index(n) for n in names], column] = 1.0

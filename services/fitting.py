@@ -108,6 +108,7 @@ class Work:
         self._held: tuple[Drive, ...] | None = None
         self._fits: dict[int, Fit] = {}
         self._floors: dict[int, NoiseFloor] = {}
+        self._compared: dict[tuple[int, bool], list[Comparison]] = {}
 
     @property
     def held(self) -> tuple[Drive, ...]:
@@ -135,17 +136,20 @@ class Work:
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str) -> Version:
         """Fit a model, score it on all runs and keep it as the study's new version."""
         number = max((v.number for v in self.study.versions()), default=0) + 1
-        fitted = self.fitted(Version(number, effects, note))
+        version = Version(number, effects, note)
+        fitted = self.fitted(version)
         self.tell("scoring it on the runs used and held out")
-        used = [compare(fitted, drive, FLOOR_DRAWS) for drive in self.loaded.drives]
-        held = [compare(fitted, drive, FLOOR_DRAWS) for drive in self.held]
+        used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
         self.study = self.study.record(effects, note, fit_result(fitted, self.loaded, used, held))
         return self.study.version()
 
     def comparisons(self, version: Version, held: bool) -> list[Comparison]:
         """A version against the runs used, or held out."""
-        fitted = self.fitted(version)
-        return [compare(fitted, drive, FLOOR_DRAWS) for drive in (self.held if held else self.loaded.drives)]
+        key = (version.number, held)
+        if key not in self._compared:
+            fitted = self.fitted(version)
+            self._compared[key] = [compare(fitted, d, FLOOR_DRAWS) for d in (self.held if held else self.loaded.drives)]
+        return self._compared[key]
 
     def diagnose(self, progress: Callable[[int, int], None] | None = None) -> Diagnosis:
         """Rank what is missing in the current version, and keep the finding."""

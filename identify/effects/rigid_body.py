@@ -88,17 +88,15 @@ class RigidBody(Effect):
     def _rows(self, corner: CornerMotion, force: Array, moment: Array) -> dict[str, Array]:
         """Carry a wrench about the wheel centre, (3, …, N) in the body's frame, to the rows it acts on."""
         name = self.where.partition(".")[2]
-        spin = None
+        spin, dphi_ds = None, corner.axle_dphi_ds
         if self.where.startswith("wheel"):
             to_carrier = car_chain().to_body[self.number - 1]
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
-            spin = moment[1]
+            spin, dphi_ds = moment[1], corner.dphi_ds
             force, moment = turn(1, corner.pitch, force), turn(1, corner.pitch, moment)
         force = turn(2, corner.steer, turn(0, corner.camber, force))
         moment = turn(2, corner.steer, turn(0, corner.camber, moment))
-        centre, dp_ds, dphi_ds = (
-            v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, corner.dphi_ds)
-        )
+        centre, dp_ds, dphi_ds = (v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, dphi_ds))
         about_origin = moment + cross(centre, force)
         out = {row: (*force, *about_origin)[k] for k, row in enumerate(_CHASSIS)}
         out[f"suspension.{name}"] = dot(force, dp_ds) + dot(moment, dphi_ds)

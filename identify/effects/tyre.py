@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import Self
 
 from daq.vehicle import Vehicle
@@ -15,7 +16,7 @@ class _TyreForce(Effect):
     """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter."""
 
     @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """Both axles."""
         return [cls(where) for where in AXLES]
 
