@@ -1,0 +1,108 @@
+"""Parameters as a reader wants them: value, unit, interval, and in plain words what the runs cannot tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from identify.effect import Effect
+from identify.fit import Fit
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    `half` is half of the 95 % interval from residuals correlated in time and across rows; `sxr` the paper's relative
+    standard deviation, 100 σ/|value| as if residuals were independent [%]; `group` the combination the value stands
+    for; where it is not `identifiable`, `why` says the reason.
+    """
+
+    name: str
+    effect: str
+    value: float
+    unit: str
+    half: float
+    sxr: float
+    group: str
+    identifiable: bool
+    why: str
+
+
+_PITCH = "a run with braking, a sudden lift-off or bumps shows it"
+_HINTS = {
+    "XX6": "a run with roll shows it (sinus steering)",
+    "YY6": f"it needs pitch: {_PITCH}",
+    "ZZ6": "a run with yaw shows it (sinus steering)",
+    "XZ6": "a run with roll and yaw shows it (sinus steering, sweep)",
+    "MZ6": f"it needs pitch or roll: {_PITCH}, or sinus steering",
+}
+_WIDE = 0.5
+"""A parameter whose 1 σ is still this part of the prior's is not identified: the runs add next to nothing."""
+
+
+def estimates(fitted: Fit) -> list[Estimate]:
+    """Every parameter of a fit's model, those that cannot be identified included."""
+    out: list[Estimate] = []
+    place = {int(i): k for k, i in enumerate(fitted.base.independent)}
+    sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
+    plain = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance_iid)))
+    owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
+    physics = len(fitted.physics)
+    for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
+        value = float(fitted.theta[i])
+        group, why = parameter.name, ""
+        if i in place:
+            group = fitted.base.describe(place[i])
+            if plain[i] > _WIDE * parameter.prior:
+                why = (
+                    f"the runs leave ± {1.96 * plain[i]:.3g} {parameter.unit}, hardly less than is plausible at all; "
+                    f"{_hint(parameter.name, effect)}"
+                )
+            elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
+                why = f"its 95 % interval (± {1.96 * sigma[i]:.3g} {parameter.unit}) is wider than the value; " + _hint(
+                    parameter.name, effect
+                )
+        elif i < physics:
+            why = _grouped(fitted, i, effect)
+        out.append(
+            Estimate(
+                name=parameter.name,
+                effect=effect.key,
+                value=value,
+                unit=parameter.unit,
+                half=1.96 * float(sigma[i]),
+                sxr=100.0 * float(plain[i]) / abs(value) if value else float("inf"),
+                group=group,
+                identifiable=not why,
+                why=why,
+            )
+        )
+    return out
+
+
+def _hint(name: str, effect: Effect) -> str:
+    return _HINTS.get(name, f"what shows it: {effect.shown_by}")
+
+
+def _grouped(fitted: Fit, i: int, effect: Effect) -> str:
+    """Why a parameter has no value of its own."""
+    name = fitted.model.names[i]
+    if i in fitted.base.absent:
+        return f"nothing these runs measure depends on it; {_hint(name, effect)}"
+    column = int(np.flatnonzero(fitted.base.dependent == i)[0])
+    holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
+    return f"acts only together with {', '.join(holders[:4])}, and is counted there"
+
+
+def _natural(fitted: Fit, name: str) -> float:
+    """Size below which a body's product of inertia or first moment is as good as zero."""
+    kind, number = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
+    names = fitted.model.names
+    if kind in ("XY", "XZ", "YZ"):
+        diagonal = [fitted.theta[names.index(f"{d}{number}")] for d in ("XX", "YY", "ZZ") if f"{d}{number}" in names]
+        return 0.1 * float(np.max(np.abs(diagonal), initial=0.0))
+    if kind in ("MX", "MY", "MZ") and f"M{number}" in names:
+        return 0.05 * abs(float(fitted.theta[names.index(f"M{number}")]))
+    return 0.0

@@ -1,0 +1,217 @@
+"""A study: the sequence of models of one car and their errors, a folder of text files that can be kept in git.
+
+::
+
+    study.json          the runs used and held out, the filters, the present version
+    rig.toml            copies, so that the folder says all there is to know
+    vehicle.toml
+    effects/            the user's own effects, one Python file each
+    versions/001.json   a model, its fit, its errors on every run; one file a version, never changed afterwards
+    diagnoses/001.json  what was found missing in that version
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, cast
+
+from daq.errors import UsageError
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from identify.catalogue import base_model, catalogue, find_effect
+from identify.effect import Effect
+from identify.filters import Filters
+from identify.model import Model
+
+FORMAT = "lacet-study 1"
+_FILE = "study.json"
+
+
+@dataclass(frozen=True)
+class Version:
+    """One model of a study.
+
+    `number` counts from 1; `effects` are the effects beyond the base model, as key → shape constants, in the order
+    they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``).
+    """
+
+    number: int
+    effects: Mapping[str, Mapping[str, float]]
+    note: str
+    result: Mapping[str, Any] = field(default_factory=dict[str, Any])
+
+
+@dataclass(frozen=True)
+class Study:
+    """A study folder.
+
+    `used` and `held` are paths of runs, `filters` the signal chain's settings, `draws` the number of noise-floor
+    simulations, `current` the number of the version that commands work on.
+    """
+
+    folder: Path
+    used: tuple[str, ...]
+    held: tuple[str, ...]
+    filters: Filters
+    draws: int
+    current: int = 0
+
+    @classmethod
+    def create(
+        cls,
+        folder: Path,
+        used: Sequence[Path],
+        held: Sequence[Path],
+        rig: Rig,
+        vehicle: Vehicle,
+        filters: Filters | None = None,
+        draws: int = 199,
+    ) -> Study:
+        """Make a new study folder. Raises UsageError when there is one already, or a run is both used and held out."""
+        if (folder / _FILE).exists():
+            raise UsageError(f"{folder} is a study already: choose another folder, or go on: lacet study {folder}")
+        both = sorted(str(p) for p in {p.resolve() for p in used} & {p.resolve() for p in held})
+        if both:
+            raise UsageError(f"these runs are both used and held out: {', '.join(both)}")
+        for part in ("versions", "diagnoses", "effects"):
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        (folder / "rig.toml").write_text(rig.text, encoding="utf-8")
+        (folder / "vehicle.toml").write_text(vehicle.text, encoding="utf-8")
+        study = cls(
+            folder, tuple(_relative(p, folder) for p in used), tuple(_relative(p, folder) for p in held),
+            filters or Filters(), draws,
+        )  # fmt: skip
+        study._save()
+        return study
+
+    @classmethod
+    def open(cls, folder: str | Path) -> Study:
+        """Open a study folder. Raises UsageError when it is none, or its file cannot be read."""
+        path = Path(folder) / _FILE
+        if not path.is_file():
+            raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
+        try:
+            data = cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+            if data.get("format") != FORMAT:
+                raise ValueError(f'format is {data.get("format")!r}, expected "{FORMAT}"')
+            return cls(
+                Path(folder), tuple(data["used"]), tuple(data["held"]), Filters(**data["filters"]), int(data["draws"]),
+                int(data["current"]),
+            )  # fmt: skip
+        except (ValueError, KeyError, TypeError) as cause:
+            raise UsageError(f"{path} cannot be read: {cause}") from None
+
+    @property
+    def rig(self) -> Rig:
+        """The study's rig."""
+        return Rig.load(self.folder / "rig.toml")
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The study's vehicle."""
+        return Vehicle.load(self.folder / "vehicle.toml")
+
+    def paths(self, held: bool = False) -> list[Path]:
+        """Paths of the runs used, or of those held out."""
+        return [self.folder / name for name in (self.held if held else self.used)]
+
+    def effects(self, reference: str) -> dict[str, Effect]:
+        """The catalogue with the study's own effects."""
+        return catalogue(self.vehicle, reference, [self.folder / "effects"])
+
+    def model(self, version: Version, reference: str) -> Model:
+        """The model of a version: the base and what was added."""
+        known = self.effects(reference)
+        added = [replace(find_effect(key, known), shape=dict(shape)) for key, shape in version.effects.items()]
+        return Model.of([*base_model(self.vehicle, reference), *added])
+
+    def versions(self) -> list[Version]:
+        """All versions, the first first."""
+        files = sorted((self.folder / "versions").glob("[0-9]*.json"))
+        return [_version(file) for file in files]
+
+    def version(self, number: int | None = None) -> Version:
+        """A version by number, by default the current one. Raises UsageError when there is none."""
+        number = self.current if number is None else number
+        file = self.folder / "versions" / f"{number:03d}.json"
+        if not file.is_file():
+            raise UsageError(f"{self.folder} has no version {number} (it has {len(self.versions())})")
+        return _version(file)
+
+    def record(self, effects: Mapping[str, Mapping[str, float]], note: str, result: Mapping[str, Any]) -> Study:
+        """Write a new version and make it the current one. Earlier versions are never changed."""
+        with self._only_writer():
+            number = max((v.number for v in self.versions()), default=0) + 1
+            body = {"format": FORMAT, "version": number, "effects": effects, "note": note, "result": result}
+            _write(self.folder / "versions" / f"{number:03d}.json", body)
+            study = replace(self, current=number)
+            study._save()
+        return study
+
+    def go_to(self, number: int) -> Study:
+        """Make another version the current one. Raises UsageError when there is none of that number."""
+        self.version(number)
+        study = replace(self, current=number)
+        study._save()
+        return study
+
+    def with_draws(self, draws: int) -> Study:
+        """The same study with another number of noise-floor simulations, for this session only."""
+        return replace(self, draws=draws)
+
+    def record_diagnosis(self, result: Mapping[str, Any]) -> None:
+        """Keep what was found missing in the current version."""
+        _write(self.folder / "diagnoses" / f"{self.current:03d}.json", {"format": FORMAT, **result})
+
+    def diagnosis(self) -> Mapping[str, Any] | None:
+        """The last diagnosis of the current version, or None."""
+        file = self.folder / "diagnoses" / f"{self.current:03d}.json"
+        return cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else None
+
+    @contextmanager
+    def _only_writer(self) -> Iterator[None]:
+        """Keep a second writer out. Raises UsageError when there is one."""
+        lock = self.folder / ".writing"
+        try:
+            lock.touch(exist_ok=False)
+        except FileExistsError:
+            raise UsageError(f"another lacet is writing to {self.folder}; if not, remove {lock}") from None
+        try:
+            yield
+        finally:
+            lock.unlink(missing_ok=True)
+
+    def _save(self) -> None:
+        filters = {k: getattr(self.filters, k) for k in ("rate", "pre_cutoff", "fit_cutoff", "order", "edge")}
+        _write(
+            self.folder / _FILE,
+            {
+                "format": FORMAT, "used": list(self.used), "held": list(self.held), "filters": filters,
+                "draws": self.draws, "current": self.current,
+            },
+        )  # fmt: skip
+
+
+def _version(file: Path) -> Version:
+    try:
+        data = cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8")))
+        return Version(int(data["version"]), data["effects"], str(data["note"]), data["result"])
+    except (ValueError, KeyError, TypeError) as cause:
+        raise UsageError(f"{file} cannot be read: {cause}") from None
+
+
+def _write(file: Path, body: Mapping[str, Any]) -> None:
+    """Write whole or not at all: a study cut off while writing keeps its last good state."""
+    beside = file.with_suffix(".tmp")
+    beside.write_text(json.dumps(body, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    beside.replace(file)
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Paths are kept relative to the folder, so that folder and runs can move together."""
+    return os.path.relpath(path.resolve(), folder.resolve())

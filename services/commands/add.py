@@ -1,0 +1,77 @@
+"""``lacet add``: add an effect to a study's model, and see the error fall."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from daq.errors import UsageError
+from identify.catalogue import find_effect
+from identify.study import Study
+from services import tables
+from services.commands.diagnose import fall, print_fall
+from services.fitting import Work
+from services.progress import Line
+from services.result import DONE, write_result
+
+HELP = "add an effect to the model and see the error fall"
+DESCRIPTION = """\
+Add an effect to the study's present model, fit again and print the error before and after. The study keeps every
+version; lacet study DIR --undo goes back.
+
+  lacet add DIR anti_roll_bar.front
+  lacet add DIR --best                      what the last diagnosis proposed
+  lacet add DIR bump_stop.front --shape gap=0.03"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
+    parser.add_argument("effect", metavar="EFFECT", nargs="?", help="an effect (lacet info --effects lists them)")
+    parser.add_argument("--best", action="store_true", help="the one the last diagnosis proposed")
+    parser.add_argument("--shape", metavar="NAME=VALUE", action="append", default=[], help="a constant of the effect")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Add, fit, print."""
+    study = Study.open(args.study)
+    key = args.effect
+    if args.best:
+        key = (study.diagnosis() or {}).get("best")
+        if key is None:
+            raise UsageError(f"no diagnosis of version {study.current} proposes anything: lacet diagnose {args.study}")
+    if key is None:
+        raise UsageError("name an effect, or give --best")
+    with Line() as line:
+        work = Work(study, line.show)
+        known = work.study.effects(work.loaded.reference)
+        effect = find_effect(key, known)
+        shape = _shape(args.shape, {**effect.shape, **dict.fromkeys(effect.grids, 0.0)})
+        before = study.version()
+        after = work.add(key, shape or None)
+    item = fall(key, before.result["rows"], after.result["rows"])
+    print_fall(item)
+    names = {p.name for p in effect.parameters}
+    for p in after.result["parameters"]:
+        if p["name"] in names:
+            value, half = tables.number(p["value"], p["half95"]), tables.number(p["half95"], p["half95"])
+            print(f"  {p['name']} = {value} ± {half} {p['unit']}")
+    for p in after.result["not_identifiable"]:
+        if p["name"] in names:
+            print(f"  {p['name']}: not identifiable: {p['why']}")
+    print("\n" + tables.history(work.study.versions()))
+    write_result(args.json, "add", {"version": after.number, **item})
+    return DONE
+
+
+def _shape(words: list[str], known: dict[str, float]) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for word in words:
+        name, _, value = word.partition("=")
+        if name not in known:
+            raise UsageError(f"--shape {word}: the effect's constants are {', '.join(known) or 'none'}")
+        try:
+            out[name] = float(value)
+        except ValueError:
+            raise UsageError(f"--shape {word}: write {name}=NUMBER") from None
+    return {**known, **out} if out else {}

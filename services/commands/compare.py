@@ -1,0 +1,56 @@
+"""``lacet compare``: the model against the measurement, row by row."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from identify.study import Study
+from services import tables
+from services.fitting import Work, scores
+from services.plots import plot_comparison
+from services.progress import Line
+from services.result import DONE, write_result
+
+HELP = "compare the model with the measurement, row by row"
+DESCRIPTION = """\
+Every row of the equations, measured and modelled, on the runs used (direct validation) and on those held out (cross
+validation): RMS error, NRMSE, VAF, and the error in units of its noise floor. Pictures go to DIR/pictures.
+
+  lacet compare DIR
+  lacet compare DIR --version 1
+  lacet compare DIR --no-pictures --json compare.json"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
+    parser.add_argument("--version", type=int, help="version of the model (default: the present one)")
+    parser.add_argument("--no-pictures", action="store_true", help="print the table only")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Compare and print."""
+    study = Study.open(args.study)
+    version = study.version(args.version)
+    pictures: list[Path] = []
+    with Line() as line:
+        work = Work(study, line.show)
+        used = work.comparisons(version, held=False)
+        held = work.comparisons(version, held=True)
+        if not args.no_pictures:
+            line.show("drawing")
+            for part in (*used, *held):
+                file = study.folder / "pictures" / f"{part.name}-v{version.number}.png"
+                plot_comparison(part, file)
+                pictures.append(file)
+    result = {"version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held)}
+    for title, part in (("Runs used", result["used"]), ("Runs held out", result["held"])):
+        if part:
+            print(f"{title}:\n{tables.rows(part)}\n")
+            where, ratio = tables.worst(part)
+            print(f"  farthest from its floor: {where}, {ratio:.2f} times\n")
+    for file in pictures:
+        print(f"picture: {file}")
+    write_result(args.json, "compare", {**result, "pictures": pictures})
+    return DONE

@@ -1,0 +1,68 @@
+"""``lacet identify``: fit a model to runs, without a study."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from identify.catalogue import base_model, catalogue, find_effect
+from identify.fit import fit
+from identify.model import Model
+from identify.score import compare
+from services import tables
+from services.fitting import FLOOR_DRAWS, default_filters, fit_result
+from services.loading import load
+from services.progress import Line
+from services.result import DONE, WITH_LOSSES, write_result
+
+HELP = "fit the base model to runs and print the parameters"
+DESCRIPTION = """\
+Fit the base model (rigid bodies, springs, dampers, static loads, tyres), and any effects added to it, to one run or to
+several together, by weighted least squares. Logs carry their rig and vehicle; exchange tables need them named.
+
+  lacet identify run1.mcap run2.mcap
+  lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
+  lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
+
+Exit code 3: done, but a run was damaged or left out."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="decoded log (.mcap), .parquet or .csv")
+    parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run")
+    parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: the one in the run")
+    parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
+    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
+    parser.add_argument("--rows", action="store_true", help="also print the error of every row")
+    parser.add_argument("--why", action="store_true", help="also print why parameters cannot be identified")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Fit and print; 3 when a run was damaged or left out."""
+    with Line() as line:
+        line.show("reading runs")
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
+        known = catalogue(loaded.vehicle, loaded.reference)
+        model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
+        line.show("fitting")
+        fitted = fit(model, loaded.drives)
+        line.show("simulating the noise floor")
+        result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+    print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
+    print(tables.parameters(result))
+    if result["not_identifiable"]:
+        names = ", ".join(item["name"] for item in result["not_identifiable"])
+        print(f"\nNot identifiable with these runs (--why says why): {names}")
+        if args.why:
+            print(tables.unknowns(result))
+    where, ratio = tables.worst(result["rows"]["used"])
+    print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
+    if ratio > 1.2:
+        print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
+    if args.rows:
+        print("\n" + tables.rows(result["rows"]["used"]))
+    for warning in loaded.warnings:
+        print(f"! {warning}")
+    write_result(args.json, "identify", result)
+    return WITH_LOSSES if loaded.warnings else DONE

@@ -1,0 +1,115 @@
+"""``lacet study``: make a study, and see how its error fell."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from daq.errors import UsageError
+from identify.study import Study
+from services import tables
+from services.fitting import Work, default_filters
+from services.loading import find_rig, find_vehicle
+from services.progress import Line
+from services.report import write_report
+from services.result import DONE, write_result
+
+HELP = "make a study, and see how the error fell"
+DESCRIPTION = """\
+A study is a folder of text files: the runs used and held out, every version of the model, its fit and its errors.
+
+  lacet study new DIR --use sinus.mcap rough.mcap --hold braking.mcap      make one and fit the base model
+  lacet study DIR                                                          how the error fell, version by version
+  lacet study DIR --report report.html                                     the same with pictures, in one file
+  lacet study DIR --undo                                                   go back to the version before
+  lacet study DIR --version 2                                              go to any version"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("words", metavar="[new] DIR", nargs="+", help="the study's folder, after 'new' to make one")
+    parser.add_argument("--use", metavar="RUN", nargs="+", type=Path, default=[], help="runs to identify with")
+    parser.add_argument("--hold", metavar="RUN", nargs="+", type=Path, default=[], help="runs held out")
+    parser.add_argument("--rig", help="rig file; default: the one in the first run's log")
+    parser.add_argument("--vehicle", help="vehicle file; default: the one in the first run's log")
+    parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations of a diagnosis (default 199)")
+    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
+    parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
+    parser.add_argument("--undo", action="store_true", help="go back to the version before; nothing is deleted")
+    parser.add_argument("--version", type=int, help="go to a version")
+    parser.add_argument("--remove", metavar="EFFECT", help="take an effect out: a new version without it")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Make or show a study."""
+    new, folder = _words(args.words)
+    if new:
+        study = _new(args, folder)
+    else:
+        if args.use or args.hold:
+            raise UsageError(f"--use and --hold go with a new study: lacet study new {folder} --use RUN…")
+        study = _changed(Study.open(folder), args)
+    versions = study.versions()
+    print(tables.history(versions))
+    print(f"  present version: {study.current}")
+    if args.report:
+        with Line() as line:
+            write_report(Work(study, line.show), args.report, line.show)
+        print(f"report: {args.report}")
+    write_result(args.json, "study", study_result(study))
+    return DONE
+
+
+def study_result(study: Study) -> dict[str, object]:
+    """A study as plain data."""
+    return {
+        "folder": study.folder,
+        "used": study.used,
+        "held": study.held,
+        "current": study.current,
+        "versions": [
+            {"version": v.number, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
+            for v in study.versions()
+        ],
+    }
+
+
+def _words(words: list[str]) -> tuple[bool, Path]:
+    new = words[0] == "new"
+    if len(words) != 1 + new:
+        raise UsageError("give one folder: lacet study DIR, or lacet study new DIR --use RUN…")
+    return new, Path(words[-1])
+
+
+def _new(args: argparse.Namespace, folder: Path) -> Study:
+    from daq.run import Run
+
+    if not args.use:
+        raise UsageError(f"name the runs to identify with: lacet study new {folder} --use RUN…")
+    first = Run.open(args.use[0])
+    for path in (*args.use, *args.hold):
+        if not path.is_file():
+            raise UsageError(f"{path}: no such file")
+    filters = default_filters(args.cutoff)
+    study = Study.create(
+        folder, args.use, args.hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
+    )
+    with Line() as line:
+        work = Work(study, line.show)
+        work.record({}, "base model")
+    for warning in work.loaded.warnings:
+        print(f"! {warning}")
+    return work.study
+
+
+def _changed(study: Study, args: argparse.Namespace) -> Study:
+    if args.undo:
+        return study.go_to(study.current - 1)
+    if args.version is not None:
+        return study.go_to(args.version)
+    if args.remove:
+        with Line() as line:
+            work = Work(study, line.show)
+            work.remove(args.remove)
+        return work.study
+    return study

@@ -1,0 +1,222 @@
+"""The work behind identify, compare, diagnose and add: fit, score, rank, and the results as plain data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.errors import UsageError
+from identify.catalogue import base_model, find_effect
+from identify.diagnose import Candidate, Diagnosis, diagnose
+from identify.drive import Drive
+from identify.estimates import estimates
+from identify.filters import Filters
+from identify.fit import Fit, fit
+from identify.floor import NoiseFloor, floor_of
+from identify.model import Model
+from identify.score import Comparison, compare
+from identify.study import Study, Version
+from identify.whole import NAMES, UNITS, whole_vehicle
+from services.loading import Loaded, load
+from services.result import plain
+
+Tell = Callable[[str], None]
+FLOOR_DRAWS = 20
+"""Noise-floor simulations behind the floor of a score: its RMS is then known to about 1 %."""
+
+
+def silent(_: str) -> None:
+    """Tell nobody."""
+
+
+def fit_run(path: str | Path) -> dict[str, Any]:
+    """Fit the base model to one run that carries its rig and vehicle (a log): what a worker does with it."""
+    loaded = load([path])
+    fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.drives)
+    return fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+
+
+def fit_result(
+    fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = ()
+) -> dict[str, Any]:
+    """A fit as plain data (``docs/json.md``, ``identify``)."""
+    found = estimates(fitted)
+    whole = whole_vehicle(fitted, loaded.vehicle)
+    left_out: dict[str, str] = {}
+    for drive in fitted.drives:
+        left_out |= {f"{drive.name}: {row}": why for row, why in drive.motion.left_out.items()}
+    return plain(
+        {
+            "vehicle": loaded.vehicle.name,
+            "rig": loaded.rig.name,
+            "wheel_reference": loaded.reference,
+            "effects": [effect.key for effect in fitted.model.effects],
+            "parameters": [
+                {
+                    "name": e.name,
+                    "effect": e.effect,
+                    "value": e.value,
+                    "unit": e.unit,
+                    "interval95": [e.value - e.half, e.value + e.half],
+                    "half95": e.half,
+                    "sxr_percent": e.sxr,
+                    "group": e.group,
+                }
+                for e in found
+                if e.identifiable
+            ],
+            "not_identifiable": [
+                {"name": e.name, "effect": e.effect, "why": e.why} for e in found if not e.identifiable
+            ],
+            "whole_vehicle": None
+            if whole is None
+            else [
+                {"name": n, "value": v, "unit": u, "half95": h, "identifiable": d}
+                for n, v, u, h, d in zip(NAMES, whole.values, UNITS, whole.interval, whole.determined, strict=True)
+            ],
+            "rows": {"used": scores(used), "held": scores(held)},
+            "rows_left_out": left_out,
+            "base_rank": fitted.base.rank,
+            "singular_gap": fitted.base.gap,
+            "warnings": list(loaded.warnings),
+        }
+    )
+
+
+def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:
+    """Scores by run and row."""
+    return {c.name: {row: asdict(score) for row, score in c.scores.items()} for c in comparisons}
+
+
+def overall(rows: Mapping[str, Mapping[str, Any]]) -> float:
+    """Root mean square of residual ÷ floor over the rows of all runs: 1 is the noise floor."""
+    ratios = [score["ratio"] for run in rows.values() for score in run.values()]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
+
+
+class Work:
+    """A study at work: its runs are loaded once, and fits are made when asked for."""
+
+    def __init__(self, study: Study, tell: Tell = silent):
+        self.study, self.tell = study, tell
+        tell(f"reading {len(study.used)} runs used")
+        self.loaded = load(study.paths(), study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
+        self._held: tuple[Drive, ...] | None = None
+        self._fits: dict[int, Fit] = {}
+        self._floors: dict[int, NoiseFloor] = {}
+
+    @property
+    def held(self) -> tuple[Drive, ...]:
+        """The runs held out."""
+        if self._held is None:
+            self._held = ()
+            if self.study.held:
+                self.tell(f"reading {len(self.study.held)} runs held out")
+                folder = self.study.folder
+                loaded = load(
+                    self.study.paths(held=True), folder / "rig.toml", folder / "vehicle.toml", self.study.filters
+                )
+                self._held = loaded.drives
+        return self._held
+
+    def fitted(self, version: Version) -> Fit:
+        """The fit of a version."""
+        if version.number not in self._fits:
+            names = ", ".join(version.effects) or "the base model alone"
+            self.tell(f"fitting version {version.number or 'new'}: {names}")
+            model = self.study.model(version, self.loaded.reference)
+            self._fits[version.number] = fit(model, self.loaded.drives)
+        return self._fits[version.number]
+
+    def record(self, effects: Mapping[str, Mapping[str, float]], note: str) -> Version:
+        """Fit a model, score it on all runs and keep it as the study's new version."""
+        number = max((v.number for v in self.study.versions()), default=0) + 1
+        fitted = self.fitted(Version(number, effects, note))
+        self.tell("scoring it on the runs used and held out")
+        used = [compare(fitted, drive, FLOOR_DRAWS) for drive in self.loaded.drives]
+        held = [compare(fitted, drive, FLOOR_DRAWS) for drive in self.held]
+        self.study = self.study.record(effects, note, fit_result(fitted, self.loaded, used, held))
+        return self.study.version()
+
+    def comparisons(self, version: Version, held: bool) -> list[Comparison]:
+        """A version against the runs used, or held out."""
+        fitted = self.fitted(version)
+        return [compare(fitted, drive, FLOOR_DRAWS) for drive in (self.held if held else self.loaded.drives)]
+
+    def diagnose(self, progress: Callable[[int, int], None] | None = None) -> Diagnosis:
+        """Rank what is missing in the current version, and keep the finding."""
+        version = self.study.version()
+        fitted = self.fitted(version)
+        if version.number not in self._floors:
+            self._floors[version.number] = floor_of(fitted, self.study.draws, progress=progress)
+        self.tell("trying every effect of the catalogue")
+        candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
+        diagnosis = diagnose(fitted, self._floors[version.number], candidates)
+        self.study.record_diagnosis(diagnosis_result(diagnosis))
+        return diagnosis
+
+    def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
+        """Add an effect to the current version, with the shape constants the last diagnosis found unless given."""
+        version = self.study.version()
+        if key in version.effects:
+            raise UsageError(f"{key} is in the model already (version {version.number})")
+        effect = find_effect(key, self.study.effects(self.loaded.reference))
+        if shape is None:
+            found = (self.study.diagnosis() or {}).get("candidates", [])
+            shape = next((c["shape"] for c in found if c["effect"] == key), {})
+        return self.record({**version.effects, key: {**effect.shape, **(shape or {})}}, f"added {key}")
+
+    def remove(self, key: str) -> Version:
+        """Take an effect out again: a new version without it. Raises UsageError when it is not in the model."""
+        version = self.study.version()
+        if key not in version.effects:
+            raise UsageError(f"{key} was not added to version {version.number}")
+        return self.record({k: s for k, s in version.effects.items() if k != key}, f"removed {key}")
+
+
+def candidate_result(c: Candidate) -> dict[str, Any]:
+    """A candidate as plain data."""
+    return {
+        "effect": c.key,
+        "answer": c.answer,
+        "why": c.why,
+        "gain": c.gain,
+        "gain_rms": c.gain_rms,
+        "p": c.p,
+        "coverage": c.coverage,
+        "size": c.size,
+        "shape": dict(c.shape),
+        "values": list(c.values),
+        "half95": list(c.interval),
+        "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
+    }
+
+
+def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as plain data (``docs/json.md``, ``diagnose``)."""
+    return plain(
+        {
+            "verdict": d.verdict,
+            "says": d.says,
+            "best": d.best.key if d.best else None,
+            "candidates": [candidate_result(c) for c in d.candidates],
+            "rows": dict(d.ratios),
+            "excess": d.excess,
+            "explained": d.explained,
+            "draws": d.draws,
+        }
+    )
+
+
+def default_filters(cutoff: float | None) -> Filters:
+    """Filters with another cut-off of the fit [Hz]. Raises UsageError when it is out of range."""
+    if cutoff is None:
+        return Filters()
+    try:
+        return Filters(fit_cutoff=cutoff, pre_cutoff=max(20.0, 3.0 * cutoff))
+    except ValueError as cause:
+        raise UsageError(str(cause)) from None

@@ -1,0 +1,110 @@
+"""From files to drives: runs opened, rig and vehicle found, doubtful channels left out, and all of it told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from daq.errors import LacetError, RunError, UsageError
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from identify.checks import exchanged_wheels
+from identify.drive import Drive
+from identify.filters import Filters
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Drives with the car and rig they belong to, and what a user must know about them, one line each."""
+
+    vehicle: Vehicle
+    rig: Rig
+    drives: tuple[Drive, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def reference(self) -> str:
+        """Wheel reference of the runs: ``contact`` or ``hub``."""
+        return self.drives[0].recording.reference
+
+
+def find_rig(run: Run, given: str | Path | None) -> Rig:
+    """The rig given, else the one in the run's log, else the one it names."""
+    if given is not None:
+        return Rig.load(given)
+    if run.rig_text:
+        return Rig.parse(run.rig_text, f"rig in {run.name}")
+    if run.rig:
+        return Rig.load(run.rig)
+    raise UsageError(f"{run.name} does not say which rig recorded it: give --rig FILE")
+
+
+def find_vehicle(run: Run, given: str | Path | None) -> Vehicle:
+    """The vehicle given, else the one in the run's log, else the one it names."""
+    if given is not None:
+        return Vehicle.load(given)
+    if run.vehicle_text:
+        return Vehicle.parse(run.vehicle_text, f"vehicle in {run.name}")
+    if run.vehicle:
+        return Vehicle.load(run.vehicle)
+    raise UsageError(f"{run.name} does not say which vehicle it is of: give --vehicle FILE")
+
+
+def load(
+    paths: Sequence[str | Path],
+    rig: str | Path | None = None,
+    vehicle: str | Path | None = None,
+    filters: Filters | None = None,
+) -> Loaded:
+    """Open runs and bring each together.
+
+    A run that cannot be used is left out with its reason, as long as another can. Raises the error of the first when
+    none can, UsageError when runs differ in wheel reference.
+    """
+    if not paths:
+        raise UsageError("no run given")
+    warnings: list[str] = []
+    drives: list[Drive] = []
+    failed: list[LacetError] = []
+    car: Vehicle | None = None
+    sensors: Rig | None = None
+    for path in paths:
+        try:
+            run = Run.open(path)
+            warnings += [f"{run.name}: {problem}" for problem in run.problems]
+            sensors = sensors or find_rig(run, rig)
+            car = car or find_vehicle(run, vehicle)
+            drives.append(_drive(run, car, sensors if rig else find_rig(run, rig), filters, warnings))
+        except RunError as error:
+            failed.append(error)
+            warnings.append(f"left out: {error}")
+    if not drives or car is None or sensors is None:
+        raise failed[0]
+    references = {drive.recording.reference for drive in drives}
+    if len(references) > 1:
+        raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
+    return Loaded(car, sensors, tuple(drives), tuple(warnings))
+
+
+def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> Drive:
+    drive = Drive.of(run, vehicle, rig, filters)
+    moved = exchanged_wheels(drive)
+    if moved:
+        pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())
+        warnings.append(
+            f"{run.name}: wheels look exchanged ({pairs}). Their loads are left out. Mend the wires or the order of "
+            "'corners' in the rig's wheel sensor, and decode the raw log again"
+        )
+        kept = {
+            name: s
+            for name, s in run.signals.items()
+            if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
+        }
+        drive = Drive.of(replace(run, signals=kept), vehicle, rig, filters)
+    warnings += [f"{run.name}: {note}" for note in drive.recording.notes]
+    if not drive.rows:
+        reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"
+        raise RunError(run.name, [f"no row of the equations can be formed: {reasons}"])
+    return drive

@@ -1,0 +1,142 @@
+"""Pictures of a study, drawn with matplotlib without a display."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from identify.rows import row_unit
+from identify.score import Comparison
+from services.fitting import overall
+
+matplotlib.use("Agg")
+
+MEASURED, MODEL, ERROR, HELD = "#222222", "#d1495b", "#2e86ab", "#e09f3e"
+_COLUMNS = 3
+
+
+def plot_comparison(part: Comparison, file: Path) -> None:
+    """Every row of a run, measured, modelled and the error, as one picture file."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    _save(comparison_figure(part), file)
+
+
+def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Figure:
+    """Measured, modelled and error of some rows (default: all) of a run."""
+    names = list(rows or part.measured)
+    lines = -(-len(names) // _COLUMNS)
+    figure = Figure(figsize=(4.6 * min(_COLUMNS, len(names)), 0.6 + 2.1 * lines), layout="constrained")
+    grid = figure.subplots(lines, min(_COLUMNS, len(names)), squeeze=False)
+    for axes, row in zip(grid.flat, names, strict=False):
+        _row(axes, part, row)
+    for axes in list(grid.flat)[len(names) :]:
+        axes.set_axis_off()
+    handles, labels = grid.flat[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
+    figure.suptitle(part.name, x=0.01, ha="left")
+    return figure
+
+
+def _row(axes: Axes, part: Comparison, row: str) -> None:
+    t, level = part.t[row], float(np.mean(part.measured[row]))
+    axes.plot(t, part.measured[row], color=MEASURED, lw=1.4, label="measured")
+    axes.plot(t, part.modelled[row], color=MODEL, lw=0.9, label="model")
+    axes.plot(t, part.residual(row) + level, color=ERROR, lw=0.7, label="error (about the mean)")
+    score = part.scores[row]
+    axes.set_title(f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor", fontsize=9, loc="left")
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("time [s]", fontsize=8)
+    axes.grid(alpha=0.25)
+    axes.margins(x=0)
+
+
+def fall_figure(versions: Sequence[Any]) -> Figure:
+    """Error ÷ floor by version, on the runs used and held out, with the floor as a line."""
+    figure = Figure(figsize=(7.5, 3.4), layout="constrained")
+    axes = figure.subplots()
+    x = np.arange(len(versions))
+    width = 0.38
+    for offset, kind, colour, label in ((-0.5, "used", ERROR, "runs used"), (0.5, "held", HELD, "runs held out")):
+        values = [overall(v.result["rows"][kind]) for v in versions]
+        if np.all(np.isfinite(values)):
+            bars = axes.bar(x + offset * width, values, width, color=colour, label=label)
+            axes.bar_label(bars, fmt="%.2f", fontsize=9)
+    axes.axhline(1.0, color=MEASURED, lw=1.2, ls="--", label="noise floor")
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.8), high * 1.25)
+    axes.set_yticks([1, 2, 5, 10, 20], ["1", "2", "5", "10", "20"])
+    axes.minorticks_off()
+    axes.set_ylim(0.7, max(2.0, high * 1.3))
+    axes.set_xticks(x, [f"{v.number}: {v.note}" for v in versions], fontsize=9)
+    axes.set_ylabel("error ÷ noise floor")
+    axes.legend(frameon=False, fontsize=9)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    return figure
+
+
+def map_figure(parts: Sequence[Comparison], bin_s: float = 0.5) -> Figure:
+    """Where it fails: residual map, row × time, in units of the noise floor, one panel a run."""
+    rows = list(dict.fromkeys(row for part in parts for row in part.measured))
+    lengths = [float(np.ptp(next(iter(part.t.values())))) for part in parts]
+    figure = Figure(figsize=(11.0, 0.9 + 0.24 * len(rows)), layout="constrained")
+    grid = figure.subplots(1, len(parts), squeeze=False, sharey=True, width_ratios=lengths)
+    image = None
+    for axes, part in zip(grid.flat, parts, strict=True):
+        start = min(float(t[0]) for t in part.t.values())
+        stop = max(float(t[-1]) for t in part.t.values())
+        edges = np.arange(start, stop + bin_s, bin_s)
+        field = np.full((len(rows), len(edges) - 1), np.nan)
+        for i, row in enumerate(rows):
+            if row in part.measured:
+                squares = np.histogram(part.t[row], edges, weights=part.residual(row) ** 2)[0]
+                counts = np.histogram(part.t[row], edges)[0]
+                with np.errstate(invalid="ignore", divide="ignore"):
+                    field[i] = np.sqrt(squares / counts) / part.scores[row].floor
+        image = axes.imshow(
+            field, aspect="auto", cmap="magma_r", vmin=0.0, vmax=5.0, extent=(edges[0], edges[-1], len(rows), 0)
+        )
+        axes.set_yticks(np.arange(len(rows)) + 0.5, rows, fontsize=8)
+        axes.set_xlabel("time [s]", fontsize=8)
+        axes.set_title(part.name, fontsize=9, loc="left")
+        axes.tick_params(labelsize=8)
+    if image is not None:
+        figure.colorbar(image, ax=grid, label="error ÷ floor", extend="max")
+    return figure
+
+
+def against_figure(part: Comparison, row: str, state: Mapping[str, np.ndarray]) -> Figure:
+    """Residual of a row against states at the same instants, with the conditional mean."""
+    figure = Figure(figsize=(3.4 * len(state), 2.8), layout="constrained")
+    for axes, (name, values) in zip(np.atleast_1d(figure.subplots(1, len(state))), state.items(), strict=True):
+        residual = part.residual(row)
+        axes.plot(values, residual, ".", ms=3, color=ERROR, alpha=0.5)
+        edges = np.quantile(values, np.linspace(0, 1, 13))
+        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, 11)
+        means = [(float(np.mean(values[place == k])), float(np.mean(residual[place == k]))) for k in np.unique(place)]
+        axes.plot(*zip(*means, strict=True), "-o", ms=3, color=MODEL, lw=1.3)
+        axes.axhline(0.0, color=MEASURED, lw=0.6)
+        axes.set_xlabel(name, fontsize=9)
+        axes.set_ylabel(f"{row} error [{row_unit(row)}]", fontsize=9)
+        axes.tick_params(labelsize=8)
+        axes.grid(alpha=0.25)
+    return figure
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as PNG bytes."""
+    out = io.BytesIO()
+    figure.savefig(out, dpi=110, format="png")
+    return out.getvalue()
+
+
+def _save(figure: Figure, file: Path) -> None:
+    file.write_bytes(png(figure))
