@@ -37,7 +37,8 @@ def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
-            slope, level = np.polyfit(deflection, load, 1)
+            line = np.asarray(np.polyfit(deflection, load, 1), float)
+            slope, level = float(line[0]), float(line[1])
             misfit = float(np.var(load - slope * deflection - level) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
     wheels, places = linear_sum_assignment(cost)
