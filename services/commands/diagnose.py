@@ -47,6 +47,7 @@ def run(args: argparse.Namespace) -> int:
         study = study.with_draws(args.draws)
     added: list[dict[str, Any]] = []
     steps: list[dict[str, Any]] = []
+    result: dict[str, Any] = {}
     with Line() as line:
         work = Work(study, line.show)
         go_on = True
