@@ -53,6 +53,8 @@ those of an axle end in .front or .rear, those of a sensor in its name (sensor_l
 The vehicle file to identify with is written beside the runs."""
 
 HOUR_NS = 3_600_000_000_000
+RUN_STEP = 1000
+"""From one run of a campaign to the next the seed moves by this, so that campaigns of other seeds share nothing."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress(console=Console(stderr=True)) as progress:
         for index, (manoeuvre, file) in enumerate(zip(manoeuvres, files, strict=True)):
             task = progress.add_task(manoeuvre.name, total=1.0)
-            seed = args.seed + index
+            seed = args.seed + RUN_STEP * index
             motion = drive(
                 car, manoeuvre, hidden, seed, progress=lambda f, task=task: progress.update(task, completed=f)
             )
