@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from daq.blocks import UNUSABLE, Block, Flag
-from daq.clock import fit_clock
+from daq.channels import CHANNELS
+from daq.clock import fit_clock, steady_stamps
 from daq.errors import RigError, RunError
 from daq.log_read import LogReader
 from daq.rig import Rig
@@ -17,8 +18,9 @@ from daq.run import BRAKES, Run, Signal
 def read_run(path: Path) -> Run:
     """Read the decoded channels of a log.
 
-    Stamps are the arrivals, or for sensors with ``clock = "device"`` in the recorded rig the device clock on the
-    lower envelope of the arrivals. No latency is removed.
+    Stamps are the arrivals; for sensors with ``clock = "device"`` in the recorded rig the device clock, and for those
+    with ``clock = "steady"`` the sample's number times the channel's period, on the lower envelope of the arrivals.
+    No latency is removed.
 
     Raises
     ------
@@ -34,8 +36,12 @@ def read_run(path: Path) -> Run:
     stamps: dict[str, np.ndarray] = {}
     for name, block in blocks.items():
         sensor = rig.sensor_of(name) if rig else None
-        wants_device = sensor is not None and sensor.clock == "device"
-        stamps[name], blocks[name] = _on_device_clock(block, problems) if wants_device else (block.t_ns, block)
+        stamps[name] = block.t_ns
+        if sensor is not None and sensor.clock == "device":
+            stamps[name], blocks[name] = _on_device_clock(block, problems)
+        elif sensor is not None and sensor.clock == "steady":
+            gaps = (block.flags & int(Flag.GAP)) != 0
+            stamps[name] = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[name].rate)
     start_ns = min(int(t.min()) for t in stamps.values() if len(t))
     signals = {name: _signal(blocks[name], stamps[name], start_ns, problems) for name in blocks}
     start = reader.start
