@@ -15,7 +15,7 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -25,6 +25,8 @@ help:
 	@echo 'make test-slow     the studies that are too long for make test'
 	@echo 'make test-vcan     replay and record on real SocketCAN, in a User-Mode-Linux guest'
 	@echo 'make benchmark     measure decoding, log, bus and fit'
+	@echo 'make captures      replay_logs/ anew from the simulator'
+	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
 	@echo 'make clean         remove the environment and what tests and demo wrote'
@@ -56,7 +58,14 @@ test-vcan: .venv/.dev
 	@$(PY) -m pytest -m slow tests/replay/test_vcan.py $(ARGS)
 
 benchmark: .venv/.dev
-	@for file in benchmarks/*.py; do echo "== $$file"; $(PY) "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) "$$file" || exit 1; done
+
+captures: .venv/.dev
+	@sh replay_logs/make.sh
+
+seeds: .venv/.dev
+	@$(PY) benchmarks/null_seeds.py
+	@$(PY) benchmarks/null_seeds.py --bars
 
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from daq.errors import RigError, RunError
 from daq.log_read import LogReader
 from daq.rig import Rig
 from daq.run import BRAKES, Run, Signal
+from daq.wire import StartRecord
 
 
 def read_run(path: Path) -> Run:
@@ -31,23 +33,28 @@ def read_run(path: Path) -> Run:
     if not any(len(block) for block in blocks.values()):
         remedy = "it holds raw frames only: run 'lacet decode' first" if reader.sources() else "it holds no samples"
         raise RunError(path, [remedy, *reader.damage])
-    problems = list(reader.damage)
-    rig = _rig(reader, problems)
+    return build_run(path.stem, reader.start, blocks, reader.damage)
+
+
+def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:
+    """A run from decoded blocks by channel, at least one with samples, and the start record they belong to."""
+    problems = list(damage)
+    rig = _rig(name, start, problems)
+    kept = dict(blocks)
     stamps: dict[str, np.ndarray] = {}
-    for name, block in blocks.items():
-        sensor = rig.sensor_of(name) if rig else None
-        stamps[name] = block.t_ns
+    for channel, block in blocks.items():
+        sensor = rig.sensor_of(channel) if rig else None
+        stamps[channel] = block.t_ns
         if sensor is not None and sensor.clock == "device":
-            stamps[name], blocks[name] = _on_device_clock(block, problems)
+            stamps[channel], kept[channel] = _on_device_clock(block, problems)
         elif sensor is not None and sensor.clock == "steady":
             gaps = (block.flags & int(Flag.GAP)) != 0
-            stamps[name] = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[name].rate)
+            stamps[channel] = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[channel].rate)
     start_ns = min(int(t.min()) for t in stamps.values() if len(t))
-    signals = {name: _signal(blocks[name], stamps[name], start_ns, problems) for name in blocks}
-    start = reader.start
+    signals = {channel: _signal(kept[channel], stamps[channel], start_ns, problems) for channel in kept}
     return Run(
-        name=path.stem,
-        signals={name: signal for name, signal in signals.items() if len(signal.t)},
+        name=name,
+        signals={channel: signal for channel, signal in signals.items() if len(signal.t)},
         vehicle=start.vehicle,
         manoeuvre=start.manoeuvre,
         rig=rig.name if rig else "",
@@ -60,11 +67,11 @@ def read_run(path: Path) -> Run:
     )
 
 
-def _rig(reader: LogReader, problems: list[str]) -> Rig | None:
-    if not reader.start.rig_text:
+def _rig(name: str, start: StartRecord, problems: list[str]) -> Rig | None:
+    if not start.rig_text:
         return None
     try:
-        return Rig.parse(reader.start.rig_text, f"rig of {reader.path}")
+        return Rig.parse(start.rig_text, f"rig of {name}")
     except RigError as error:
         problems.append(f"the recorded rig cannot be used, so all stamps are arrivals: {'; '.join(error.faults)}")
         return None

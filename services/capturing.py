@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from daq.log import LogWriter
 from daq.rig import Rig
 from daq.wire import StartRecord, StopRecord
 from drivers import open_driver
+from simulate import SimulatedMotion
 
 BATCH_NS = 50_000_000
 """Frames are stored in batches of this length [ns], as a recorder would."""
@@ -53,6 +55,23 @@ def merged(source: str, parts: Iterable[Frames]) -> Frames:
     offset = np.concatenate(([0], np.cumsum(lengths))).astype(np.int64)
     take = np.arange(offset[-1]) + np.repeat(joined.offset[:-1][order] - offset[:-1], lengths)
     return Frames(source, joined.t_ns[order], joined.ident[order], offset, joined.data[take])
+
+
+def simulated_start(name: str, motion: SimulatedMotion, rig: Rig, vehicle_text: str, start_ns: int) -> StartRecord:
+    """What a recorder would write before a simulated run, without the documents of the drivers."""
+    when = datetime.fromtimestamp(start_ns / 1e9, UTC)
+    return StartRecord(
+        run_id=f"{when:%Y%m%dT%H%M%SZ}-{name}",
+        started_ns=start_ns,
+        vehicle_text=vehicle_text,
+        rig_text=rig.text,
+        vehicle=motion.car.name,
+        manoeuvre=motion.manoeuvre,
+        wheel_reference=rig.wheel_reference,
+        brakes=motion.brakes,
+        notes="simulated",
+        software="lacet simulate",
+    )
 
 
 def write_capture(path: Path, frames: Mapping[str, Frames], start: StartRecord, overwrite: bool = False) -> None:

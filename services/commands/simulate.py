@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from datetime import UTC, datetime
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +14,7 @@ from rich.progress import Progress
 from daq.errors import UsageError
 from daq.exchange import write_table
 from daq.rig import Rig
-from daq.wire import StartRecord
-from services.capturing import encode_rig, write_capture
+from services.capturing import encode_rig, simulated_start, write_capture
 from services.result import DONE, plain, write_result
 from simulate import (
     CARS,
@@ -170,18 +169,5 @@ def _capture(
 ) -> None:
     blocks = measure(motion, rig, seed, sheet=sheet, noise=noise, start_ns=start_ns)
     frames, documents = encode_rig(blocks, rig)
-    when = datetime.fromtimestamp(start_ns / 1e9, UTC)
-    start = StartRecord(
-        run_id=f"{when:%Y%m%dT%H%M%SZ}-{file.stem}",
-        started_ns=start_ns,
-        vehicle_text=vehicle,
-        rig_text=rig.text,
-        documents=documents,
-        vehicle=motion.car.name,
-        manoeuvre=motion.manoeuvre,
-        wheel_reference=rig.wheel_reference,
-        brakes=motion.brakes,
-        notes="simulated",
-        software="lacet simulate",
-    )
+    start = replace(simulated_start(file.stem, motion, rig, vehicle, start_ns), documents=documents)
     write_capture(file, frames, start, overwrite=True)
