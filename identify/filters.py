@@ -34,7 +34,7 @@ class Filters:
 
     rate: float = 250.0
     pre_cutoff: float | None = 20.0
-    fit_cutoff: float = 5.0
+    fit_cutoff: float = 6.0
     order: int = 6
     edge: float = 0.75
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
-    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 5 Hz)")
+    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--rows", action="store_true", help="also print the error of every row")
     parser.add_argument("--why", action="store_true", help="also print why parameters cannot be identified")
 

@@ -33,7 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--rig", help="rig file; default: the one in the first run's log")
     parser.add_argument("--vehicle", help="vehicle file; default: the one in the first run's log")
     parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations of a diagnosis (default 199)")
-    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 5 Hz)")
+    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
     parser.add_argument("--undo", action="store_true", help="go back to the version before; nothing is deleted")
     parser.add_argument("--version", type=int, help="go to a version")
