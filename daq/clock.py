@@ -204,3 +204,38 @@ def _stretches(
         level, seen = int(levels[k]), int(arrival[stops[k] - 1])
         group[cuts[k] : stops[k]] = number
     return group, outlier
+
+
+def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_ns: float) -> NDArray[np.int64]:
+    """Stamps of samples taken at a steady rate, from arrivals that are late by what the wire and the reader took.
+
+    Samples are numbered; the lower envelope of (arrival − number × period) gives the true period, and in each stretch
+    without losses the earliest arrival gives the offset, so that a miscounted loss cannot shift the rest of a run.
+
+    Parameters
+    ----------
+    arrival_ns : (N,) receipt stamps [ns].
+    gap : (N,) samples before which others were lost: the numbering begins anew there.
+    period_ns : nominal time between samples [ns].
+
+    Returns (N,) stamps [ns], increasing; stretches of fewer than 50 samples keep their arrivals.
+    """
+    out = arrival_ns.copy()
+    starts = np.flatnonzero(gap | (np.arange(len(arrival_ns)) == 0))
+    stops = np.append(starts[1:], len(arrival_ns))
+    if not len(starts) or np.max(stops - starts) < 50:
+        return out
+    longest = int(np.argmax(stops - starts))
+    stretch = slice(starts[longest], stops[longest])
+    number = np.arange(stops[longest] - starts[longest])
+    fit = fit_clock(arrival_ns[stretch], np.rint(number * period_ns).astype(np.int64))
+    period = period_ns * (1.0 + fit.drift)
+    for start, stop in zip(starts, stops, strict=True):  # stretches, not samples
+        if stop - start < 50:
+            continue
+        even = np.rint(np.arange(stop - start) * period).astype(np.int64)
+        # A reader that paused for long (a jump of its clock) is not a late arrival: such a stretch stays as it came.
+        late = arrival_ns[start:stop] - even
+        if np.ptp(late) < 0.5e9:
+            out[start:stop] = even + late.min()
+    return np.maximum.accumulate(out)

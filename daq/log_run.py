@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from daq.blocks import UNUSABLE, Block, Flag
-from daq.clock import fit_clock
+from daq.channels import CHANNELS
+from daq.clock import fit_clock, steady_stamps
 from daq.errors import RigError, RunError
 from daq.log_read import LogReader
 from daq.rig import Rig
@@ -19,8 +20,9 @@ from daq.wire import StartRecord
 def read_run(path: Path) -> Run:
     """Read the decoded channels of a log.
 
-    Stamps are the arrivals, or for sensors with ``clock = "device"`` in the recorded rig the device clock on the
-    lower envelope of the arrivals. No latency is removed.
+    Stamps are the arrivals; for sensors with ``clock = "device"`` in the recorded rig the device clock, and for those
+    with ``clock = "steady"`` the sample's number times the channel's period, on the lower envelope of the arrivals.
+    No latency is removed.
 
     Raises
     ------
@@ -42,8 +44,12 @@ def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage
     stamps: dict[str, np.ndarray] = {}
     for channel, block in blocks.items():
         sensor = rig.sensor_of(channel) if rig else None
-        wants_device = sensor is not None and sensor.clock == "device"
-        stamps[channel], kept[channel] = _on_device_clock(block, problems) if wants_device else (block.t_ns, block)
+        stamps[channel] = block.t_ns
+        if sensor is not None and sensor.clock == "device":
+            stamps[channel], kept[channel] = _on_device_clock(block, problems)
+        elif sensor is not None and sensor.clock == "steady":
+            gaps = (block.flags & int(Flag.GAP)) != 0
+            stamps[channel] = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[channel].rate)
     start_ns = min(int(t.min()) for t in stamps.values() if len(t))
     signals = {channel: _signal(kept[channel], stamps[channel], start_ns, problems) for channel in kept}
     return Run(

@@ -65,7 +65,8 @@ class Sensor:
     driver, bus : how its bytes are decoded and where they arrive; None when it only appears in exchange tables.
     axes : axes its vectors are delivered in, one of `daq.channels.AXES`.
     latency : the stamp is later than the physical instant by this much [s].
-    clock : ``arrival``, or ``device`` to fit the sensor's own clock to the arrivals on read.
+    clock : ``arrival``, ``device`` to fit the sensor's own clock to the arrivals on read, or ``steady`` to fit the
+        number of a sample that comes at a steady rate.
     noise : 1 σ at the nominal rate by channel family, SI.
     tolerance : 1 σ of zeros (SI) and gains (fractions) by ``family.zero`` / ``family.gain``, and ``latency`` [s].
     position : mount in body axes [m], by corner for corner sensors, under ``""`` otherwise.
@@ -221,7 +222,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         bus=bus,
         axes=reader.choice(row, "axes", place, AXES, default_axes),
         latency=reader.number(row, "latency", place, 0.0, low=0.0),
-        clock=reader.choice(row, "clock", place, ("arrival", "device"), "arrival"),
+        clock=reader.choice(row, "clock", place, ("arrival", "device", "steady"), "arrival"),
         noise=_sheet(reader, row, "noise", place, families),
         tolerance=_sheet(
             reader, row, "tolerance", place,

@@ -37,8 +37,9 @@ def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
-            slope, level = np.polyfit(deflection, load, 1)
-            misfit = float(np.var(load - slope * deflection - level) / np.var(load))
+            centred = deflection - np.mean(deflection)
+            slope = float(centred @ load / (centred @ centred))
+            misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
     wheels, places = linear_sum_assignment(cost)
     own, best = float(np.trace(cost)), float(cost[wheels, places].sum())

@@ -134,6 +134,8 @@ def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed:
             says += f" It cannot be told apart from {', '.join(k for k, _ in best.ties)} on these runs."
     elif failing and excess > 0 and explained < 0.5:
         verdict = "unlisted cause"
+        best = None
+        ranked = [replace(c, answer="undecided") if c.answer == "missing" else c for c in ranked]
         worst = max(failing, key=lambda row: ratios[row])
         says = (
             f"The model fails ({worst} at {ratios[worst]:.2f} times its floor), but the best set of three effects of "

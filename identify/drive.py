@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from daq.channels import CHANNELS
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
@@ -14,7 +15,8 @@ from identify.effect import Effect
 from identify.filters import Filters, decimate
 from identify.geometry import build_motion
 from identify.motion import Motion
-from identify.reconstruct import Recording, bring_together
+from identify.noise import draw_noise
+from identify.reconstruct import Recording, Signals, bring_together
 from identify.vectors import Array
 
 
@@ -28,6 +30,7 @@ class Drive:
 
     def __init__(self, recording: Recording):
         self.recording = recording
+        self._noisy: dict[tuple[int, int], Drive] = {}
         self._columns: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, Array]] = {}
 
     @classmethod
@@ -83,6 +86,26 @@ class Drive:
             for effect in effects
         ]
         return np.concatenate(parts).T if parts else np.zeros((n, 0))
+
+    def noisy(self, draw: int, sign: int, seed: Sequence[int]) -> Drive:
+        """This run with one more draw of its channels' noise added or subtracted; kept for the next fit.
+
+        The wheel loads are left alone: they stand on the left side only, where noise brings no bias.
+        """
+        key = (draw, sign)
+        if key not in self._noisy:
+            recording = self.recording
+            values = recording.signals.value
+            moving = [name for name in values if CHANNELS[name].family not in ("wheel.force", "wheel.moment")]
+            noise = draw_noise(recording, moving, np.random.default_rng(seed))
+            moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
+            signals = Signals.differentiated(moved, recording.filters.rate)
+            self._noisy[key] = Drive(recording.with_signals(signals))
+        return self._noisy[key]
+
+    def forget_motion(self) -> None:
+        """Let go of the full-rate motion, which is rebuilt if asked for again; columns made so far are kept."""
+        self.__dict__.pop("motion", None)
 
     def can(self, effect: Effect) -> str:
         """Why an effect cannot be computed on this run, or an empty string."""

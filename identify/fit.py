@@ -15,13 +15,15 @@ from identify.drive import Drive
 from identify.effect import Effect
 from identify.filters import derivative
 from identify.model import Model
-from identify.noise import draw_noise
 from identify.reconstruct import Recording, Signals
 from identify.rows import ROWS
 from identify.sensitivity import Sensitivity
 from identify.stats import clustered_scores, hac
 from identify.vectors import Array
 from identify.zeros import Zeros, zeros_of
+
+NOISE_DRAWS = 6
+"""Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,13 @@ def fit(
     """
     corrected = tuple(drives)
     faults = np.zeros(len(model.faults))
+    bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
+    low, high = np.array(bounds).reshape(-1, 2).T
     out = _fit_linear(model, corrected, weights, zeros, unbias)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
-        faults = faults + step
+        faults = np.clip(faults + step, low, high)
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
         out = _fit_linear(model, corrected, weights, zeros, unbias)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
@@ -136,11 +140,11 @@ def _fit_linear(
         nuisance = tuple(zeros_of(d, s) for d, s in zip(drives, sensitivities, strict=True)) if zeros else ()
         problem = problem.with_faults(model, drives, sensitivities).with_zeros(nuisance)
         theta, sigma = problem.solve(weights, scale, start=sigma)
-    bias = np.zeros(len(theta))
+    bias, doubt = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
     if unbias:
-        bias = problem.bias(drives, effects, keep, theta, sigma)
+        bias, doubt = problem.bias(drives, effects, keep, theta, sigma)
         theta = theta - bias
-    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p, bias)
+    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p, bias, doubt)
 
 
 class _Problem:
@@ -224,46 +228,54 @@ class _Problem:
         return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), priors])
 
     def bias(
-        self, drives: Sequence[Drive], effects: Sequence[Effect], keep: NDArray[np.int64], theta: Array,
+        self,
+        drives: Sequence[Drive],
+        effects: Sequence[Effect],
+        keep: NDArray[np.int64],
+        theta: Array,
         sigma: Mapping[str, float],
-    ) -> Array:  # fmt: skip
+    ) -> tuple[Array, Array]:
         """What noise in the regressors does to the estimate: Monte-Carlo corrected scores (Novick and Stefanski, 2002).
 
         At the true θ the scores Wᵀ r have the mean E[δWᵀ δr] instead of zero. One draw of noise added and the same draw
         subtracted leave just that product, and the sum over the samples is its mean.
+
+        Returns the bias, and the covariance that the finite number of draws leaves in it.
         """
         p, width = len(keep), len(theta)
         # E[δWᵀ δr] = constant − slope θ; what multiplies the zeros is not measured, and cancels between the two signs.
-        slope, constant = np.zeros((width, width)), np.zeros(width)
+        slopes, constants = np.zeros((NOISE_DRAWS, p, p)), np.zeros((NOISE_DRAWS, p))
         for d, drive in enumerate(drives):
-            rng = np.random.default_rng([2002, d])
-            values = drive.recording.signals.value
-            noise = draw_noise(drive.recording, values, rng)
-            for sign in (1.0, -1.0):
-                moved = {name: array + sign * noise[name] for name, array in values.items()}
-                signals = Signals.differentiated(moved, drive.recording.filters.rate)
-                noisy = Drive(drive.recording.with_signals(signals))
-                for row in drive.rows:
-                    scale = 0.5 / sigma[row] ** 2
-                    W = self.blocks[d, row][:, :p]
-                    slope[:p, :p] -= scale * (W.T @ W)
-                    constant[:p] -= scale * (W.T @ self.left[d, row])
-                    moved_W = noisy.matrix(effects, row)[:, keep]
-                    slope[:p, :p] += scale * (moved_W.T @ moved_W)
-                    constant[:p] += scale * (moved_W.T @ noisy.measured[row])
+            for draw in range(NOISE_DRAWS):
+                for sign in (1, -1):
+                    noisy = drive.noisy(draw, sign, [2002, d, draw])
+                    for row in drive.rows:
+                        scale = 0.5 / sigma[row] ** 2
+                        W = self.blocks[d, row][:, :p]
+                        slopes[draw] -= scale * (W.T @ W)
+                        constants[draw] -= scale * (W.T @ self.left[d, row])
+                        W = noisy.matrix(effects, row)[:, keep]
+                        slopes[draw] += scale * (W.T @ W)
+                        constants[draw] += scale * (W.T @ noisy.measured[row])
+                    noisy.forget_motion()
+        slope, constant = np.zeros((width, width)), np.zeros(width)
+        slope[:p, :p], constant[:p] = slopes.mean(axis=0), constants.mean(axis=0)
         stacked = self.stacked(sigma)[:, :-1]
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
         # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
-        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float) / lengths[:, None]
+        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width))) / lengths[:, None]
         x0, k = triangle @ (lengths * theta), inverse.T @ constant
-        found = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
-        part, V = np.asarray(found[0], float), np.asarray(found[1], float)
+        part, V = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
         # Where noise makes up most of what a direction seems to know, there is nothing to correct.
         sound = part < 0.5
-        solved: Array = (V.T @ (x0 - k)) / np.where(sound, 1.0 - part, 1.0)
-        x: Array = np.where(sound, solved, V.T @ x0)
-        return theta - inverse @ (V @ x)
+        growth = np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0)
+        x = np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0)
+        corrected = inverse @ (V @ x)
+        scores = np.zeros((NOISE_DRAWS, width))
+        scores[:, :p] = constants - slopes @ corrected[:p]
+        scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
+        return theta - corrected, scatter.T @ scatter / (NOISE_DRAWS * (NOISE_DRAWS - 1))
 
     def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
         """Y − W θ of every block."""
@@ -273,7 +285,7 @@ class _Problem:
 def _result(
     model: Model, drives: tuple[Drive, ...], base: BaseParameters, problem: _Problem, theta: Array,
     sigma: Mapping[str, float], nuisance: tuple[Zeros, ...], sensitivities: tuple[Sensitivity, ...], p: int,
-    bias: Array,
+    bias: Array, doubt: Array,
 ) -> Fit:  # fmt: skip
     residual = problem.residual(theta)
     stacked = problem.stacked(sigma)[:, :-1]
@@ -290,7 +302,7 @@ def _result(
             comb.size,
         )
         spread += hac(scores)
-    robust = iid @ spread @ iid
+    robust = iid @ spread @ iid + doubt
     fitted = len(base.independent)
     total = p + len(model.faults)
     place = np.concatenate([base.independent, np.arange(p, total)]).astype(int)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -174,7 +174,7 @@ class Study:
         return cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else None
 
     @contextmanager
-    def _only_writer(self) -> Iterator[None]:
+    def _only_writer(self) -> Generator[None]:
         """Keep a second writer out. Raises UsageError when there is one."""
         lock = self.folder / ".writing"
         try:

@@ -47,20 +47,21 @@ def run(args: argparse.Namespace) -> int:
         study = study.with_draws(args.draws)
     added: list[dict[str, Any]] = []
     steps: list[dict[str, Any]] = []
+    result: dict[str, Any] = {}
     with Line() as line:
         work = Work(study, line.show)
-        for _ in range(MOST_EFFECTS):
+        go_on = True
+        while go_on:
             diagnosis = work.diagnose(lambda done, total: line.show(f"simulating the noise floor: {done} of {total}"))
-            result = diagnosis_result(diagnosis)
-            steps.append(result)
-            line.tell("")
-            print_diagnosis(result, args.most, args.why)
-            if not args.auto or diagnosis.best is None:
-                break
-            before = work.study.version()
-            after = work.add(diagnosis.best.key, diagnosis.best.shape)
-            added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-            print_fall(added[-1])
+            steps.append(diagnosis_result(diagnosis))
+            print_diagnosis(steps[-1], args.most, args.why)
+            go_on = args.auto and diagnosis.best is not None and len(added) < MOST_EFFECTS
+            if go_on and diagnosis.best is not None:
+                before = work.study.version()
+                after = work.add(diagnosis.best.key, diagnosis.best.shape)
+                added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+                print_fall(added[-1])
+    result = steps[-1]
     if args.auto:
         print(tables.history(work.study.versions()))
     elif result["best"]:

@@ -1,0 +1,204 @@
+"""``lacet demo``: the whole chain on committed captures, from bytes on wires to the missing effects and the report."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+from daq.errors import UsageError
+from daq.log import LogReader
+from identify.study import Study
+from services import tables
+from services.commands import decode
+from services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
+from services.fitting import Work, diagnosis_result, overall
+from services.loading import find_rig, find_vehicle
+from services.progress import Line
+from services.report import write_report
+from services.result import DONE, WITH_LOSSES, write_result
+
+HELP = "the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
+DESCRIPTION = """\
+Plays a capture over virtual CAN, a pseudo-terminal and UDP into a recorder, which logs it and publishes it to a worker;
+the worker assembles the run and fits the base model. The other captures are decoded from their files. Then the model is
+compared with the measurement, the missing effects are ranked and added one by one, and a report is written.
+
+  lacet demo                                        the captures with hidden anti-roll bars
+  lacet demo --captures replay_logs/nothing-hidden  nothing should be found
+  lacet demo --out DIR                              where everything goes (default: demo-out)"""
+
+_ROOT = Path(__file__).resolve().parents[2]
+_LIVE, _HELD = "sinus", ("spiral", "braking")
+DRAWS = 39
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument(
+        "--captures", metavar="DIR", type=Path, default=_ROOT / "replay_logs" / "anti-roll-bars", help="raw captures"
+    )
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("demo-out"), help="where everything goes")
+    parser.add_argument("--draws", type=int, default=DRAWS, help=f"noise-floor simulations (default {DRAWS})")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the demonstration."""
+    captures = {file.stem: file for file in sorted(args.captures.glob("*.mcap"))}
+    if _LIVE not in captures or len(captures) < 2:
+        raise UsageError(f"{args.captures} does not hold captures ({_LIVE}.mcap and others); run it in lacet's folder")
+    began = time.monotonic()
+    out: Path = args.out
+    _make_room(out)
+    print(f"1. {_LIVE}.mcap goes over the wires at 1×: replay → recorder → log and bus → worker.", flush=True)
+    status = _over_the_wires(captures[_LIVE], out, [file for name, file in captures.items() if name != _LIVE])
+    _tell_worker(out)
+    print("\n2. A study: the base model against the measurement.", flush=True)
+    runs = {name: out / f"{name}.mcap" for name in captures}
+    used = [file for name, file in runs.items() if name not in _HELD]
+    held = [file for name, file in runs.items() if name in _HELD]
+    first = _opened(used[0])
+    study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
+    with Line() as line:
+        work = Work(study, line.tell)
+        version = work.record({}, "base model")
+        rows = version.result["rows"]
+        where, ratio = tables.worst(rows["used"])
+        failing = sorted({row for part in rows["used"].values() for row, s in part.items() if s["ratio"] > 1.2})
+        print(
+            f"   Error ÷ noise floor: {overall(rows['used']):.2f} on the runs used, "
+            f"{overall(rows['held']):.2f} on those held out."
+        )
+        print(
+            f"   Rows that fail: {', '.join(failing) or 'none'}"
+            + (f" (most: {where}, {ratio:.1f} times)" * bool(failing))
+        )
+        print(f"\n3. What is missing? ({args.draws} noise-floor simulations here; a study does 199.)", flush=True)
+        added = _search(work, line)
+        print("4. How the error fell.\n" + tables.history(work.study.versions()), flush=True)
+        report = out / "report.html"
+        write_report(work, report, line.tell)
+    seconds = time.monotonic() - began
+    print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
+    print(
+        f"\nTry next:\n  lacet compare {out / 'study'}             every row, with pictures\n"
+        f"  lacet study {out / 'study'} --undo        go back, and lacet add another effect\n"
+        "  lacet demo --captures replay_logs/nothing-hidden --out demo-nothing\n"
+        "  lacet --help                              the commands in the order you need them"
+    )
+    write_result(args.json, "demo", {"added": added, "report": report, "logs": runs, "seconds": seconds})
+    return status
+
+
+def _make_room(out: Path) -> None:
+    if out.exists() and any(out.iterdir()) and not (out / ".lacet-demo").exists():
+        raise UsageError(f"{out} holds other files; choose another folder with --out")
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    (out / ".lacet-demo").touch()
+
+
+def _over_the_wires(capture: Path, out: Path, others: list[Path]) -> int:
+    """Replay, record and work in three processes, while the other captures are decoded here."""
+    wires, router = out / "wires.json", f"tcp/127.0.0.1:{_free_port()}"
+    start = LogReader(capture).start
+    (out / "rig.toml").write_text(start.rig_text, encoding="utf-8")
+    (out / "vehicle.toml").write_text(start.vehicle_text, encoding="utf-8")
+    log = out / f"{capture.stem}.mcap"
+    recorder = _lacet(
+        out, "record", "--rig", out / "rig.toml", "--vehicle", out / "vehicle.toml", "-o", log, "--endpoints", wires,
+        "--until-idle", "2", "--listen", router, "--manoeuvre", start.manoeuvre, "--brakes", start.brakes,
+    )  # fmt: skip
+    worker = _lacet(out, "worker", "--connect", router, "--out", out / "worker", "--once")
+    player = _lacet(out, "replay", capture, "--endpoints", wires, "--wait", "30")
+    processes = {"replay": player, "record": recorder, "worker": worker}
+    status = DONE
+    try:
+        for file in others:
+            parser = argparse.ArgumentParser()
+            decode.add_arguments(parser)
+            arguments = parser.parse_args([str(file), "-o", str(out / file.name)])
+            arguments.json = None
+            status = max(status, decode.run(arguments))
+        for name, process in processes.items():
+            code = _wait(name, process)
+            if code:
+                print(f"   {name} ended with exit code {code}: see {out / f'{name}.txt'}", flush=True)
+                status = WITH_LOSSES
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.terminate()
+    if not log.exists():
+        raise UsageError(f"nothing was recorded: see {out / 'record.txt'}")
+    print("   " + "\n   ".join((out / "record.txt").read_text(encoding="utf-8").splitlines()[-6:]))
+    return status
+
+
+def _lacet(out: Path, command: str, *arguments: object) -> subprocess.Popen[bytes]:
+    """Start a sub-command in a process of its own; what it says goes to ``out/COMMAND.txt``."""
+    (out / "worker").mkdir(exist_ok=True)
+    text = (out / f"{command}.txt").open("wb")
+    return subprocess.Popen(
+        [sys.executable, "-m", "services", command, *map(str, arguments)],
+        stdout=text, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, cwd=_ROOT if not out.is_absolute() else None,
+    )  # fmt: skip
+
+
+def _wait(name: str, process: subprocess.Popen[bytes], limit: float = 120.0) -> int:
+    began = told = time.monotonic()
+    while process.poll() is None:
+        if time.monotonic() - began > limit:
+            process.terminate()
+            return 1
+        if time.monotonic() - told > 5.0:
+            told = time.monotonic()
+            print(f"   {name} is at work ({told - began:.0f} s)", flush=True)
+        time.sleep(0.1)
+    return process.returncode
+
+
+def _tell_worker(out: Path) -> None:
+    file = out / "worker" / "result.json"
+    if not file.is_file():
+        print(f"   The worker gave no result: see {out / 'worker.txt'}")
+        return
+    result = json.loads(file.read_text(encoding="utf-8"))
+    mass = next((w for w in result.get("whole_vehicle") or [] if w["name"] == "mass"), None)
+    if mass is not None:
+        print(
+            f"   The worker fitted the base model to this run alone: {len(result['parameters'])} parameters, "
+            f"mass {tables.number(mass['value'], mass['half95'])} ± {tables.number(mass['half95'], mass['half95'])} kg."
+        )
+
+
+def _search(work: Work, line: Line) -> list[dict[str, object]]:
+    added: list[dict[str, object]] = []
+    while len(added) < MOST_EFFECTS:
+        diagnosis = work.diagnose(lambda done, total: line.show(f"simulating the noise floor: {done} of {total}"))
+        print()
+        print_diagnosis(diagnosis_result(diagnosis), most=4, why=False)
+        if diagnosis.best is None:
+            break
+        before = work.study.version()
+        after = work.add(diagnosis.best.key, diagnosis.best.shape)
+        added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+        print_fall(added[-1])
+    return added
+
+
+def _opened(path: Path):
+    from daq.run import Run
+
+    return Run.open(path)
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])

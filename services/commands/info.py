@@ -1,0 +1,174 @@
+"""``lacet info``: what a file holds, and what there is."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from daq.channels import CHANNELS, CORNERS
+from daq.errors import UsageError
+from daq.log import LogReader
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from identify.catalogue import catalogue
+from identify.rows import ROWS, needs, row_unit
+from services import tables
+from services.result import DONE, WITH_LOSSES, write_result
+
+HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows"
+DESCRIPTION = """\
+  lacet info run.mcap            channels, rates, gaps and losses of a run; what cannot be formed from it
+  lacet info rig.toml            sensors, latencies, tolerances
+  lacet info vehicle.toml        geometry, with the source of every number
+  lacet info --channels          the vocabulary of measurements
+  lacet info --effects           the catalogue of physical effects and sensor faults
+  lacet info --rows              the rows of the equations and what each needs measured"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("file", metavar="FILE", nargs="?", type=Path, help="a run, log, rig or vehicle file")
+    parser.add_argument("--channels", action="store_true", help="list the vocabulary")
+    parser.add_argument("--effects", action="store_true", help="list the catalogue of effects")
+    parser.add_argument("--rows", action="store_true", help="list the rows of the equations")
+    parser.add_argument("--vehicle", default="peugeot-406", help="vehicle the effects are listed for")
+    parser.add_argument("--reference", choices=("contact", "hub"), default="contact", help="wheel loads")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print what was asked for."""
+    status, result = DONE, dict[str, Any]()
+    if args.channels:
+        result["channels"] = _channels()
+    if args.effects:
+        result["effects"] = _effects(Vehicle.load(args.vehicle), args.reference)
+    if args.rows:
+        result["rows"] = _rows(args.reference)
+    if args.file is not None:
+        status, found = _file(args.file)
+        result |= found
+    elif not result:
+        raise UsageError("name a file, or one of --channels, --effects, --rows")
+    write_result(args.json, "info", result)
+    return status
+
+
+def _channels() -> list[dict[str, Any]]:
+    lines = [
+        [c.name, " ".join(c.components) or "-", c.unit, c.axes, f"{c.rate:g}", f"{c.noise:g}", c.about]
+        for c in CHANNELS.values()
+    ]
+    print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, left=7))
+    return [{"name": c.name, "components": c.components, "unit": c.unit, "axes": c.axes} for c in CHANNELS.values()]
+
+
+def _effects(vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
+    found = catalogue(vehicle, reference).values()
+    for effect in {e.name: e for e in found}.values():
+        places = [e.where for e in found if e.name == effect.name and e.where]
+        print(f"{effect.name}{'  (base model)' if effect.base else ''}: {effect.about}")
+        print(f"    where: {', '.join(places) or 'the whole car'}")
+        units = ", ".join(f"{p.name.rsplit('.', 1)[-1]} [{p.unit}]" for p in effect.parameters)
+        print(f"    parameters: {units}")
+        print(f"    seen as: {effect.signature}\n    shown by: {effect.shown_by}\n    source: {effect.source}")
+    return [
+        {
+            "effect": e.key, "base": e.base, "about": e.about, "signature": e.signature, "shown_by": e.shown_by,
+            "source": e.source, "parameters": [{"name": p.name, "unit": p.unit} for p in e.parameters],
+        }
+        for e in found
+    ]  # fmt: skip
+
+
+def _rows(reference: str) -> list[dict[str, Any]]:
+    lines = [[row, row_unit(row), ", ".join(_shortened(needs(row, reference)))] for row in ROWS]
+    print(tables.table(["row", "unit", "needs"], lines, left=3))
+    return [{"row": row, "unit": row_unit(row), "needs": needs(row, reference)} for row in ROWS]
+
+
+def _shortened(channels: tuple[str, ...]) -> list[str]:
+    """Channels of all four corners as one pattern, ``wheel.*.force``."""
+    patterns: dict[str, list[str]] = {}
+    for name in channels:
+        corner = CHANNELS[name].corner
+        patterns.setdefault(name if corner is None else name.replace(f".{corner}.", ".*."), []).append(name)
+    parts = ([key] if len(names) == len(CORNERS) else names for key, names in patterns.items())
+    return [name for part in parts for name in part]
+
+
+def _file(path: Path) -> tuple[int, dict[str, Any]]:
+    if path.suffix == ".toml":
+        head = path.read_text(encoding="utf-8") if path.is_file() else ""
+        return (DONE, _vehicle(Vehicle.load(path))) if "lacet-vehicle" in head else (DONE, _rig(Rig.load(path)))
+    status, result = DONE, dict[str, Any]()
+    if path.suffix == ".mcap":
+        status, result = _log(path)
+        if not result["decoded"]:
+            print("Only raw frames: lacet decode makes the channels of it.")
+            return status, result
+    run_ = Run.open(path)
+    print(
+        f"{run_.name}: {run_.duration:.1f} s, vehicle {run_.vehicle or '?'}, manoeuvre {run_.manoeuvre or '?'}, ",
+        end="",
+    )
+    print(f"wheel loads {run_.wheel_reference or '?'}, brakes {run_.brakes}")
+    lines = []
+    for name, s in run_.signals.items():
+        rate = (len(s.t) - 1) / (s.t[-1] - s.t[0]) if len(s.t) > 1 else 0.0
+        lines.append([name, str(len(s.t)), f"{rate:.1f}", str(int((~s.usable).sum()))])
+    print(tables.table(["channel", "samples", "Hz", "unusable"], lines))
+    reference = run_.wheel_reference or "contact"
+    absent = {row: [c for c in needs(row, reference) if c not in run_.signals] for row in ROWS}
+    for row, channels in absent.items():
+        if channels:
+            print(f"  {row} cannot be formed: {', '.join(channels)} missing")
+    for problem in run_.problems:
+        print(f"! {problem}")
+    result |= {
+        "run": run_.name, "duration": run_.duration, "vehicle": run_.vehicle, "manoeuvre": run_.manoeuvre,
+        "channels": {name: len(s.t) for name, s in run_.signals.items()}, "problems": run_.problems,
+        "rows_missing": {row: c for row, c in absent.items() if c},
+    }  # fmt: skip
+    return (WITH_LOSSES if run_.problems else status), result
+
+
+def _log(path: Path) -> tuple[int, dict[str, Any]]:
+    log = LogReader(path)
+    stop = log.stop
+    print(f"{path.name}: run {log.start.run_id}, recorded by {log.start.software or 'unknown software'}")
+    for source in log.sources():
+        print(f"  raw {source}: {len(log.frames(source))} frames")
+    if stop is None:
+        print("! no closing record: the recording was cut off")
+    else:
+        print(f"  closed: {stop.reason}")
+        for source, losses in stop.losses.items():
+            lost = ", ".join(f"{cause} {count}" for cause, count in losses.items() if count)
+            if lost:
+                print(f"! {source}: {lost}")
+    for line in log.damage:
+        print(f"! {line}")
+    damaged = stop is None or bool(log.damage)
+    decoded = bool(log.channels())
+    return (WITH_LOSSES if damaged else DONE), {"log": str(path), "decoded": decoded, "damage": list(log.damage)}
+
+
+def _rig(rig: Rig) -> dict[str, Any]:
+    print(f"rig {rig.name}: {rig.wheel_reference} wheel loads")
+    lines = [
+        [s.name, s.driver or "-", s.bus or "-", s.axes, f"{1e3 * s.latency:g}", s.clock, str(len(s.channels))]
+        for s in rig.sensors
+    ]
+    print(tables.table(["sensor", "driver", "bus", "axes", "latency ms", "clock", "channels"], lines, left=4))
+    return {"rig": rig.name, "sensors": [s.name for s in rig.sensors]}
+
+
+def _vehicle(vehicle: Vehicle) -> dict[str, Any]:
+    print(f"vehicle {vehicle.name}")
+    lines = [
+        [name, f"{q.value:.6g}", q.unit, q.source] for name, q in (*vehicle.numbers.items(), *vehicle.apriori.items())
+    ]
+    print(tables.table(["number", "value", "unit", "source"], lines, left=4))
+    return {"vehicle": vehicle.name, "numbers": {n: q.value for n, q in vehicle.numbers.items()}}
