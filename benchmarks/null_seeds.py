@@ -116,9 +116,9 @@ def judge(campaign: Campaign, seed: int, draws: int) -> Verdict:
         for name in HELD
         for row, score in compare(fitted, drives[name], SCORE_DRAWS).scores.items()
     ]
-    worst = max(held)
+    worst, where = max(held)
     ratios = tuple(ratio for ratio, _ in held)
-    return Verdict(seed, tuple(added), diagnosis, worst[::-1], ratios, time.perf_counter() - begin)
+    return Verdict(seed, tuple(added), diagnosis, (where, worst), ratios, time.perf_counter() - begin)
 
 
 def table(verdicts: Iterable[Verdict]) -> list[str]:
@@ -155,9 +155,9 @@ def page(campaign: Campaign, verdicts: Sequence[Verdict], draws: int, command: s
             f"{draws} noise-floor draws a diagnosis, so the smallest possible p is {1 / (draws + 1):.3f}.",
             "",
             f"**Exactly what was hidden was named in {right} of {len(verdicts)} seeds**; the last verdict was "
-            f'"nothing missing" in {quiet}. Smallest p of any candidate left in any seed: {smallest:.2f}. Held-out '
-            f"residual ÷ floor over all rows and seeds: mean {ratios.mean():.3f}, 95 % below "
-            f"{np.quantile(ratios, 0.95):.3f}, largest {ratios.max():.3f}.",
+            f'"nothing missing" in {quiet}. A candidate left with p ≤ {SIGNIFICANCE:g}, its gain too small to be '
+            f"proposed: {alarms} seeds. Held-out residual ÷ floor over all rows and seeds: mean "
+            f"{ratios.mean():.3f}, 95 % below {np.quantile(ratios, 0.95):.3f}, largest {ratios.max():.3f}.",
             "",
             *table(verdicts),
             "",

@@ -41,7 +41,7 @@ Drive a car of known parameters through manoeuvres and write what the sensors of
 as if recorded from the wires, or exchange tables at one rate. Hidden effects are what the car has and the base model
 lacks; the truth (every parameter and hidden effect) is written only where --truth says, apart from the runs.
 
-  lacet simulate --rig peugeot-406-paper --manoeuvre sinus --manoeuvre liftoff -o runs
+  lacet simulate --rig peugeot-406 --manoeuvre sinus --manoeuvre liftoff -o runs
   lacet simulate --rig rig.toml --manoeuvre rough --set grade=C --format parquet -o runs
   lacet simulate --rig rig.toml --manoeuvre sinus --hide anti_roll_bar.front=19780 --seed 3 -o runs --truth truth.json
   lacet simulate --rig rig.toml --manoeuvre rough --hide bump_stop.front=200000,gap=0.02 -o runs

@@ -62,7 +62,10 @@ def decoded(tmp_path_factory: pytest.TempPathFactory) -> dict[Path, Path]:
 
 def same(a: Block, b: Block) -> bool:
     """Bit for bit."""
-    device = np.array_equal(a.device_ns, b.device_ns) if a.device_ns is not None else b.device_ns is None
+    if a.device_ns is None or b.device_ns is None:
+        device = a.device_ns is b.device_ns
+    else:
+        device = np.array_equal(a.device_ns, b.device_ns)
     alike = np.array_equal(a.t_ns, b.t_ns) and np.array_equal(a.flags, b.flags)
     return bool(device and alike and np.array_equal(a.values, b.values, equal_nan=True))
 
@@ -88,7 +91,7 @@ def test_a_capture_is_whole(capture: Path, decoded: dict[Path, Path]):
     assert start.manoeuvre == capture.stem
     assert start.brakes == ("used" if capture.stem == "braking" else "off")
     assert Rig.parse(start.rig_text, str(capture)).name == "peugeot-406"
-    assert len(Vehicle.parse(start.vehicle_text, capture).corners) == 4
+    assert len(Vehicle.parse(start.vehicle_text, str(capture)).corners) == 4
     for source, rate in FRAMES.items():
         assert len(raw.frames(source)) == stop.counts[source] == pytest.approx(rate * DURATION, abs=12)
     blocks = log.blocks()
@@ -154,7 +157,7 @@ def check_parameters(fitted: Fit, vehicle: Vehicle, told: dict[str, Any]) -> Non
         assert whole.values[NAMES.index(name)] == pytest.approx(entry["value"], abs=entry["tolerance"]), name
 
 
-@pytest.mark.parametrize("campaign", CAMPAIGNS)
+@pytest.mark.parametrize("campaign", [CAMPAIGNS[0], pytest.param(CAMPAIGNS[1], marks=pytest.mark.slow)])
 def test_the_expected_model_fits_and_predicts(campaign: str, decoded: dict[Path, Path]):
     told, (vehicle, by_name) = expected(campaign), drives(campaign, decoded)
     known, base = catalogue(vehicle, "contact"), Model.of(base_model(vehicle, "contact"))
@@ -164,13 +167,13 @@ def test_the_expected_model_fits_and_predicts(campaign: str, decoded: dict[Path,
     used, held = ([by_name[name] for name in told[part]] for part in ("used", "held"))
     fitted = fit(model, used)
     check_parameters(fitted, vehicle, told)
-    comparisons = [compare(fitted, drive, 20) for drive in held]
+    comparisons = [compare(fitted, drive, 12) for drive in held]
     for comparison in comparisons:
         for row, score in comparison.scores.items():
             assert score.ratio < bounds["held_at_most"], f"{comparison.name} {row}"
     assert overall(scores(comparisons)) < bounds["overall_at_most"]
     if told["added"]:
-        before = overall(scores([compare(fit(base, used), drive, 20) for drive in held]))
+        before = overall(scores([compare(fit(base, used), drive, 4) for drive in held]))
         assert before > bounds["base_model_held_overall_at_least"]
 
 
