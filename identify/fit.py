@@ -252,12 +252,9 @@ class _Problem:
                     noisy = drive.noisy(draw, sign, [2002, d, draw])
                     for row in drive.rows:
                         scale = 0.5 / sigma[row] ** 2
-                        W = self.blocks[d, row][:, :p]
-                        slopes[draw] -= scale * (W.T @ W)
-                        constants[draw] -= scale * (W.T @ self.left[d, row])
-                        W = noisy.matrix(effects, row)[:, keep]
-                        slopes[draw] += scale * (W.T @ W)
-                        constants[draw] += scale * (W.T @ noisy.measured[row])
+                        plain, moved = self.blocks[d, row][:, :p], noisy.matrix(effects, row)[:, keep]
+                        slopes[draw] += scale * (moved.T @ moved - plain.T @ plain)
+                        constants[draw] += scale * (moved.T @ noisy.measured[row] - plain.T @ self.left[d, row])
                     noisy.forget_motion()
         slope, constant = np.zeros((width, width)), np.zeros(width)
         slope[:p, :p], constant[:p] = slopes.mean(axis=0), constants.mean(axis=0)
@@ -265,13 +262,15 @@ class _Problem:
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
         # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
-        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width))) / lengths[:, None]
+        solved = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float)
+        inverse: Array = solved / lengths[:, None]
         x0, k = triangle @ (lengths * theta), inverse.T @ constant
-        part, V = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
         # Where noise makes up most of what a direction seems to know, there is nothing to correct.
         sound = part < 0.5
-        growth = np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0)
-        x = np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0)
+        growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
+        x = np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float)
         corrected = inverse @ (V @ x)
         scores = np.zeros((NOISE_DRAWS, width))
         scores[:, :p] = constants - slopes @ corrected[:p]
