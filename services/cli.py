@@ -12,7 +12,7 @@ from types import ModuleType
 
 from threadpoolctl import threadpool_limits
 
-from daq.errors import LacetError
+from daq.errors import LacetError, NotIdentifiable
 from services import commands
 from services.result import BAD_INPUT, WITH_LOSSES
 
@@ -64,6 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Matrices here are small: threads inside the linear algebra only fight each other (measured: 25 times slower).
         with threadpool_limits(1):
             return int(args.run(args))
+    except NotIdentifiable as error:
+        print(f"lacet {args.command}: nothing identifiable: {error}", file=sys.stderr)
+        return WITH_LOSSES
     except LacetError as error:
         print(f"lacet {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT

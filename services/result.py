@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from daq.errors import UsageError
+
 FORMAT = "lacet-result 1"
 
 DONE = 0
@@ -19,15 +21,21 @@ WITH_LOSSES = 3
 
 
 def write_result(path: str | Path | None, command: str, payload: dict[str, Any]) -> None:
-    """Write ``{"format", "command", **payload}`` to `path` (``-``: standard output); nothing when `path` is None."""
+    """Write ``{"format", "command", **payload}`` to `path` (``-``: standard output); nothing when `path` is None.
+
+    Raises UsageError when the file cannot be written.
+    """
     if path is None:
         return
     text = json.dumps(plain({"format": FORMAT, "command": command, **payload}), indent=1, ensure_ascii=False) + "\n"
     if str(path) == "-":
         sys.stdout.write(text)
     else:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(text, encoding="utf-8")
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--json {path}: cannot be written: {error.strerror}") from None
 
 
 def plain(value: Any) -> Any:
