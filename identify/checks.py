@@ -38,6 +38,8 @@ def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
             centred = deflection - np.mean(deflection)
+            if not np.any(centred) or not np.var(load):
+                continue  # a dead sensor follows nothing
             slope = float(centred @ load / (centred @ centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0

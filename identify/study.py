@@ -101,7 +101,10 @@ class Study:
         if not path.is_file():
             raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
         try:
-            data = cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+            data = cast(Any, json.loads(path.read_text(encoding="utf-8")))
+            if not isinstance(data, dict):
+                raise ValueError("not an object")
+            data = cast(dict[str, Any], data)
             if data.get("format") != FORMAT:
                 raise ValueError(f'format is {data.get("format")!r}, expected "{FORMAT}"')
             return cls(

@@ -42,6 +42,8 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
         return None
     to_sum = _summation(fitted, vehicle)
     summed = to_sum @ fitted.theta
+    if not summed[9]:  # nothing of the mass is known: there is no centre of gravity to speak of
+        return WholeVehicle(np.zeros(10), np.zeros(10), (False,) * 10)
     values = _central(summed)
     slope = _slopes(_central, summed) @ to_sum
     # A functional is determined when grouping leaves it unchanged: it then lies in the rows' span.
