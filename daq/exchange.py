@@ -105,6 +105,9 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
 def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     """Read a CSV file as far as it goes: lines that were cut are left out and reported."""
     cut: list[str] = []
+    with file.open("rb") as stream:
+        if b"\0" in stream.read(2**16):
+            raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
 
     def skip(row: pa_csv.InvalidRow) -> str:
         cut.append(row.text)

@@ -72,7 +72,7 @@ def study_result(study: Study) -> dict[str, object]:
         "held": study.held,
         "current": study.current,
         "versions": [
-            {"version": v.number, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
+            {"version": v.number, "parent": v.parent, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
             for v in study.versions()
         ],
     }
