@@ -101,7 +101,7 @@ class Study:
         if not path.is_file():
             raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
         try:
-            data = cast(Any, json.loads(path.read_text(encoding="utf-8")))
+            data: Any = json.loads(path.read_text(encoding="utf-8"))
             if not isinstance(data, dict):
                 raise ValueError("not an object")
             data = cast(dict[str, Any], data)
