@@ -105,6 +105,9 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
 def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     """Read a CSV file as far as it goes: lines that were cut are left out and reported."""
     cut: list[str] = []
+    with file.open("rb") as stream:
+        if b"\0" in stream.read(2**16):
+            raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
 
     def skip(row: pa_csv.InvalidRow) -> str:
         cut.append(row.text)
@@ -138,6 +141,8 @@ def _signals(
         problems.append(f"{np.count_nonzero(~keep)} rows have a time that does not increase (first: row {first + 1})")
     if np.count_nonzero(keep) < 2:
         return {}, ["fewer than two rows with an increasing time"]
+    # Where rows were left out the time has jumped: what stands on both sides is no neighbour of the other.
+    jumped = np.where(np.diff(np.flatnonzero(keep), prepend=-1) > 1, np.uint8(Flag.CLOCK), np.uint8(0))
     grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
     for column, values in table.items():
         if column not in COLUMNS:
@@ -152,7 +157,8 @@ def _signals(
         if lacking:
             problems.append(f"{name} was left out: {', '.join(lacking)} missing")
             continue
-        signals[name] = signal(name, t[keep], np.stack([parts[i] for i in range(channel.width)], axis=1))
+        values = np.stack([parts[i] for i in range(channel.width)], axis=1)
+        signals[name] = signal(name, t[keep], values, jumped.copy())
     return signals, [] if signals else ["no column is a channel of the vocabulary (see docs/channels.md)"]
 
 

@@ -38,7 +38,7 @@ def read_run(path: Path) -> Run:
 
 def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:
     """A run from decoded blocks by channel, at least one with samples, and the start record they belong to."""
-    problems = list(damage)
+    problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
     rig = _rig(name, start, problems)
     kept = dict(blocks)
     stamps: dict[str, np.ndarray] = {}

@@ -109,7 +109,7 @@ class Rig:
     def load(cls, path: str | Path) -> Rig:
         """Read a rig file, or a rig shipped with lacet by its name. Raises RigError with every fault at once."""
         found = find_shipped(path, "rigs", RigError)
-        return cls.parse(found.read_text(encoding="utf-8"), str(path), found.parent)
+        return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path), found.parent)
 
     @classmethod
     def parse(cls, text: str, name: str = "rig", folder: Path | None = None) -> Rig:

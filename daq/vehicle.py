@@ -84,7 +84,7 @@ class Vehicle:
     def load(cls, path: str | Path) -> Vehicle:
         """Read a vehicle file, or one shipped with lacet by its name. Raises VehicleError with every fault at once."""
         found = find_shipped(path, "vehicles", VehicleError)
-        return cls.parse(found.read_text(encoding="utf-8"), str(path))
+        return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path))
 
     @classmethod
     def parse(cls, text: str, name: str = "vehicle") -> Vehicle:

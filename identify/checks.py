@@ -33,13 +33,15 @@ def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
         keep = np.intersect1d(keep, motion.kept(f"tyre.{c}"))
     if keep.size < 30:
         return {}
-    loads: Array = decimate(np.stack([motion.measured(f"tyre.{c}") for c in corners]), motion.filters, keep)
-    deflections: Array = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
+    loads: list[Array] = list(decimate(np.stack([motion.measured(f"tyre.{c}") for c in corners]), motion.filters, keep))
+    deflections = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
-            centred = np.asarray(deflection - deflection.mean(), float)
-            slope = float(np.dot(centred, load) / np.dot(centred, centred))
+            centred: Array = np.asarray(deflection - np.mean(deflection), float)
+            if not np.any(centred) or not float(np.var(load)):
+                continue  # a dead sensor follows nothing
+            slope = float(centred @ load / (centred @ centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
     wheels, places = linear_sum_assignment(cost)

@@ -98,6 +98,7 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters) -> Re
     grid, notes = _grid(run, rig, filters)
     values: dict[str, Array] = {}
     usable: dict[str, NDArray[np.bool_]] = {}
+    flagged: dict[str, list[str]] = {}
     for name, signal in run.signals.items():
         if len(signal.t) <= 3 * (filters.order + 1):
             continue
@@ -109,7 +110,8 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters) -> Re
         values[name] = bring_to_grid(signal.t, filled, stamped, filters.pre_cutoff, filters.order)
         usable[name] = _outside(holes, stamped, filters.edge)
         if holes:
-            notes.append(f"{name}: {len(holes)} intervals without usable samples, {holes[0][0]:.2f} s the first")
+            flagged.setdefault(_intervals(holes), []).append(name)
+    notes += [f"left out {when}: no usable samples of {', '.join(names)}" for when, names in flagged.items()]
     signals = Signals.differentiated(values, filters.rate)
     reference = run.wheel_reference or rig.wheel_reference
     rates = {name: (len(run.signals[name].t) - 1) / float(np.ptp(run.signals[name].t)) for name in values}
@@ -159,6 +161,12 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
     holes = [(float(edges[i]), float(edges[i + 1])) for i in wide]
     clock = signal.t[(signal.flags & int(Flag.CLOCK)) != 0]
     return values, holes + [(float(x), float(x)) for x in clock]
+
+
+def _intervals(holes: list[tuple[float, float]], most: int = 3) -> str:
+    """Holes in words, the first few with their times."""
+    some = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in holes[:most])
+    return some + (f" and {len(holes) - most} more intervals" if len(holes) > most else "")
 
 
 def _outside(holes: list[tuple[float, float]], t: Array, margin: float) -> NDArray[np.bool_]:

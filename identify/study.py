@@ -37,13 +37,15 @@ class Version:
     """One model of a study.
 
     `number` counts from 1; `effects` are the effects beyond the base model, as key → shape constants, in the order
-    they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``).
+    they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``);
+    `parent` is the version it was made from, 0 for the first.
     """
 
     number: int
     effects: Mapping[str, Mapping[str, float]]
     note: str
     result: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    parent: int = 0
 
 
 @dataclass(frozen=True)
@@ -78,8 +80,11 @@ class Study:
         both = sorted(str(p) for p in {p.resolve() for p in used} & {p.resolve() for p in held})
         if both:
             raise UsageError(f"these runs are both used and held out: {', '.join(both)}")
-        for part in ("versions", "diagnoses", "effects"):
-            (folder / part).mkdir(parents=True, exist_ok=True)
+        try:
+            for part in ("versions", "diagnoses", "effects"):
+                (folder / part).mkdir(parents=True, exist_ok=True)
+        except OSError as cause:
+            raise UsageError(f"{folder}: no folder can be made there: {cause.strerror}") from None
         (folder / "rig.toml").write_text(rig.text, encoding="utf-8")
         (folder / "vehicle.toml").write_text(vehicle.text, encoding="utf-8")
         study = cls(
@@ -96,7 +101,10 @@ class Study:
         if not path.is_file():
             raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
         try:
-            data = cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8")))
+            data: Any = json.loads(path.read_text(encoding="utf-8"))
+            if not isinstance(data, dict):
+                raise ValueError("not an object")
+            data = cast(dict[str, Any], data)
             if data.get("format") != FORMAT:
                 raise ValueError(f'format is {data.get("format")!r}, expected "{FORMAT}"')
             return cls(
@@ -144,10 +152,21 @@ class Study:
         return _version(file)
 
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str, result: Mapping[str, Any]) -> Study:
-        """Write a new version and make it the current one. Earlier versions are never changed."""
+        """Write a new version and make it the current one. Earlier versions are never changed.
+
+        Raises UsageError when another writer made a version meanwhile: this one was not made from that.
+        """
         with self._only_writer():
+            now = Study.open(self.folder).current
+            if now != self.current:
+                raise UsageError(
+                    f"another lacet went from version {self.current} to {now} of {self.folder} meanwhile: start again"
+                )
             number = max((v.number for v in self.versions()), default=0) + 1
-            body = {"format": FORMAT, "version": number, "effects": effects, "note": note, "result": result}
+            body = {
+                "format": FORMAT, "version": number, "parent": self.current, "effects": effects, "note": note,
+                "result": result,
+            }  # fmt: skip
             _write(self.folder / "versions" / f"{number:03d}.json", body)
             study = replace(self, current=number)
             study._save()
@@ -156,8 +175,9 @@ class Study:
     def go_to(self, number: int) -> Study:
         """Make another version the current one. Raises UsageError when there is none of that number."""
         self.version(number)
-        study = replace(self, current=number)
-        study._save()
+        with self._only_writer():
+            study = replace(self, current=number)
+            study._save()
         return study
 
     def with_draws(self, draws: int) -> Study:
@@ -200,7 +220,8 @@ class Study:
 def _version(file: Path) -> Version:
     try:
         data = cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8")))
-        return Version(int(data["version"]), data["effects"], str(data["note"]), data["result"])
+        number = int(data["version"])
+        return Version(number, data["effects"], str(data["note"]), data["result"], int(data.get("parent", number - 1)))
     except (ValueError, KeyError, TypeError) as cause:
         raise UsageError(f"{file} cannot be read: {cause}") from None
 

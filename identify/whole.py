@@ -42,6 +42,8 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
         return None
     to_sum = _summation(fitted, vehicle)
     summed = to_sum @ fitted.theta
+    if not summed[9]:  # nothing of the mass is known: there is no centre of gravity to speak of
+        return WholeVehicle(np.zeros(10), np.zeros(10), (False,) * 10)
     values = _central(summed)
     slope = _slopes(_central, summed) @ to_sum
     # A functional is determined when grouping leaves it unchanged: it then lies in the rows' span.
@@ -50,7 +52,16 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
     scale = np.abs(slope[:, :physics]).max(axis=1) + 1e-12
     determined = np.abs(grouped - slope[:, :physics]).max(axis=1) < 1e-5 * scale
     spread = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance, slope)))
+    # Grouping alone lets pass what stands on round-off only: an interval many times the value says nothing.
+    size = np.array([values[0], *[_length(vehicle)] * 3, *[values[0] * _length(vehicle) ** 2] * 6])
+    determined &= np.isfinite(values) & (1.96 * spread < np.abs(size))
     return WholeVehicle(values, 1.96 * spread, tuple(bool(d) for d in determined))
+
+
+def _length(vehicle: Vehicle) -> float:
+    """Length of the car over its wheel centres [m]: no interval as wide as it says where a centre of gravity is."""
+    x = [corner.position[0] for corner in vehicle.corners.values()]
+    return float(np.ptp(x))
 
 
 def _summation(fitted: Fit, vehicle: Vehicle) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import importlib
 import pkgutil
 import sys
@@ -12,7 +13,7 @@ from types import ModuleType
 
 from threadpoolctl import threadpool_limits
 
-from daq.errors import LacetError
+from daq.errors import LacetError, NotIdentifiable
 from services import commands
 from services.result import BAD_INPUT, WITH_LOSSES
 
@@ -64,8 +65,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = build_parser(words[0] if words else None).parse_args(words)
     try:
         # Matrices here are small: threads inside the linear algebra only fight each other (measured: 25 times slower).
-        with threadpool_limits(1):
+        with threadpool_limits(1), contextlib.ExitStack() as stack:
+            if args.json == "-":  # standard output is for the result alone; what is for people goes to standard error
+                args.json = sys.stdout
+                stack.enter_context(contextlib.redirect_stdout(sys.stderr))
             return int(args.run(args))
+    except NotIdentifiable as error:
+        print(f"lacet {args.command}: nothing identifiable: {error}", file=sys.stderr)
+        return WITH_LOSSES
     except LacetError as error:
         print(f"lacet {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ from services.loading import Loaded, load
 from services.result import plain
 
 Tell = Callable[[str], None]
+LEAST_DRAWS = 19
+"""Noise-floor simulations a diagnosis needs: with fewer, no p can be as low as 0.05."""
 FLOOR_DRAWS = 20
 """Noise-floor simulations behind the floor of a score: its RMS is then known to about 1 %."""
 
@@ -121,6 +123,12 @@ class Work:
                 loaded = load(
                     self.study.paths(held=True), folder / "rig.toml", folder / "vehicle.toml", self.study.filters
                 )
+                if loaded.reference != self.loaded.reference:
+                    raise UsageError(
+                        f"the runs held out have {loaded.reference} wheel loads, those used {self.loaded.reference}"
+                    )
+                known = self.loaded.warnings
+                self.loaded = replace(self.loaded, warnings=(*known, *(w for w in loaded.warnings if w not in known)))
                 self._held = loaded.drives
         return self._held
 
@@ -220,6 +228,8 @@ def default_filters(cutoff: float | None) -> Filters:
     """Filters with another cut-off of the fit [Hz]. Raises UsageError when it is out of range."""
     if cutoff is None:
         return Filters()
+    if not cutoff > 0.0:
+        raise UsageError(f"--cutoff {cutoff:g}: a frequency above 0 Hz (the paper says 3 to 7)")
     try:
         return Filters(fit_cutoff=cutoff, pre_cutoff=max(20.0, 3.0 * cutoff))
     except ValueError as cause:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.errors import LacetError, RunError, UsageError
+from daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
@@ -36,9 +36,14 @@ def find_rig(run: Run, given: str | Path | None) -> Rig:
         return Rig.load(given)
     if run.rig_text:
         return Rig.parse(run.rig_text, f"rig in {run.name}")
-    if run.rig:
+    if not run.rig:
+        raise UsageError(f"{run.name} does not say which rig recorded it: give --rig FILE")
+    try:
         return Rig.load(run.rig)
-    raise UsageError(f"{run.name} does not say which rig recorded it: give --rig FILE")
+    except RigError as error:
+        raise UsageError(
+            f"{run.name} names the rig '{run.rig}', which is not to be had: give --rig FILE\n{error}"
+        ) from None
 
 
 def find_vehicle(run: Run, given: str | Path | None) -> Vehicle:
@@ -47,9 +52,14 @@ def find_vehicle(run: Run, given: str | Path | None) -> Vehicle:
         return Vehicle.load(given)
     if run.vehicle_text:
         return Vehicle.parse(run.vehicle_text, f"vehicle in {run.name}")
-    if run.vehicle:
+    if not run.vehicle:
+        raise UsageError(f"{run.name} does not say which vehicle it is of: give --vehicle FILE")
+    try:
         return Vehicle.load(run.vehicle)
-    raise UsageError(f"{run.name} does not say which vehicle it is of: give --vehicle FILE")
+    except VehicleError as error:
+        raise UsageError(
+            f"{run.name} names the vehicle '{run.vehicle}', which is not to be had: give --vehicle FILE\n{error}"
+        ) from None
 
 
 def load(
@@ -60,11 +70,15 @@ def load(
 ) -> Loaded:
     """Open runs and bring each together.
 
-    A run that cannot be used is left out with its reason, as long as another can. Raises the error of the first when
-    none can, UsageError when runs differ in wheel reference.
+    A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are told apart
+    by their folders. Raises the error of the first when none can, UsageError when a run is given twice or runs differ
+    in wheel reference.
     """
     if not paths:
         raise UsageError("no run given")
+    places = [Path(path).resolve() for path in paths]
+    if twice := sorted({str(p) for p in places if places.count(p) > 1}):
+        raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
     warnings: list[str] = []
     drives: list[Drive] = []
     failed: list[LacetError] = []
@@ -72,12 +86,12 @@ def load(
     sensors: Rig | None = None
     for path in paths:
         try:
-            run = Run.open(path)
+            run = _named_apart(Run.open(path), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
             drives.append(_drive(run, car, sensors if rig else find_rig(run, rig), filters, warnings))
-        except RunError as error:
+        except (RunError, NotIdentifiable) as error:
             failed.append(error)
             warnings.append(f"left out: {error}")
     if not drives or car is None or sensors is None:
@@ -106,5 +120,11 @@ def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnin
     warnings += [f"{run.name}: {note}" for note in drive.recording.notes]
     if not drive.rows:
         reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"
-        raise RunError(run.name, [f"no row of the equations can be formed: {reasons}"])
+        raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
     return drive
+
+
+def _named_apart(run: Run, path: Path, places: Sequence[Path]) -> Run:
+    """The run, with its folder in its name where another run has the same name."""
+    alike = sum(place.stem == path.stem for place in places) > 1
+    return replace(run, name=f"{path.resolve().parent.name}-{run.name}{path.suffix}") if alike else run

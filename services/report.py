@@ -89,7 +89,7 @@ def _failing(
 ) -> str:
     """Where the first model failed: the map, and the worst row before and after."""
     where, ratio = tables.worst({c.name: {r: {"ratio": s.ratio} for r, s in c.scores.items()} for c in before["used"]})
-    run, row = where.split(": ")
+    run, row = where.rsplit(": ", 1)
     old = next(c for c in before["used"] if c.name == run)
     new = next(c for c in after["used"] if c.name == run)
     pieces = [

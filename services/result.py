@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
+
+from daq.errors import UsageError
 
 FORMAT = "lacet-result 1"
 
@@ -18,16 +19,22 @@ WITH_LOSSES = 3
 """Exit codes: done; bad usage or input; done with losses or nothing identifiable."""
 
 
-def write_result(path: str | Path | None, command: str, payload: dict[str, Any]) -> None:
-    """Write ``{"format", "command", **payload}`` to `path` (``-``: standard output); nothing when `path` is None."""
+def write_result(path: str | Path | TextIO | None, command: str, payload: dict[str, Any]) -> None:
+    """Write ``{"format", "command", **payload}`` to `path` (a file or an open stream); nothing when `path` is None.
+
+    Raises UsageError when the file cannot be written.
+    """
     if path is None:
         return
     text = json.dumps(plain({"format": FORMAT, "command": command, **payload}), indent=1, ensure_ascii=False) + "\n"
-    if str(path) == "-":
-        sys.stdout.write(text)
+    if not isinstance(path, str | Path):
+        path.write(text)
     else:
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        Path(path).write_text(text, encoding="utf-8")
+        try:
+            Path(path).parent.mkdir(parents=True, exist_ok=True)
+            Path(path).write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"--json {path}: cannot be written: {error.strerror}") from None
 
 
 def plain(value: Any) -> Any:

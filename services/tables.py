@@ -63,6 +63,15 @@ def unknowns(result: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def left_out(result: Mapping[str, Any]) -> str:
+    """The rows without a measured left side by run, those with the same reason together."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for place, why in result["rows_left_out"].items():
+        run, row = place.rsplit(": ", 1)
+        alike.setdefault((run, why), []).append(row)
+    return "\n".join(f"  {run}: {', '.join(rows)}: {why}" for (run, why), rows in alike.items())
+
+
 def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
     """Scores of every row of every run."""
     lines = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from daq.errors import UsageError
@@ -72,6 +73,8 @@ def _shape(words: list[str], known: dict[str, float]) -> dict[str, float]:
             raise UsageError(f"--shape {word}: the effect's constants are {', '.join(known) or 'none'}")
         try:
             out[name] = float(value)
+            if not math.isfinite(out[name]):
+                raise ValueError
         except ValueError:
             raise UsageError(f"--shape {word}: write {name}=NUMBER") from None
     return {**known, **out} if out else {}

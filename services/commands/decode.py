@@ -139,17 +139,16 @@ def _report(
     losses: dict[str, dict[str, int]],
     absent: list[str],
 ) -> None:
-    out = sys.stderr if args.json == "-" else sys.stdout
     for line in reader.damage:
-        print(f"damaged: {line}", file=out)
+        print(f"damaged: {line}")
     for source, causes in ledger.items():
         rest = {cause: number for cause, number in causes.items() if number and cause != "received"}
         text = ", ".join(f"{number:,} {cause.replace('_', ' ')}" for cause, number in rest.items())
-        print(f"{source}: {causes['received']:,} frames; {text or 'nothing decoded'}", file=out)
+        print(f"{source}: {causes['received']:,} frames; {text or 'nothing decoded'}")
     for name in absent:
-        print(f"{name}: no samples came", file=out)
+        print(f"{name}: no samples came")
     lost = sum(sum(causes.values()) for causes in losses.values())
-    print(f"{args.output}: {sum(samples.values()):,} samples of {len(samples)} channels, {lost:,} lost", file=out)
+    print(f"{args.output}: {sum(samples.values()):,} samples of {len(samples)} channels, {lost:,} lost")
     write_result(
         args.json,
         "decode",

@@ -168,7 +168,11 @@ def _tell_worker(out: Path) -> None:
     if not file.is_file():
         print(f"   The worker gave no result: see {out / 'worker.txt'}")
         return
-    result = json.loads(file.read_text(encoding="utf-8")).get("result", {})
+    result = json.loads(file.read_text(encoding="utf-8"))
+    result = result["result"]
+    if "error" in result:
+        print(f"   The worker could not fit this run: {result['error']}")
+        return
     mass = next((w for w in result.get("whole_vehicle") or [] if w["name"] == "mass"), None)
     if mass is not None:
         print(

@@ -10,7 +10,7 @@ from typing import Any
 from daq.errors import UsageError
 from identify.study import Study
 from services import tables
-from services.fitting import Work, diagnosis_result, overall
+from services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
 from services.progress import Line
 from services.result import DONE, write_result
 
@@ -42,8 +42,8 @@ def run(args: argparse.Namespace) -> int:
     """Rank, and with --auto add."""
     study = Study.open(args.study)
     if args.draws is not None:
-        if args.draws < 19:
-            raise UsageError("at least 19 draws are needed to tell p = 0.05")
+        if args.draws < LEAST_DRAWS:
+            raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
         study = study.with_draws(args.draws)
     added: list[dict[str, Any]] = []
     steps: list[dict[str, Any]] = []

@@ -61,11 +61,10 @@ def run(args: argparse.Namespace) -> int:
         os.replace(part, args.output)
     finally:
         part.unlink(missing_ok=True)
-    out = sys.stderr if args.json == "-" else sys.stdout
     for line in reader.damage:
-        print(f"damaged: {line}", file=out)
+        print(f"damaged: {line}")
     samples = {name: len(block) for name, block in blocks.items()}
-    print(f"{args.output}: {sum(samples.values()):,} samples of {len(samples)} channels", file=out)
+    print(f"{args.output}: {sum(samples.values()):,} samples of {len(samples)} channels")
     write_result(args.json, "export", {"output": args.output, "samples": samples, "damage": list(reader.damage)})
     return WITH_LOSSES if reader.damage else DONE
 

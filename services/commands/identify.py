@@ -24,7 +24,7 @@ several together, by weighted least squares. Logs carry their rig and vehicle; e
   lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
   lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
 
-Exit code 3: done, but a run was damaged or left out."""
+Exit code 3: done, but a run was damaged or left out, or nothing is identifiable."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fit and print; 3 when a run was damaged or left out."""
+    """Fit and print; 3 when a run was damaged or left out, or nothing is identifiable."""
     with Line() as line:
         line.show("reading runs")
         loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
@@ -51,11 +51,15 @@ def run(args: argparse.Namespace) -> int:
         result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
     print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
+    if result["rows_left_out"]:
+        print(f"\nRows left out:\n{tables.left_out(result)}")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
         print(f"\nNot identifiable with these runs (--why says why): {names}")
         if args.why:
             print(tables.unknowns(result))
+    if not result["parameters"]:
+        print("\nNothing is identifiable with these runs.")
     where, ratio = tables.worst(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
     if ratio > 1.2:
@@ -65,4 +69,4 @@ def run(args: argparse.Namespace) -> int:
     for warning in loaded.warnings:
         print(f"! {warning}")
     write_result(args.json, "identify", result)
-    return WITH_LOSSES if loaded.warnings else DONE
+    return WITH_LOSSES if loaded.warnings or not result["parameters"] else DONE

@@ -100,7 +100,7 @@ def _shortened(channels: tuple[str, ...]) -> list[str]:
 
 def _file(path: Path) -> tuple[int, dict[str, Any]]:
     if path.suffix == ".toml":
-        head = path.read_text(encoding="utf-8") if path.is_file() else ""
+        head = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
         return (DONE, _vehicle(Vehicle.load(path))) if "lacet-vehicle" in head else (DONE, _rig(Rig.load(path)))
     status, result = DONE, dict[str, Any]()
     if path.suffix == ".mcap":

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 from pathlib import Path
 
-from daq.errors import UsageError
+from daq.errors import LacetError, UsageError
 from identify.study import Study
 from services import tables
-from services.fitting import Work, default_filters
+from services.fitting import LEAST_DRAWS, Work, default_filters
 from services.loading import find_rig, find_vehicle
 from services.progress import Line
 from services.report import write_report
-from services.result import DONE, write_result
+from services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "make a study, and see how the error fell"
 DESCRIPTION = """\
@@ -44,20 +45,23 @@ def run(args: argparse.Namespace) -> int:
     """Make or show a study."""
     new, folder = _words(args.words)
     if new:
-        study = _new(args, folder)
+        study, warnings = _new(args, folder)
     else:
+        warnings = ()
         if args.use or args.hold:
             raise UsageError(f"--use and --hold go with a new study: lacet study new {folder} --use RUN…")
         study = _changed(Study.open(folder), args)
     versions = study.versions()
+    if not versions:
+        raise UsageError(f"{folder} has no version: its making was broken off; remove it and make it again")
     print(tables.history(versions))
     print(f"  present version: {study.current}")
     if args.report:
         with Line() as line:
             write_report(Work(study, line.show), args.report, line.show)
         print(f"report: {args.report}")
-    write_result(args.json, "study", study_result(study))
-    return DONE
+    write_result(args.json, "study", {**study_result(study), "warnings": list(warnings)})
+    return WITH_LOSSES if warnings else DONE
 
 
 def study_result(study: Study) -> dict[str, object]:
@@ -68,7 +72,7 @@ def study_result(study: Study) -> dict[str, object]:
         "held": study.held,
         "current": study.current,
         "versions": [
-            {"version": v.number, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
+            {"version": v.number, "parent": v.parent, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
             for v in study.versions()
         ],
     }
@@ -81,30 +85,40 @@ def _words(words: list[str]) -> tuple[bool, Path]:
     return new, Path(words[-1])
 
 
-def _new(args: argparse.Namespace, folder: Path) -> Study:
+def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]]:
     from daq.run import Run
 
     if not args.use:
         raise UsageError(f"name the runs to identify with: lacet study new {folder} --use RUN…")
-    first = Run.open(args.use[0])
+    if args.draws < LEAST_DRAWS:
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
     for path in (*args.use, *args.hold):
         if not path.is_file():
             raise UsageError(f"{path}: no such file")
+    first = Run.open(args.use[0])
     filters = default_filters(args.cutoff)
+    there = folder.exists()
     study = Study.create(
         folder, args.use, args.hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
     )
-    with Line() as line:
-        work = Work(study, line.show)
-        work.record({}, "base model")
+    try:
+        with Line() as line:
+            work = Work(study, line.show)
+            work.record({}, "base model")
+    except LacetError:
+        if not there:  # half a study would stand in the way of the next attempt
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
     for warning in work.loaded.warnings:
         print(f"! {warning}")
-    return work.study
+    return work.study, work.loaded.warnings
 
 
 def _changed(study: Study, args: argparse.Namespace) -> Study:
     if args.undo:
-        return study.go_to(study.current - 1)
+        if study.current <= 1:
+            raise UsageError("the present version is the first: there is nothing to undo")
+        return study.go_to(study.version().parent)
     if args.version is not None:
         return study.go_to(args.version)
     if args.remove:

@@ -107,9 +107,11 @@ def test_a_jump_or_reset_parts_two_clocks(seed: int, jump: int, drift: float):
     assert fit.jumps.tolist() == [at]
     # A group of samples arrives at one instant, so the neighbours of the jump can be taken for the other side's.
     near = np.abs(np.arange(len(true)) - at) < 5
-    error = (fit.apply(device, arrival) - true)[~near]
-    assert error.std() < 0.5 * MS
-    assert -MS < error.mean() < 1.5 * MS
+    error = fit.apply(device, arrival) - true
+    # Either side is a clock of its own, with its own small bias.
+    for side in (np.arange(len(true)) < at, np.arange(len(true)) >= at):
+        assert error[side & ~near].std() < 0.5 * MS
+        assert -MS < error[side & ~near].mean() < 1.5 * MS
     with pytest.raises(ValueError, match="arrivals"):
         fit.apply(device)
 

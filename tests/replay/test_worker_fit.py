@@ -1,0 +1,65 @@
+"""The worker alone, in an empty folder, over a bus that loses blocks, fits the same as the recorder's own log."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from daq.log import LogReader, LogWriter
+from services.cli import main
+from services.environment import HOME
+from tests.support.processes import commands
+from tests.support.rig import free_port
+
+CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
+SECONDS = 8.0
+
+
+def cut(source: Path, path: Path) -> LogReader:
+    """The first seconds of a capture, by the stamps of its frames."""
+    raw = LogReader(source)
+    end = raw.start.started_ns + int(SECONDS * 1e9)
+    assert raw.stop is not None
+    with LogWriter(path, raw.start) as log:
+        for name in raw.sources():
+            frames = raw.frames(name)
+            log.write_frames(frames[: int((frames.t_ns < end).sum())])
+        log.close(
+            replace(raw.stop, stopped_ns=end, counts={}, losses={}) if hasattr(raw.stop, "stopped_ns") else raw.stop
+        )
+    return raw
+
+
+def test_a_worker_in_an_empty_folder_gets_the_same_fit_though_5_percent_of_the_live_blocks_never_came(tmp_path: Path):
+    raw = cut(CAPTURE, tmp_path / "capture.mcap")
+    (tmp_path / "rig.toml").write_text(raw.start.rig_text, encoding="utf-8")
+    (tmp_path / "vehicle.toml").write_text(raw.start.vehicle_text, encoding="utf-8")
+    router = f"tcp/127.0.0.1:{free_port()}"
+    to = [word for i in range(2) for word in ("--to", f"can{i}=multicast:{free_port()}")]
+    to += ["--to", f"udp0=udp:127.0.0.1:{free_port()}"]
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    from tests.support.processes import Command
+
+    with commands() as running:
+        replay = Command("replay", "capture.mcap", "--endpoints", "wires.json", "--wait", 30, *to, cwd=tmp_path)
+        record = Command(
+            "record", "--rig", "rig.toml", "--vehicle", "vehicle.toml", "-o", "log.mcap", "--endpoints", "wires.json",
+            "--listen", router, "--until-idle", 1, "--drop-live", 0.05, "--brakes", "off", "--ack-wait", 60,
+            cwd=tmp_path,
+        )  # fmt: skip
+        worker = Command("worker", "--connect", router, "--once", cwd=empty)
+        running += [replay, record, worker]
+        assert replay.wait(60) == 0, replay.text()
+        assert record.wait(60) == 0, record.text()
+        assert worker.wait(90) == 0, worker.text()
+        said = worker.text()
+    assert int(said.split("complete, ")[1].split(" blocks fetched")[0]) > 0  # otherwise nothing was dropped
+    remote = json.loads((empty / "result.json").read_text(encoding="utf-8"))
+    assert remote["complete"]
+    assert main(["identify", str(tmp_path / "log.mcap"), "--json", str(tmp_path / "local.json")]) == 0
+    local = json.loads((tmp_path / "local.json").read_text(encoding="utf-8"))
+    for key in ("parameters", "not_identifiable", "whole_vehicle", "base_rank"):
+        assert remote["result"][key] == local[key], key
+    assert len(local["parameters"]) > 20

@@ -1,0 +1,120 @@
+"""`--json`: docs/json.md lists exactly the keys that commands write."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from services.cli import find_commands, main
+from services.result import FORMAT
+from tests.support.processes import ROOT, Command, commands
+from tests.support.rig import make_capture
+from tests.support.tables import CAR, FILES, piece, written
+
+PAGE = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+
+
+def documented(command: str) -> tuple[dict[str, Any], set[str]]:
+    """The tree of keys a section lists, and the optional ones."""
+    section = PAGE.split(f"\n## {command}\n")[1].split("\n## ")[0]
+    tree: dict[str, Any] = {"format": {}, "command": {}}
+    optional: set[str] = set()
+    for path, meaning in re.findall(r"^\| `([^`]+)` \| [^|]+ \| (.*) \|$", section, re.M):
+        node = tree
+        for part in path.replace("[]", ".[]").split("."):
+            node = node.setdefault(part, {})
+        if "*optional*" in meaning:
+            optional.add(path)
+    return tree, optional
+
+
+def check(value: Any, tree: dict[str, Any], optional: set[str], place: str = "") -> None:
+    """Every key is documented and every documented key is there."""
+    if not tree:
+        return
+    if "[]" in tree:
+        assert isinstance(value, list), place
+        for item in value:
+            check(item, tree["[]"], optional, f"{place}[]")
+    elif "*" in tree:
+        for key, item in value.items():
+            check(item, tree["*"], optional, f"{place}.{key}")
+    else:
+        assert set(value) <= set(tree), place
+        assert set(tree) - set(value) <= optional, place
+        for key, item in value.items():
+            check(item, tree[key], optional, f"{place}.{key}")
+
+
+def conforms(file: Path, command: str) -> dict[str, Any]:
+    """A result file against its section."""
+    text = file.read_text(encoding="utf-8")
+    result = json.loads(text, parse_constant=lambda word: pytest.fail(f"{word} is no JSON"))
+    assert (result["format"], result["command"]) == (FORMAT, command)
+    check(result, *documented(command), command)
+    return result
+
+
+def test_every_command_has_its_section_and_takes_json():
+    assert set(re.findall(r"^## (\S+)$", PAGE, re.M)) == set(find_commands())
+    for name, module in find_commands().items():
+        module.add_arguments(argparse.ArgumentParser())
+        assert f'"{name}"' in Path(str(module.__file__)).read_text(encoding="utf-8"), name
+
+
+def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("services.commands.identify.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("services.fitting.FLOOR_DRAWS", 3)
+    used = str(written(piece("sine", 5.0, 12.0), tmp_path / "used.parquet"))
+    held = str(written(piece("sweep", 5.0, 12.0), tmp_path / "held.parquet"))
+    folder, file = str(tmp_path / "study"), tmp_path / "result.json"
+
+    def run(*argv: str) -> dict[str, Any]:
+        assert main([*argv, "--json", str(file)]) == 0
+        return conforms(file, argv[0])
+
+    fitted = run("identify", used, *FILES)
+    assert {"spring.fl.k"} <= {p["name"] for p in fitted["parameters"]}
+    for p in fitted["parameters"]:
+        assert p["interval95"] == pytest.approx([p["value"] - p["half95"], p["value"] + p["half95"]])
+    made = run("study", "new", folder, "--use", used, "--hold", held, *FILES, "--draws", "19")
+    assert [v["version"] for v in made["versions"]] == [1]
+    compared = run("compare", folder, "--no-pictures")
+    check(compared["used"], documented("identify")[0]["rows"]["used"], set(), "used")
+    check(compared["held"], documented("identify")[0]["rows"]["used"], set(), "held")
+    ranked = run("diagnose", folder)
+    assert {c["answer"] for c in ranked["candidates"]} <= {"missing", "undecided", "not needed", "not testable"}
+    added = run("add", folder, "anti_roll_bar.front")
+    assert added["held"]["after"] < added["held"]["before"]
+
+
+def test_info_decode_export_and_replay(tmp_path: Path):
+    raw, log, file = tmp_path / "raw.mcap", tmp_path / "log.mcap", tmp_path / "result.json"
+    make_capture(raw, 1.0, 47110)
+    for argv in (
+        ["decode", raw, "-o", log],
+        ["export", "--rows", log, "-o", tmp_path / "rows.mcap"],
+        ["info", log],
+        ["info", raw],
+        ["info", CAR / "rig.toml"],
+        ["info", CAR / "vehicle.toml"],
+        ["info", "--channels", "--effects", "--rows"],
+    ):
+        assert main([*map(str, argv), "--json", str(file)]) == 0
+        conforms(file, str(argv[0]))
+    with commands() as running:
+        running.append(Command("replay", raw, "--bus", "udp0", "--speed", "max", "--json", file, cwd=tmp_path))
+        running[0].wait()
+    conforms(file, "replay")
+
+
+def test_standard_output_carries_the_result_alone(capsys: pytest.CaptureFixture[str]):
+    assert main(["info", "--rows", "--json", "-"]) == 0
+    out = capsys.readouterr()
+    assert json.loads(out.out)["command"] == "info"
+    assert "chassis.fx" in out.err
