@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 from daq.channels import CORNERS
 from identify.drive import Drive
 from identify.filters import decimate
+from identify.vectors import Array
 
 _CLEAR = 0.5
 """Another assignment of wheels to corners must leave less than this part of the misfit to be believed."""
@@ -32,13 +33,13 @@ def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
         keep = np.intersect1d(keep, motion.kept(f"tyre.{c}"))
     if keep.size < 30:
         return {}
-    loads = decimate(np.stack([motion.measured(f"tyre.{c}") for c in corners]), motion.filters, keep)
-    deflections = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
+    loads: Array = decimate(np.stack([motion.measured(f"tyre.{c}") for c in corners]), motion.filters, keep)
+    deflections: Array = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):
         for j, deflection in enumerate(deflections):
-            centred = deflection - np.mean(deflection)
-            slope = float(centred @ load / (centred @ centred))
+            centred = np.asarray(deflection - deflection.mean(), float)
+            slope = float(np.dot(centred, load) / np.dot(centred, centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
     wheels, places = linear_sum_assignment(cost)

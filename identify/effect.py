@@ -25,7 +25,8 @@ class Parameter:
     """One parameter of an effect.
 
     `name` is ``effect.parameter`` (rigid bodies: as in the paper, ``XX6``); `unit` is SI; `low` and `high` bound what
-    is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``.
+    is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``. `twin` names the same part on the other
+    side of the car, whose value differs by no more than `twin_sigma` (1 σ): stated on one of the two.
     """
 
     name: str
@@ -33,6 +34,8 @@ class Parameter:
     low: float
     high: float
     expect: str = "any"
+    twin: str = ""
+    twin_sigma: float = 1.0
 
     @property
     def largest(self) -> float:

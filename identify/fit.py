@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from daq.errors import NotIdentifiable
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
-from identify.effect import Effect
+from identify.effect import Effect, Parameter
 from identify.filters import derivative
 from identify.model import Model
 from identify.reconstruct import Recording, Signals
@@ -128,8 +128,8 @@ def _fit_linear(
     if not base.rank:
         raise NotIdentifiable("no parameter of the model acts on the rows measured in these runs")
     keep = base.independent
-    prior = np.array([q.prior for effect in effects for q in effect.parameters])[keep]
-    problem = _Problem({k: W[:, keep] for k, W in blocks.items()}, left, prior, rows)
+    known = _known_beforehand([q for effect in effects for q in effect.parameters], keep)
+    problem = _Problem({k: W[:, keep] for k, W in blocks.items()}, left, known, rows)
     theta, sigma = problem.solve(weights, scale)
     full = np.zeros(p)
     full[keep] = theta
@@ -148,12 +148,12 @@ def _fit_linear(
 
 
 class _Problem:
-    """Blocks of the equations by run and row, and the priors of their columns."""
+    """Blocks of the equations by run and row; what is known beforehand are equations with σ = 1 and right side 0."""
 
     def __init__(
-        self, blocks: dict[tuple[int, str], Array], left: dict[tuple[int, str], Array], prior: Array, rows: list[str]
+        self, blocks: dict[tuple[int, str], Array], left: dict[tuple[int, str], Array], known: Array, rows: list[str]
     ):
-        self.blocks, self.left, self.prior, self.rows = blocks, left, prior, rows
+        self.blocks, self.left, self.known, self.rows = blocks, left, known, rows
         # One triangle a row: weights can then be iterated without touching the samples again.
         self.triangles = {
             row: np.concatenate([_narrow(W, left[key]) for key, W in blocks.items() if key[1] == row]) for row in rows
@@ -172,7 +172,7 @@ class _Problem:
                 columns.append(found.get(row, np.zeros(len(W))))
             blocks[d, row] = np.column_stack([W, *columns])
         prior = np.array([q.prior for fault in model.faults for q in fault.parameters])
-        return _Problem(blocks, self.left, np.concatenate([self.prior, prior]), self.rows)
+        return _Problem(blocks, self.left, _beside(self.known, np.diag(1.0 / prior)), self.rows)
 
     def with_zeros(self, zeros: Sequence[Zeros]) -> _Problem:
         """The same with each run's zeros, side by side."""
@@ -184,7 +184,8 @@ class _Problem:
             wide = np.zeros((len(W), starts[-1]))
             wide[:, starts[d] : starts[d + 1]] = zeros[d].columns[row]
             blocks[d, row] = np.column_stack([W, wide])
-        return _Problem(blocks, self.left, np.concatenate([self.prior, *(z.sigma for z in zeros)]), self.rows)
+        prior = np.concatenate([z.sigma for z in zeros])
+        return _Problem(blocks, self.left, _beside(self.known, np.diag(1.0 / prior)), self.rows)
 
     def solve(
         self, weights: Mapping[str, float] | None, scale: Mapping[str, float], start: Mapping[str, float] | None = None
@@ -211,21 +212,21 @@ class _Problem:
         stacked = self.stacked(sigma)
         lengths = np.linalg.norm(stacked[:, :-1], axis=0)
         triangle = _triangle(stacked / np.append(lengths, 1.0))
-        p = len(self.prior)
+        p = self.known.shape[1]
         return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p]), float) / lengths
 
     def _solve_normal(self, squares: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
         """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
         total: Array = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
-        A = total[:-1, :-1] + np.diag(1.0 / self.prior**2)
+        A = total[:-1, :-1] + self.known.T @ self.known
         lengths = np.sqrt(np.diag(A))
         right: Array = total[:-1, -1] / lengths
         return np.linalg.solve(A / np.outer(lengths, lengths), right) / lengths
 
     def stacked(self, sigma: Mapping[str, float]) -> Array:
-        """Weighted triangles of all rows over the priors as further equations, right-hand side last."""
-        priors = np.column_stack([np.diag(1.0 / self.prior), np.zeros(len(self.prior))])
-        return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), priors])
+        """Weighted triangles of all rows over what is known beforehand, right-hand side last."""
+        known = np.column_stack([self.known, np.zeros(len(self.known))])
+        return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), known])
 
     def bias(
         self,
@@ -251,12 +252,9 @@ class _Problem:
                     noisy = drive.noisy(draw, sign, [2002, d, draw])
                     for row in drive.rows:
                         scale = 0.5 / sigma[row] ** 2
-                        W = self.blocks[d, row][:, :p]
-                        slopes[draw] -= scale * (W.T @ W)
-                        constants[draw] -= scale * (W.T @ self.left[d, row])
-                        W = noisy.matrix(effects, row)[:, keep]
-                        slopes[draw] += scale * (W.T @ W)
-                        constants[draw] += scale * (W.T @ noisy.measured[row])
+                        plain, moved = self.blocks[d, row][:, :p], noisy.matrix(effects, row)[:, keep]
+                        slopes[draw] += scale * (moved.T @ moved - plain.T @ plain)
+                        constants[draw] += scale * (moved.T @ noisy.measured[row] - plain.T @ self.left[d, row])
                     noisy.forget_motion()
         slope, constant = np.zeros((width, width)), np.zeros(width)
         slope[:p, :p], constant[:p] = slopes.mean(axis=0), constants.mean(axis=0)
@@ -264,13 +262,15 @@ class _Problem:
         lengths = np.linalg.norm(stacked, axis=0)
         triangle = _triangle(stacked / lengths)[:width]
         # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
-        inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width))) / lengths[:, None]
+        solved = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float)
+        inverse: Array = solved / lengths[:, None]
         x0, k = triangle @ (lengths * theta), inverse.T @ constant
-        part, V = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
         # Where noise makes up most of what a direction seems to know, there is nothing to correct.
         sound = part < 0.5
-        growth = np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0)
-        x = np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0)
+        growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
+        x = np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float)
         corrected = inverse @ (V @ x)
         scores = np.zeros((NOISE_DRAWS, width))
         scores[:, :p] = constants - slopes @ corrected[:p]
@@ -293,7 +293,7 @@ def _result(
     triangle = _triangle(stacked / lengths)[: len(theta)]
     inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(len(theta)))) / lengths[:, None]
     iid = inverse @ inverse.T
-    spread = np.diag(1.0 / problem.prior**2)
+    spread = problem.known.T @ problem.known
     for d, drive in enumerate(drives):
         comb = np.arange(drive.recording.t.size // drive.recording.filters.step + 1)
         scores = clustered_scores(
@@ -351,6 +351,27 @@ def _triangle(W: Array) -> Array:
     triangle = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0], float)[: W.shape[1]]
     lacking = W.shape[1] - triangle.shape[0]
     return np.concatenate([triangle, np.zeros((lacking, W.shape[1]))]) if lacking else triangle
+
+
+def _known_beforehand(parameters: Sequence[Parameter], keep: NDArray[np.int64]) -> Array:
+    """Equations in the parameters kept: each within what is plausible, and left and right parts of one kind alike."""
+    kept = [parameters[int(i)] for i in keep]
+    names = [q.name for q in kept]
+    lines = [np.diag([1.0 / q.prior for q in kept])]
+    for i, q in enumerate(kept):
+        if q.twin in names:
+            line = np.zeros((1, len(kept)))
+            line[0, i], line[0, names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
+            lines.append(line)
+    return np.concatenate(lines)
+
+
+def _beside(a: Array, b: Array) -> Array:
+    """Two sets of equations in different parameters, as one."""
+    out = np.zeros((a.shape[0] + b.shape[0], a.shape[1] + b.shape[1]))
+    out[: a.shape[0], : a.shape[1]] = a
+    out[a.shape[0] :, a.shape[1] :] = b
+    return out
 
 
 def _narrow(W: Array, y: Array) -> Array:

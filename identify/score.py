@@ -72,13 +72,23 @@ def compare(fitted: Fit, drive: Drive, draws: int = 20, seed: int = 1) -> Compar
     return Comparison(drive.name, t, drive.measured, modelled, scores, (zeros, values))
 
 
-def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
-    """(z,) the run's zeros that explain its residual best, under the sheet's prior."""
+def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:
+    """(z,) the run's zeros that explain its residual best, under the sheet's prior.
+
+    A row that the model fails in is weighted by its own error, else the zeros would soak that error up and spoil the
+    rows in which the model is right.
+    """
+    values = np.zeros(len(zeros.names))
     if not zeros.names:
-        return np.zeros(0)
-    A = np.concatenate([zeros.columns[row] / sigma[row] for row in drive.rows] + [np.diag(1.0 / zeros.sigma)])
-    b = np.concatenate([residual[row] / sigma[row] for row in drive.rows] + [np.zeros(len(zeros.names))])
-    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
+        return values
+    sigma = {row: max(floor[row], float(np.std(residual[row]))) for row in drive.rows}
+    for _ in range(5):
+        A = np.concatenate([zeros.columns[row] / sigma[row] for row in drive.rows] + [np.diag(1.0 / zeros.sigma)])
+        b = np.concatenate([residual[row] / sigma[row] for row in drive.rows] + [np.zeros(len(zeros.names))])
+        values = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
+        left = {row: residual[row] - zeros.columns[row] @ values for row in drive.rows}
+        sigma = {row: max(floor[row], float(np.sqrt(np.mean(left[row] ** 2)))) for row in drive.rows}
+    return values
 
 
 def score_row(row: str, measured: Array, residual: Array, floor: float) -> RowScore:

@@ -32,7 +32,8 @@ def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Fi
     """Measured, modelled and error of some rows (default: all) of a run."""
     names = list(rows or part.measured)
     lines = -(-len(names) // _COLUMNS)
-    figure = Figure(figsize=(4.6 * min(_COLUMNS, len(names)), 0.6 + 2.1 * lines), layout="constrained")
+    width = 4.6 * min(_COLUMNS, len(names)) if len(names) > 1 else 9.2
+    figure = Figure(figsize=(width, 0.6 + 2.1 * lines), layout="constrained")
     grid = figure.subplots(lines, min(_COLUMNS, len(names)), squeeze=False)
     for axes, row in zip(grid.flat, names, strict=False):
         _row(axes, part, row)

@@ -56,7 +56,16 @@ class RigidBody(Effect):
         if self.where.startswith("wheel"):  # a balanced body of revolution
             names = (("ZZ", "kg·m²"), ("XX", "kg·m²"), ("MZ", "kg·m"), ("M", "kg"))
         largest = _LARGEST[self.where.partition(".")[0]]
-        return tuple(Parameter(f"{n}{self.number}", u, -largest[u], largest[u]) for n, u in names)
+        twin = self._twin()
+        return tuple(
+            Parameter(f"{n}{self.number}", u, -largest[u], largest[u], twin=twin if n == "M" else "", twin_sigma=2.0)
+            for n, u in names
+        )
+
+    def _twin(self) -> str:
+        """Mass of the opposite axle body, stated on the left: hub, brake and knuckle are the same parts, to 2 kg."""
+        kind, _, corner = self.where.partition(".")
+        return f"M{AXLE[corner[0] + 'r']}" if kind == "axle" and corner.endswith("l") else ""
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Chassis rows, and for axles and wheels the suspension and spin rows they act on."""

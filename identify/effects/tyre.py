@@ -71,8 +71,9 @@ class OutboardMass(_TyreForce):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Mass."""
-        return (self.named("m", "kg", 0.0, 80.0, "positive"),)
+        """Mass; rims and tyres of an axle are the same parts, to 1 kg."""
+        twin = f"{self.name}.{self.where[0]}r.m" if self.where.endswith("l") else ""
+        return (Parameter(f"{self.key}.m", "kg", 0.0, 80.0, "positive", twin, 1.0),)
 
     def law(self, corner: CornerMotion) -> Array:
         """−a·e."""

@@ -168,7 +168,7 @@ def _tell_worker(out: Path) -> None:
     if not file.is_file():
         print(f"   The worker gave no result: see {out / 'worker.txt'}")
         return
-    result = json.loads(file.read_text(encoding="utf-8"))
+    result = json.loads(file.read_text(encoding="utf-8")).get("result", {})
     mass = next((w for w in result.get("whole_vehicle") or [] if w["name"] == "mass"), None)
     if mass is not None:
         print(
