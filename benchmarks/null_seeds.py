@@ -155,13 +155,15 @@ def page(campaign: Campaign, verdicts: Sequence[Verdict], draws: int, command: s
             f"{draws} noise-floor draws a diagnosis, so the smallest possible p is {1 / (draws + 1):.3f}.",
             "",
             f"**Exactly what was hidden was named in {right} of {len(verdicts)} seeds**; the last verdict was "
-            f'"nothing missing" in {quiet}. A candidate left with p ≤ {SIGNIFICANCE:g}, its gain too small to be '
-            f"proposed: {alarms} seeds. Held-out residual ÷ floor over all rows and seeds: mean "
+            f'"nothing missing" in {quiet}. A candidate with p ≤ {SIGNIFICANCE:g} is left in {alarms} seeds, not '
+            f"proposed because its gain or the whole excess over the floor is too small. "
+            f"Held-out residual ÷ floor over all rows and seeds: mean "
             f"{ratios.mean():.3f}, 95 % below {np.quantile(ratios, 0.95):.3f}, largest {ratios.max():.3f}.",
             "",
             *table(verdicts),
             "",
-            "A candidate is proposed at p ≤ 0.05 and a gain of at least 1 %; the one with the smallest p is shown. "
+            "A candidate is proposed at p ≤ 0.05, a gain of at least 1 %, and when what it belongs to explains half of "
+            "the excess over the floor; the one with the smallest p is shown. "
             "*worst row used*: residual ÷ noise floor of the last model, over the runs used; *held out*: the same for "
             "the worst row of the runs held out.",
             "",
