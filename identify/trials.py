@@ -310,15 +310,16 @@ class TrialSpace:
         keys += [c.key for c in ranked if c.key not in keys]
         used = np.zeros((left.size, 0))
         for _ in range(3):
-            drops: list[float] = []
-            for key in keys:
-                fresh = self._fresh(key, used)
-                drops.append(float(np.sum((fresh.T @ left) ** 2)) if fresh.size else 0.0)
+            drops = [float(np.sum((fresh.T @ left) ** 2)) for fresh in (self._fresh(key, used) for key in keys)]
             if not drops or max(drops) <= 0:
                 break
-            fresh = self._fresh(keys[int(np.argmax(drops))], used)
+            best = keys[int(np.argmax(drops))]
+            fresh = self._fresh(best, used)
             left = left - fresh @ (fresh.T @ left)
             used = np.column_stack([used, fresh])
+            if isinstance(self.trials[best].effect, SensorFault):
+                # Several gains set free together would scale the measurement away with whatever is in it.
+                keys = [key for key in keys if not isinstance(self.trials[key].effect, SensorFault)]
         gone = float(np.sum(self.left**2) - np.sum(left**2))
         return excess, gone / excess if excess > 0 else 0.0
 
