@@ -12,11 +12,12 @@ import pytest
 
 from daq.run import Run
 from identify.catalogue import catalogue
-from identify.diagnose import ALIKE, LEAST_GAIN, SIGNIFICANCE, Diagnosis, diagnose
+from identify.diagnose import LEAST_GAIN, SIGNIFICANCE, Diagnosis, diagnose
 from identify.drive import Drive
 from identify.fit import fit
 from identify.floor import floor_of
 from identify.model import Model
+from identify.trials import ALIKE
 from services.cli import main
 
 VEHICLE, RIG = cars.reference_car()
