@@ -21,9 +21,6 @@ MAX_DRIFT = 500e-6
 SHORT_NS = 1_000_000_000
 """A stretch shorter than this between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
 
-STEADY_NS = 10_000_000_000
-"""A stretch shorter than this takes its drift from the longest one [ns]."""
-
 
 @dataclass(frozen=True)
 class ClockSegment:
@@ -135,10 +132,9 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_
     drift = _envelope_slope(device[longest], lag[longest])
     segments = []
     for (a, b), rows in zip(spans, good, strict=True):
-        steady = rows[-1] - rows[0] > 1 and device[rows[-1]] - device[rows[0]] >= STEADY_NS
-        slope = _envelope_slope(device[rows], lag[rows]) if steady else drift
-        offset = int(np.floor(np.min((lag[rows] - lag[a]) - slope * (device[rows] - device[a])))) + int(lag[a])
-        segments.append(ClockSegment(a, b, int(arrival[a]), int(device[a]), offset, slope))
+        # One oscillator: a jump or a reset does not change its rate, which the longest stretch knows best.
+        offset = int(np.floor(np.min((lag[rows] - lag[a]) - drift * (device[rows] - device[a])))) + int(lag[a])
+        segments.append(ClockSegment(a, b, int(arrival[a]), int(device[a]), offset, drift))
     parts = [arrival[rows] - s.apply(device[rows]) for s, rows in zip(segments, good, strict=True)]
     delay = np.concatenate(parts).astype(float)
     windows = [np.minimum.reduceat(part, np.arange(0, max(len(part) - 99, 1), 100)).max() for part in parts]

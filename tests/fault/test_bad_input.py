@@ -213,7 +213,7 @@ def test_a_time_that_jumps_is_flagged_and_does_no_harm(lacet, tmp_path: Path, fi
         alike(said, fitted)
 
 
-@pytest.mark.parametrize(("seconds", "says"), [(1.0, "at least 2.30 s are needed"), (0.02, "record for some seconds")])
+@pytest.mark.parametrize(("seconds", "says"), [(1.0, "at least 2.17 s are needed"), (0.02, "record for some seconds")])
 def test_a_run_too_short_is_refused_with_the_length_needed(lacet, tmp_path: Path, seconds: float, says: str):
     said = lacet("identify", written(piece("sine", 5.0, 5.0 + seconds), tmp_path / "run.parquet"), *FILES)
     assert said.code == 2
@@ -386,7 +386,7 @@ def test_a_study_whose_making_failed_leaves_nothing_behind(lacet, tmp_path: Path
     short = written(piece("sine", 5.0, 6.0), tmp_path / "short.parquet")
     folder = tmp_path / "study"
     cases = {
-        "at least 2.30 s are needed": ["--use", short],
+        "at least 2.17 s are needed": ["--use", short],
         "both used and held out": ["--use", sound, "--hold", sound],
         "no such file": ["--use", sound, "--hold", tmp_path / "absent.parquet"],
         "given twice": ["--use", sound, sound],
