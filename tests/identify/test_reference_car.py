@@ -150,21 +150,11 @@ def test_runs_used_are_at_the_noise_floor(fitted: Fit, drives: dict[str, Drive])
 
 
 def test_a_run_held_out_is_predicted(drives: dict[str, Drive], models: dict[str, Model]) -> None:
-    """Cross validation with the rough road held out, the hardest: no other run has its frequencies.
-
-    Steering and lift-off alone leave unsprung masses open by some kilograms, and the fit says so: each row's residual
-    is what noise and the parameters' own covariance lead one to expect.
-    """
+    """Cross validation with the rough road held out, the hardest: no other run has its frequencies."""
     others = [drive for name, drive in drives.items() if name != "rough"]
-    rough, fitted = drives["rough"], fit(models["bars"], others)
-    off: dict[str, float] = {}
-    for row, score in compare(fitted, rough, draws=6).scores.items():
-        W = rough.matrix(models["bars"].physics, row)
-        open_ = np.sqrt(np.mean(np.einsum("ij,jk,ik->i", W, fitted.covariance, W)))
-        assert open_ < 3.0 * score.floor, row
-        off[row] = score.rms / float(np.hypot(score.floor, open_))
-    assert max(off.values()) < 1.3, off
-    assert np.mean(list(off.values())) < 1.1, off
+    scores = compare(fit(models["bars"], others), drives["rough"], draws=6).scores
+    ratios = {row: score.ratio for row, score in scores.items()}
+    assert max(ratios.values()) <= 1.3, ratios
 
 
 @pytest.mark.slow
