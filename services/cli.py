@@ -64,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = sys.argv[1:] if argv is None else list(argv)
     args = build_parser(words[0] if words else None).parse_args(words)
     try:
-        # Matrices here are small: threads inside the linear algebra only fight each other (measured: 25 times slower).
+        # Matrices here are small: more threads gain nothing (measured), and the other cores are the recorder's.
         with threadpool_limits(1), contextlib.ExitStack() as stack:
             if args.json == "-":  # standard output is for the result alone; what is for people goes to standard error
                 args.json = sys.stdout
