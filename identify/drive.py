@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,12 +13,15 @@ from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
 from identify.effect import Effect
-from identify.filters import Filters, decimate
+from identify.filters import Filters, zero_phase_of
 from identify.geometry import build_motion
 from identify.motion import Motion
 from identify.noise import draw_noise
 from identify.reconstruct import Recording, Signals, bring_together
 from identify.vectors import Array
+
+PIECE = 60.0
+"""Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
 
 
 class Drive:
@@ -26,10 +30,11 @@ class Drive:
     Parameters
     ----------
     recording : channels on one grid.
+    offset : place of its first sample in the run it is a piece of, 0 for a whole run.
     """
 
-    def __init__(self, recording: Recording):
-        self.recording = recording
+    def __init__(self, recording: Recording, offset: int = 0):
+        self.recording, self.offset = recording, offset
         self._noisy: dict[tuple[int, int], Drive] = {}
         self._columns: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, Array]] = {}
 
@@ -72,20 +77,66 @@ class Drive:
 
     def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
         """Filter (…, N) series of rows and keep their samples; rows this drive lacks are left out."""
+        here = {row: series for row, series in rows.items() if row in self.index}
+        if not here:
+            return {}
+        # All series go through the filter at once: preparing it costs as much as running it over one.
+        flat = np.concatenate([series.reshape(-1, series.shape[-1]) for series in here.values()])
+        filtered = zero_phase_of(flat, self.recording.filters)
+        ends = np.cumsum([series[..., 0].size for series in here.values()])
+        parts = np.split(filtered, ends[:-1])
         return {
-            row: decimate(series, self.motion.filters, self.index[row])
-            for row, series in rows.items()
-            if row in self.index
+            row: part[:, self.index[row]].reshape(*series.shape[:-1], -1)
+            for (row, series), part in zip(here.items(), parts, strict=True)
         }
 
     def matrix(self, effects: Sequence[Effect], row: str) -> Array:
         """(n, p) observation matrix of a row, all effects side by side, zero where an effect does not act."""
         n = len(self.index[row])
+        self._prepare(effects)
         parts = [
             columns[row] if row in (columns := self.columns(effect)) else np.zeros((len(effect.parameters), n))
             for effect in effects
         ]
         return np.concatenate(parts).T if parts else np.zeros((n, 0))
+
+    def _prepare(self, effects: Sequence[Effect]) -> None:
+        """Make the columns of all effects that are not there yet, through the filter together."""
+        keys = [(effect.key, tuple(sorted(effect.shape.items()))) for effect in effects]
+        fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]
+        if not fresh:
+            return
+        made = [(key, row, series) for key, effect in fresh for row, series in effect.columns(self.motion).items()]
+        stacks: dict[str, list[Array]] = {}
+        for _, row, series in made:
+            stacks.setdefault(row, []).append(series)
+        done = self.decimated({row: np.concatenate(parts) for row, parts in stacks.items()})
+        self._columns |= {key: {} for key, _ in fresh}
+        taken = dict.fromkeys(done, 0)
+        for key, row, series in made:
+            if row in done:
+                self._columns[key][row] = done[row][taken[row] : taken[row] + len(series)]
+                taken[row] += len(series)
+
+    def pieces(self, seconds: float = PIECE) -> Iterator[Drive]:
+        """The run itself, or when it is longer than 1.5 × `seconds`, drives that together keep just its samples.
+
+        Each piece reaches over its ends by twice the filters' edge, so that transients do not show.
+        """
+        filters, n = self.recording.filters, self.recording.t.size
+        if n <= 1.5 * seconds * filters.rate:
+            yield self
+            return
+        step = filters.step
+        length = int(seconds * filters.rate) // step * step
+        margin = -(-int(2.0 * filters.edge * filters.rate) // step) * step
+        for start in range(0, n, length):
+            first, stop = max(0, start - margin), min(n, start + length + margin)
+            part = self.recording.at(slice(first, stop))
+            place = np.arange(first, stop)
+            own = (place >= start) & (place < start + length)
+            usable = {name: mask & own for name, mask in part.usable.items()}
+            yield Drive(replace(part, usable=usable), offset=first)
 
     def noisy(self, draw: int, sign: int, seed: Sequence[int]) -> Drive:
         """This run with one more draw of its channels' noise added or subtracted; kept for the next fit.

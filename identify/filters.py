@@ -90,9 +90,14 @@ def derivative(x: Array, rate: float) -> Array:
     return out
 
 
+def zero_phase_of(x: Array, filters: Filters) -> Array:
+    """The parallel filter along the last axis."""
+    return zero_phase(x, filters.fit_cutoff, filters.rate, filters.order)
+
+
 def decimate(x: Array, filters: Filters, keep: NDArray[np.intp]) -> Array:
     """Parallel filter, then the samples `keep` along the last axis."""
-    return zero_phase(x, filters.fit_cutoff, filters.rate, filters.order)[..., keep]
+    return zero_phase_of(x, filters)[..., keep]
 
 
 def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, order: int) -> Array:

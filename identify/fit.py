@@ -4,26 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from daq.errors import NotIdentifiable
+from identify.assembly import Assembly
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
-from identify.effect import Effect, Parameter
+from identify.effect import Parameter
+from identify.equations import Equations, RunEquations
 from identify.filters import derivative
 from identify.model import Model
+from identify.noise_bias import NoiseMoments
 from identify.reconstruct import Recording, Signals
+from identify.robust import BadSecond, bad_seconds, huber_weights
 from identify.rows import ROWS
 from identify.sensitivity import Sensitivity
-from identify.stats import clustered_scores, hac
+from identify.triangle import scaled_triangle, triangle
+from identify.uncertainty import block_bootstrap, spread_of
 from identify.vectors import Array
-from identify.zeros import Zeros, zeros_of
 
-NOISE_DRAWS = 6
-"""Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
+_HUBER_TURNS = 6
 
 
 @dataclass(frozen=True)
@@ -38,11 +42,14 @@ class Fit:
     theta : (p,) every parameter; those grouped into others are zero.
     covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included.
     covariance_iid : the same as if residuals were independent, as the paper's sxr % has it.
+    covariance_sheet : what the sensor sheet's gains and latencies add to it, which no residual shows.
     sigma : row → weight's σ [N or N·m].
     residual : for each drive, row → (n,) Y − W θ − zeros, after filter and decimation.
-    zeros : for each drive, names, values and priors of its sensor zeros.
-    sensitivities : for each drive, how its residual answers to its channels.
+    zeros : for each drive, names, priors (1 σ) and values of its sensor zeros.
     correction : (p,) what was added to take out the bias of noise in the regressors.
+    place : (q,) where the parameters of the equations stand in `theta`: those kept, then sensor faults.
+    root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
+    assembly, equations : what it was made from, to go through the samples again.
     """
 
     model: Model
@@ -51,11 +58,41 @@ class Fit:
     theta: Array
     covariance: Array
     covariance_iid: Array
+    covariance_sheet: Array
     sigma: Mapping[str, float]
     residual: tuple[Mapping[str, Array], ...]
-    zeros: tuple[tuple[Zeros, Array], ...]
-    sensitivities: tuple[Sensitivity, ...]
+    zeros: tuple[tuple[tuple[str, ...], Array, Array], ...]
     correction: Array
+    place: NDArray[np.intp]
+    root: Array
+    assembly: Assembly
+    equations: Equations
+
+    @cached_property
+    def sensitivities(self) -> tuple[Sensitivity, ...]:
+        """For each drive, how its residual answers to its channels."""
+        return self.assembly.sensitivities()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of the parameters in the equations, (q,)."""
+        return tuple(self.model.names[int(i)] for i in self.place)
+
+    @property
+    def solution(self) -> Array:
+        """(q,) values of the parameters in the equations."""
+        return self.theta[self.place]
+
+    def bootstrap(self, draws: int = 499, seed: int = 0) -> Array:
+        """(draws, p) values of `theta` from runs put together anew of their own blocks (moving blocks of about 2 s)."""
+        out = np.zeros((draws, len(self.theta)))
+        drawn = block_bootstrap(self.assembly, self.equations, self.sigma, draws, seed)
+        out[:, self.place] = drawn + self.correction[self.place]
+        return out
+
+    def bad_seconds(self) -> list[BadSecond]:
+        """What a robust fit counted less, worst first."""
+        return bad_seconds(self.assembly, [drive.name for drive in self.drives])
 
     @property
     def physics(self) -> Array:
@@ -65,7 +102,7 @@ class Fit:
     @property
     def rows(self) -> tuple[str, ...]:
         """Rows that any run has, in the order of reports."""
-        return tuple(row for row in ROWS if any(row in drive.rows for drive in self.drives))
+        return tuple(row for row in ROWS if row in self.sigma)
 
     def value(self, name: str) -> float:
         """A parameter by name."""
@@ -78,6 +115,7 @@ def fit(
     weights: Mapping[str, float] | None = None,
     zeros: bool = True,
     unbias: bool = True,
+    robust: bool = False,
 ) -> Fit:
     """Fit a model to runs.
 
@@ -88,6 +126,7 @@ def fit(
     weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
     zeros : estimate each run's sensor zeros with the sheet's σ as prior.
     unbias : take out the bias that the sheet's noise in the regressors brings (errors in variables).
+    robust : let seconds with a residual far beyond their row's usual one count less (Huber).
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
@@ -95,13 +134,13 @@ def fit(
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
-    out = _fit_linear(model, corrected, weights, zeros, unbias)
+    out = _fit_linear(model, corrected, weights, zeros, unbias, robust)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
-        out = _fit_linear(model, corrected, weights, zeros, unbias)
+        out = _fit_linear(model, corrected, weights, zeros, unbias, robust)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
     if model.faults:
@@ -112,216 +151,120 @@ def fit(
 
 
 def _fit_linear(
-    model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool
+    model: Model,
+    drives: tuple[Drive, ...],
+    weights: Mapping[str, float] | None,
+    zeros: bool,
+    unbias: bool,
+    robust: bool,
 ) -> Fit:
     effects = model.physics
-    p = sum(len(effect.parameters) for effect in effects)
-    rows = [row for row in ROWS if any(row in drive.rows for drive in drives)]
+    parameters = [q for effect in effects for q in effect.parameters]
+    plain = Assembly(effects, np.arange(len(parameters)), (), drives, None, zeros=False)
+    first = _accumulate(plain, len(parameters))
+    rows = [row for row in ROWS if any(row in run.triangles for run in first)]
     if not rows:
         reasons = sorted({why for drive in drives for why in drive.motion.left_out.values()})
         raise NotIdentifiable("no row of the equations is measured in these runs: " + "; ".join(reasons))
-    blocks = {(d, row): drive.matrix(effects, row) for d, drive in enumerate(drives) for row in drive.rows}
-    left = {(d, row): drive.measured[row] for d, drive in enumerate(drives) for row in drive.rows}
-    scale = {row: _rms(np.concatenate([y for (_, r), y in left.items() if r == row])) or 1.0 for row in rows}
-    stacked = _triangle(np.concatenate([W / scale[row] for (_, row), W in blocks.items()]))
-    base = find_base(stacked, [q.name for effect in effects for q in effect.parameters])
+    scale = _row_sizes(first, rows)
+    stacked = [R[:, :-1] / scale[row] for run in first for row, R in run.triangles.items()]
+    base = find_base(triangle(*stacked), [q.name for q in parameters])
     if not base.rank:
         raise NotIdentifiable("no parameter of the model acts on the rows measured in these runs")
     keep = base.independent
-    known = _known_beforehand([q for effect in effects for q in effect.parameters], keep)
-    problem = _Problem({k: W[:, keep] for k, W in blocks.items()}, left, known, rows)
-    theta, sigma = problem.solve(weights, scale)
-    full = np.zeros(p)
-    full[keep] = theta
-    sensitivities: tuple[Sensitivity, ...] = ()
-    nuisance: tuple[Zeros, ...] = ()
-    if zeros or model.faults:
-        sensitivities = tuple(Sensitivity.of(drive.recording, effects, full) for drive in drives)
-        nuisance = tuple(zeros_of(d, s) for d, s in zip(drives, sensitivities, strict=True)) if zeros else ()
-        problem = problem.with_faults(model, drives, sensitivities).with_zeros(nuisance)
-        theta, sigma = problem.solve(weights, scale, start=sigma)
-    bias, doubt = np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+    picked = np.append(keep, len(parameters))
+    runs = [replace(run, triangles={row: R[:, picked] for row, R in run.triangles.items()}) for run in first]
+    known = _known_beforehand(parameters, keep)
+    equations = Equations(runs, known, rows)
+    least = {row: 1e-10 * scale[row] for row in rows}
+    frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
+    x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
+    at = np.zeros(len(parameters))
+    at[keep] = x
+    assembly = Assembly(effects, keep, model.faults, drives, at if zeros or model.faults else None, zeros)
+    known = _beside(known, np.diag([1.0 / q.prior for fault in model.faults for q in fault.parameters]))
+    for turn in range(_HUBER_TURNS if robust else 1):
+        equations = Equations(_accumulate(assembly, known.shape[1]), known, rows)
+        x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
+        if turn < _HUBER_TURNS - 1 and robust:
+            assembly.weights = huber_weights(assembly, equations, x, sigma)
+    root = equations.root(sigma)
+    correction, doubt = np.zeros(len(x)), np.zeros((len(x), len(x)))
     if unbias:
-        bias, doubt = problem.bias(drives, effects, keep, theta, sigma)
-        theta = theta - bias
-    return _result(model, drives, base, problem, theta, sigma, nuisance, sensitivities, p, bias, doubt)
+        moments = NoiseMoments.none(len(x))
+        for piece in assembly.pieces():
+            place = (piece.run,) if piece.drive is drives[piece.run] else (piece.run, piece.number)
+            moments.add(piece.drive, place, effects, keep, sigma, piece.weights)
+        corrected, doubt = moments.correct(x, root)
+        x, correction = corrected, corrected - x
+    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt)
 
 
-class _Problem:
-    """Blocks of the equations by run and row; what is known beforehand are equations with σ = 1 and right side 0."""
+def _accumulate(assembly: Assembly, p: int) -> list[RunEquations]:
+    """The equations of every run, piece by piece."""
+    out: list[RunEquations | None] = [None] * len(assembly.drives)
+    for piece in assembly.pieces():
+        run = out[piece.run]
+        if run is None:
+            names, priors = (piece.zeros.names, piece.zeros.sigma) if piece.zeros else ((), np.zeros(0))
+            out[piece.run] = run = RunEquations(names, priors)
+        for row, block in piece.blocks.items():
+            run.add(row, block, piece.right[row], None if piece.weights is None else piece.weights[row])
+    return [run for run in out if run is not None]
 
-    def __init__(
-        self, blocks: dict[tuple[int, str], Array], left: dict[tuple[int, str], Array], known: Array, rows: list[str]
-    ):
-        self.blocks, self.left, self.known, self.rows = blocks, left, known, rows
-        # One triangle a row: weights can then be iterated without touching the samples again.
-        self.triangles = {
-            row: np.concatenate([_narrow(W, left[key]) for key, W in blocks.items() if key[1] == row]) for row in rows
-        }
-        self.counts = {row: sum(len(y) for key, y in left.items() if key[1] == row) for row in rows}
 
-    def with_faults(self, model: Model, drives: Sequence[Drive], sensitivities: Sequence[Sensitivity]) -> _Problem:
-        """The same with the columns of the model's sensor faults."""
-        if not model.faults:
-            return self
-        blocks: dict[tuple[int, str], Array] = {}
-        for (d, row), W in self.blocks.items():
-            columns: list[Array] = []
-            for fault in model.faults:
-                found = drives[d].decimated(sensitivities[d].fault(fault))
-                columns.append(found.get(row, np.zeros(len(W))))
-            blocks[d, row] = np.column_stack([W, *columns])
-        prior = np.array([q.prior for fault in model.faults for q in fault.parameters])
-        return _Problem(blocks, self.left, _beside(self.known, np.diag(1.0 / prior)), self.rows)
-
-    def with_zeros(self, zeros: Sequence[Zeros]) -> _Problem:
-        """The same with each run's zeros, side by side."""
-        if not zeros:
-            return self
-        starts = np.concatenate([[0], np.cumsum([len(z.names) for z in zeros])]).astype(int)
-        blocks: dict[tuple[int, str], Array] = {}
-        for (d, row), W in self.blocks.items():
-            wide = np.zeros((len(W), starts[-1]))
-            wide[:, starts[d] : starts[d + 1]] = zeros[d].columns[row]
-            blocks[d, row] = np.column_stack([W, wide])
-        prior = np.concatenate([z.sigma for z in zeros])
-        return _Problem(blocks, self.left, _beside(self.known, np.diag(1.0 / prior)), self.rows)
-
-    def solve(
-        self, weights: Mapping[str, float] | None, scale: Mapping[str, float], start: Mapping[str, float] | None = None
-    ) -> tuple[Array, dict[str, float]]:
-        """Parameters and row σ: with frozen weights at once, else iterated to a fixed point."""
-        sigma = dict(start or scale)
-        if weights is not None:
-            sigma = {row: weights.get(row, scale[row]) for row in self.rows}
-            return self._solve(sigma), sigma
-        theta = self._solve(sigma)
-        squares = {row: R.T @ R for row, R in self.triangles.items()}
-        for _ in range(50):
-            before = dict(sigma)
-            for row in self.rows:
-                R = self.triangles[row]
-                left = R[:, :-1] @ theta - R[:, -1]
-                sigma[row] = max(float(np.linalg.norm(left)) / np.sqrt(self.counts[row]), 1e-10 * scale[row])
-            if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
-                break
-            theta = self._solve_normal(squares, sigma)
-        return self._solve(sigma), sigma
-
-    def _solve(self, sigma: Mapping[str, float]) -> Array:
-        stacked = self.stacked(sigma)
-        lengths = np.linalg.norm(stacked[:, :-1], axis=0)
-        triangle = _triangle(stacked / np.append(lengths, 1.0))
-        p = self.known.shape[1]
-        return np.asarray(scipy.linalg.solve_triangular(triangle[:p, :p], triangle[:p, p]), float) / lengths
-
-    def _solve_normal(self, squares: Mapping[str, Array], sigma: Mapping[str, float]) -> Array:
-        """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
-        total: Array = np.sum([square / sigma[row] ** 2 for row, square in squares.items()], axis=0)
-        A = total[:-1, :-1] + self.known.T @ self.known
-        lengths = np.sqrt(np.diag(A))
-        right: Array = total[:-1, -1] / lengths
-        return np.linalg.solve(A / np.outer(lengths, lengths), right) / lengths
-
-    def stacked(self, sigma: Mapping[str, float]) -> Array:
-        """Weighted triangles of all rows over what is known beforehand, right-hand side last."""
-        known = np.column_stack([self.known, np.zeros(len(self.known))])
-        return np.concatenate([*(self.triangles[row] / sigma[row] for row in self.rows), known])
-
-    def bias(
-        self,
-        drives: Sequence[Drive],
-        effects: Sequence[Effect],
-        keep: NDArray[np.int64],
-        theta: Array,
-        sigma: Mapping[str, float],
-    ) -> tuple[Array, Array]:
-        """What noise in the regressors does to the estimate: Monte-Carlo corrected scores (Novick and Stefanski, 2002).
-
-        At the true θ the scores Wᵀ r have the mean E[δWᵀ δr] instead of zero. One draw of noise added and the same draw
-        subtracted leave just that product, and the sum over the samples is its mean.
-
-        Returns the bias, and the covariance that the finite number of draws leaves in it.
-        """
-        p, width = len(keep), len(theta)
-        # E[δWᵀ δr] = constant − slope θ; what multiplies the zeros is not measured, and cancels between the two signs.
-        slopes, constants = np.zeros((NOISE_DRAWS, p, p)), np.zeros((NOISE_DRAWS, p))
-        for d, drive in enumerate(drives):
-            for draw in range(NOISE_DRAWS):
-                for sign in (1, -1):
-                    noisy = drive.noisy(draw, sign, [2002, d, draw])
-                    for row in drive.rows:
-                        scale = 0.5 / sigma[row] ** 2
-                        plain, moved = self.blocks[d, row][:, :p], noisy.matrix(effects, row)[:, keep]
-                        slopes[draw] += scale * (moved.T @ moved - plain.T @ plain)
-                        constants[draw] += scale * (moved.T @ noisy.measured[row] - plain.T @ self.left[d, row])
-                    noisy.forget_motion()
-        slope, constant = np.zeros((width, width)), np.zeros(width)
-        slope[:p, :p], constant[:p] = slopes.mean(axis=0), constants.mean(axis=0)
-        stacked = self.stacked(sigma)[:, :-1]
-        lengths = np.linalg.norm(stacked, axis=0)
-        triangle = _triangle(stacked / lengths)[:width]
-        # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
-        solved = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(width)), float)
-        inverse: Array = solved / lengths[:, None]
-        x0, k = triangle @ (lengths * theta), inverse.T @ constant
-        spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
-        part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
-        # Where noise makes up most of what a direction seems to know, there is nothing to correct.
-        sound = part < 0.5
-        growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
-        x = np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float)
-        corrected = inverse @ (V @ x)
-        scores = np.zeros((NOISE_DRAWS, width))
-        scores[:, :p] = constants - slopes @ corrected[:p]
-        scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
-        return theta - corrected, scatter.T @ scatter / (NOISE_DRAWS * (NOISE_DRAWS - 1))
-
-    def residual(self, theta: Array) -> dict[tuple[int, str], Array]:
-        """Y − W θ of every block."""
-        return {key: self.left[key] - W @ theta for key, W in self.blocks.items()}
+def _row_sizes(runs: Sequence[RunEquations], rows: Sequence[str]) -> dict[str, float]:
+    """RMS of each row's left side: the length of the factor's last column."""
+    out: dict[str, float] = {}
+    for row in rows:
+        having = [run for run in runs if row in run.triangles]
+        squares = sum(float(np.sum(run.triangles[row][:, -1] ** 2)) for run in having)
+        out[row] = float(np.sqrt(squares / sum(run.counts[row] for run in having))) or 1.0
+    return out
 
 
 def _result(
-    model: Model, drives: tuple[Drive, ...], base: BaseParameters, problem: _Problem, theta: Array,
-    sigma: Mapping[str, float], nuisance: tuple[Zeros, ...], sensitivities: tuple[Sensitivity, ...], p: int,
-    bias: Array, doubt: Array,
+    model: Model, base: BaseParameters, assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float],
+    root: Array, correction: Array, doubt: Array,
 ) -> Fit:  # fmt: skip
-    residual = problem.residual(theta)
-    stacked = problem.stacked(sigma)[:, :-1]
-    lengths = np.linalg.norm(stacked, axis=0)
-    triangle = _triangle(stacked / lengths)[: len(theta)]
-    inverse = np.asarray(scipy.linalg.solve_triangular(triangle, np.eye(len(theta)))) / lengths[:, None]
+    zeros = equations.zeros(x, sigma)
+    spread = spread_of(assembly, equations, x, zeros, sigma, sheet=assembly.at is not None)
+    R, lengths = scaled_triangle(root[:, :-1])
+    inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(x)], np.eye(len(x)))) / lengths[:, None]
     iid = inverse @ inverse.T
-    spread = problem.known.T @ problem.known
-    for d, drive in enumerate(drives):
-        comb = np.arange(drive.recording.t.size // drive.recording.filters.step + 1)
-        scores = clustered_scores(
-            {row: (problem.blocks[d, row], residual[d, row], sigma[row]) for row in drive.rows},
-            {row: drive.index[row] // drive.recording.filters.step for row in drive.rows},
-            comb.size,
-        )
-        spread += hac(scores)
-    robust = iid @ spread @ iid + doubt
-    fitted = len(base.independent)
-    total = p + len(model.faults)
-    place = np.concatenate([base.independent, np.arange(p, total)]).astype(int)
-    picked = np.arange(fitted + len(model.faults))
-    full = np.zeros(total)
-    full[place] = theta[picked]
-    shift = np.zeros(total)
-    shift[place] = -bias[picked]
-    covariance, covariance_iid = np.zeros((total, total)), np.zeros((total, total))
-    covariance[np.ix_(place, place)] = robust[np.ix_(picked, picked)]
-    covariance_iid[np.ix_(place, place)] = iid[np.ix_(picked, picked)]
-    rest = theta[len(picked) :]
-    ends = np.cumsum([len(z.names) for z in nuisance])
-    zeros = tuple((z, part) for z, part in zip(nuisance, np.split(rest, ends[:-1]), strict=True)) if nuisance else ()
+    ours = {(fault.tolerance, channel) for fault in model.faults for channel in fault.channels()}
+    moved = [iid @ push for (what, channel, _), push in spread.sheet.items() if (what, channel) not in ours]
+    physics = sum(len(effect.parameters) for effect in model.physics)
+    total = physics + len(model.faults)
+    place = np.concatenate([base.independent, np.arange(physics, total)]).astype(int)
+
+    def square(covariance: Array) -> Array:
+        out = np.zeros((total, total))
+        out[np.ix_(place, place)] = covariance
+        return out
+
+    def line(values: Array) -> Array:
+        out = np.zeros(total)
+        out[place] = values
+        return out
+
     return Fit(
-        model, drives, base, full, covariance, covariance_iid, dict(sigma),
-        tuple({row: residual[d, row] for row in drive.rows} for d, drive in enumerate(drives)), zeros, sensitivities,
-        shift,
-    )  # fmt: skip
+        model=model,
+        drives=assembly.drives,
+        base=base,
+        theta=line(x),
+        covariance=square(iid @ spread.scores @ iid + doubt),
+        covariance_iid=square(iid),
+        covariance_sheet=square(np.einsum("fi,fj->ij", moved, moved) if moved else np.zeros_like(iid)),
+        sigma=dict(sigma),
+        residual=spread.residual,
+        zeros=tuple((run.zeros, run.priors, z) for run, z in zip(equations.runs, zeros, strict=True)),
+        correction=line(correction),
+        place=place,
+        root=root,
+        assembly=assembly,
+        equations=equations,
+    )
 
 
 def corrected_drive(drive: Drive, fitted: Fit) -> Drive:
@@ -346,13 +289,6 @@ def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
     return recording.with_signals(Signals.differentiated(channels, rate))
 
 
-def _triangle(W: Array) -> Array:
-    """The R factor, square even when there are fewer rows than columns."""
-    triangle = np.asarray(scipy.linalg.qr(W, mode="r", check_finite=True)[0], float)[: W.shape[1]]
-    lacking = W.shape[1] - triangle.shape[0]
-    return np.concatenate([triangle, np.zeros((lacking, W.shape[1]))]) if lacking else triangle
-
-
 def _known_beforehand(parameters: Sequence[Parameter], keep: NDArray[np.int64]) -> Array:
     """Equations in the parameters kept: each within what is plausible, and left and right parts of one kind alike."""
     kept = [parameters[int(i)] for i in keep]
@@ -372,15 +308,3 @@ def _beside(a: Array, b: Array) -> Array:
     out[: a.shape[0], : a.shape[1]] = a
     out[a.shape[0] :, a.shape[1] :] = b
     return out
-
-
-def _narrow(W: Array, y: Array) -> Array:
-    """The R factor of [W y], spread out again over the columns of W that are all zero (other runs' sensor zeros)."""
-    active = np.append(np.flatnonzero(np.any(W != 0.0, axis=0)), W.shape[1])
-    out = np.zeros((len(active), W.shape[1] + 1))
-    out[:, active] = _triangle(np.column_stack([W, y])[:, active])
-    return out
-
-
-def _rms(x: Array) -> float:
-    return float(np.sqrt(np.mean(x**2))) if x.size else 0.0

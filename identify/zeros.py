@@ -29,12 +29,15 @@ class Zeros:
     columns: dict[str, Array]
 
 
-def zeros_of(drive: Drive, sensitivity: Sensitivity) -> Zeros:
-    """The zeros of a run that its rows can see."""
+def zeros_of(drive: Drive, sensitivity: Sensitivity, every: bool = False) -> Zeros:
+    """The zeros of a run that its rows can see; or those of `every` channel, alike for all pieces of a run."""
     names: list[str] = []
     sigma: list[float] = []
     series: list[dict[str, Array]] = []
-    for channel, component in dict.fromkeys((name, k) for name, k, order in sensitivity.slopes if order == 0):
+    seen = [(name, k) for name, k, order in sensitivity.slopes if order == 0]
+    if every:
+        seen = [(name, k) for name in drive.recording.signals.value for k in range(CHANNELS[name].width)]
+    for channel, component in dict.fromkeys(seen):
         tolerance = drive.recording.rig.tolerance(channel, "zero")
         if tolerance > 0.0:
             names.append(CHANNELS[channel].columns[component])

@@ -135,9 +135,9 @@ def test_intervals_of_main_parameters_hold_the_truth(fitted: Fit, truth: dict[st
 
 def test_zeros_stay_within_the_sheet(fitted: Fit) -> None:
     """No sensor zero is moved by more than four of the sheet's σ to make the fit look well."""
-    for zeros, values in fitted.zeros:
-        off = np.abs(values) / zeros.sigma
-        assert np.max(off) < 4.0, zeros.names[int(np.argmax(off))]
+    for names, priors, values in fitted.zeros:
+        off = np.abs(values) / priors
+        assert np.max(off) < 4.0, names[int(np.argmax(off))]
 
 
 def test_runs_used_are_at_the_noise_floor(fitted: Fit, drives: dict[str, Drive]) -> None:

@@ -1,0 +1,148 @@
+"""The weighted equations of several runs as R factors by run and row, each run's sensor zeros eliminated.
+
+A run's factor is accumulated piece by piece, and runs are merged by stacking what elimination leaves of each: memory
+grows neither with the length of runs nor, beyond a small square a run, with their number. Weights by row can be
+iterated without touching the samples again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg
+
+from identify.triangle import narrow_triangle, scaled_triangle, triangle
+from identify.vectors import Array
+
+Weights = Mapping[str, float]
+"""σ of each row [N or N·m]."""
+
+
+@dataclass
+class RunEquations:
+    """The equations of one run.
+
+    Columns are the run's z zeros, the p parameters, the right side.
+
+    Attributes
+    ----------
+    zeros : names of the run's zeros; `priors` (z,) their 1 σ.
+    triangles : row → R factor of ``[zeros | parameters | right side]``, unweighted.
+    counts : row → number of samples.
+    """
+
+    zeros: tuple[str, ...]
+    priors: Array
+    triangles: dict[str, Array] = field(default_factory=dict[str, Array])
+    counts: dict[str, int] = field(default_factory=dict[str, int])
+    _squares: dict[str, Array] = field(default_factory=dict[str, Array], repr=False)
+
+    def add(self, row: str, block: Array, right: Array, root_weight: Array | None = None) -> None:
+        """Add samples of a row: (n, z + p) columns, (n,) right side, and the roots of their weights."""
+        stacked = np.column_stack([block, right])
+        if root_weight is not None:
+            stacked = stacked * root_weight[:, None]
+        if row in self.triangles:
+            stacked = np.concatenate([self.triangles[row], stacked])
+        self.triangles[row] = narrow_triangle(stacked)
+        self.counts[row] = self.counts.get(row, 0) + len(right)
+        self._squares.pop(row, None)
+
+    def reduced(self, sigma: Weights) -> tuple[Array, Array]:
+        """Eliminate the zeros.
+
+        Returns (z, z + p + 1), the equations that give the zeros from the parameters, and (p + 1, p + 1), the R factor
+        of what is left for the parameters and the right side.
+        """
+        z = len(self.zeros)
+        width = next(iter(self.triangles.values())).shape[1]
+        prior = np.zeros((z, width))
+        prior[:, :z] = np.diag(1.0 / self.priors)
+        R, lengths = scaled_triangle(np.concatenate([prior, *(R / sigma[row] for row, R in self.triangles.items())]))
+        return R[:z] * lengths, R[z:, z:] * lengths[z:]
+
+    def normal(self, sigma: Weights) -> Array:
+        """(z + p + 1, z + p + 1) normal matrix with the zeros' priors: three digits less than the factor, and quick."""
+        for row, R in self.triangles.items():
+            if row not in self._squares:
+                self._squares[row] = R.T @ R
+        total: Array = np.sum([square / sigma[row] ** 2 for row, square in self._squares.items()], axis=0)
+        z = len(self.zeros)
+        total[range(z), range(z)] += 1.0 / self.priors**2
+        return total
+
+
+class Equations:
+    """The equations of several runs in common parameters.
+
+    Parameters
+    ----------
+    runs : each run's equations.
+    known : (k, p) what is known beforehand, as equations with σ = 1 and right side 0.
+    rows : the rows any run has.
+    """
+
+    def __init__(self, runs: Sequence[RunEquations], known: Array, rows: Sequence[str]):
+        self.runs, self.known, self.rows = tuple(runs), known, tuple(rows)
+        self.counts = {row: sum(run.counts.get(row, 0) for run in runs) for row in rows}
+
+    @property
+    def p(self) -> int:
+        """Number of parameters."""
+        return self.known.shape[1]
+
+    def root(self, sigma: Weights) -> Array:
+        """(p + 1, p + 1) R factor of the weighted ``[W | Y]``, priors included, every run's zeros eliminated."""
+        known = np.column_stack([self.known, np.zeros(len(self.known))])
+        return triangle(known, *(run.reduced(sigma)[1] for run in self.runs))
+
+    def solve(self, sigma: Weights) -> Array:
+        """(p,) parameters for fixed weights."""
+        R, lengths = scaled_triangle(self.root(sigma))
+        p = self.p
+        return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
+
+    def zeros(self, x: Array, sigma: Weights) -> list[Array]:
+        """Each run's zeros at parameters `x`."""
+        out: list[Array] = []
+        for run in self.runs:
+            top, z = run.reduced(sigma)[0], len(run.zeros)
+            right = top[:, -1] - top[:, z:-1] @ x
+            out.append(np.asarray(scipy.linalg.solve_triangular(top[:, :z], right), float) if z else np.zeros(0))
+        return out
+
+    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[str, float]]:
+        """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
+        sigma = dict(start)
+        for _ in range(50):
+            x, zeros = self._solve_normal(sigma)
+            before, sigma = sigma, self._row_sigma(x, zeros, least)
+            if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
+                break
+        return self.solve(sigma), sigma
+
+    def _row_sigma(self, x: Array, zeros: Sequence[Array], least: Weights) -> dict[str, float]:
+        squares = dict.fromkeys(self.rows, 0.0)
+        for run, z in zip(self.runs, zeros, strict=True):
+            both = np.concatenate([z, x, [-1.0]])
+            for row, R in run.triangles.items():
+                squares[row] += float(np.sum((R @ both) ** 2))
+        return {row: max(float(np.sqrt(squares[row] / self.counts[row])), least[row]) for row in self.rows}
+
+    def _solve_normal(self, sigma: Weights) -> tuple[Array, list[Array]]:
+        """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
+        total = self.known.T @ self.known
+        right = np.zeros(self.p)
+        kept: list[tuple[Array, Array]] = []
+        for run in self.runs:
+            z, normal = len(run.zeros), run.normal(sigma)
+            gain = np.asarray(np.linalg.solve(normal[:z, :z], normal[:z, z:]), float)
+            left = normal[z:, z:] - normal[z:, :z] @ gain
+            total = total + left[:-1, :-1]
+            right = right + left[:-1, -1]
+            kept.append((gain[:, :-1], gain[:, -1]))
+        lengths = np.sqrt(np.diag(total))
+        x = np.asarray(np.linalg.solve(total / np.outer(lengths, lengths), right / lengths), float) / lengths
+        return x, [b - a @ x for a, b in kept]

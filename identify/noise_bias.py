@@ -1,0 +1,81 @@
+"""What noise in the regressors does to an estimate, and the estimate without it: Monte-Carlo corrected scores."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.triangle import scaled_triangle
+from identify.vectors import Array
+
+NOISE_DRAWS = 6
+"""Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
+
+
+@dataclass
+class NoiseMoments:
+    """E[δWᵀ δr] = constant − slope θ of the weighted rows, draw by draw.
+
+    At the true θ the scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). One draw of noise added
+    and the same draw subtracted leave just that product, and the sum over the samples is its mean. `slopes` (D, p, p),
+    `constants` (D, p). What multiplies a run's zeros is not measured: it has no part in it.
+    """
+
+    slopes: Array
+    constants: Array
+
+    @classmethod
+    def none(cls, p: int) -> NoiseMoments:
+        """Nothing added yet."""
+        return cls(np.zeros((NOISE_DRAWS, p, p)), np.zeros((NOISE_DRAWS, p)))
+
+    def add(
+        self, drive: Drive, place: Sequence[int], effects: Sequence[Effect], keep: NDArray[np.int64],
+        sigma: Mapping[str, float], root_weights: Mapping[str, Array] | None = None,
+    ) -> None:  # fmt: skip
+        """Add a run, or a piece of one; `place` tells its draws from those of others."""
+        p = len(keep)
+        plain = {row: (drive.matrix(effects, row)[:, keep], drive.measured[row]) for row in drive.rows}
+        for draw in range(NOISE_DRAWS):
+            for sign in (1, -1):
+                noisy = drive.noisy(draw, sign, [2002, *place, draw])
+                for row, (W, y) in plain.items():
+                    moved, right = noisy.matrix(effects, row)[:, keep], noisy.measured[row]
+                    weight = 0.5 / sigma[row] ** 2
+                    if root_weights is not None:
+                        weight = weight * root_weights[row] ** 2
+                    one, other = (moved.T * weight), (W.T * weight)
+                    self.slopes[draw, :p, :p] += one @ moved - other @ W
+                    self.constants[draw, :p] += one @ right - other @ y
+                noisy.forget_motion()
+
+    def correct(self, x: Array, root: Array) -> tuple[Array, Array]:
+        """The estimate without the bias, and the covariance that the finite number of draws leaves in it.
+
+        Parameters
+        ----------
+        x : (p,) weighted least squares.
+        root : (p + 1, p + 1) R factor of the weighted equations (zeros eliminated).
+        """
+        p = len(x)
+        slope, constant = self.slopes.mean(axis=0), self.constants.mean(axis=0)
+        R, lengths = scaled_triangle(root[:, :p])
+        # In coordinates where the normal matrix is the identity, the corrected equations are (I − S) x = x₀ − k.
+        solved = np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float)
+        inverse: Array = solved / lengths[:, None]
+        x0, k = R[:p] @ (lengths * x), inverse.T @ constant
+        spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
+        # Where noise makes up most of what a direction seems to know, there is nothing to correct.
+        sound = part < 0.5
+        growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
+        corrected = inverse @ (V @ np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float))
+        scores = self.constants - self.slopes @ corrected
+        scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
+        return corrected, scatter.T @ scatter / (NOISE_DRAWS * (NOISE_DRAWS - 1))

@@ -1,0 +1,73 @@
+"""Huber's weights by row and second: a bad second counts less, and is named."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identify.assembly import Assembly
+from identify.equations import Equations
+from identify.vectors import Array
+
+SECOND = 1.0
+"""Length of the stretch that is judged as one [s]."""
+THRESHOLD = 2.5
+"""A second whose residual is more than this many times its row's median second counts less, in proportion."""
+
+
+@dataclass(frozen=True)
+class BadSecond:
+    """A stretch of a row that counts less: `start`, `stop` [s since the run's start], `weight` of 1."""
+
+    run: str
+    row: str
+    start: float
+    stop: float
+    weight: float
+
+
+def huber_weights(
+    assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float]
+) -> dict[tuple[int, int], Mapping[str, Array]]:
+    """Roots of the samples' weights: (run, piece) → row → (n,), from the residuals at `x` (Huber, 1964).
+
+    The measure of a row is its median second over all runs, which bad seconds do not move.
+    """
+    zeros = equations.zeros(x, sigma)
+    size: dict[tuple[int, int, str], Array] = {}
+    second: dict[tuple[int, int, str], NDArray[np.intp]] = {}
+    for piece in assembly.pieces():
+        filters = piece.drive.recording.filters
+        for row, block in piece.blocks.items():
+            left = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
+            place = np.floor(piece.instants[row] * filters.step / filters.rate / SECOND).astype(int)
+            numbers, which, counts = np.unique(place, return_inverse=True, return_counts=True)
+            key = (piece.run, piece.number, row)
+            size[key] = np.sqrt(np.bincount(which, left**2, len(numbers)) / counts)
+            second[key] = which
+    rows = dict.fromkeys(row for _, _, row in size)
+    usual = {row: float(np.median(np.concatenate([s for (_, _, r), s in size.items() if r == row]))) for row in rows}
+    roots: dict[tuple[int, int], dict[str, Array]] = {}
+    for (run, number, row), rms in size.items():
+        weight = np.minimum(1.0, THRESHOLD * usual[row] / np.maximum(rms, 1e-300))
+        roots.setdefault((run, number), {})[row] = np.sqrt(weight)[second[run, number, row]]
+    return dict(roots)
+
+
+def bad_seconds(assembly: Assembly, names: Sequence[str]) -> list[BadSecond]:
+    """The stretches that count less than in full, worst first."""
+    out: list[BadSecond] = []
+    for piece in assembly.pieces():
+        if piece.weights is None:
+            continue
+        filters = piece.drive.recording.filters
+        for row, roots in piece.weights.items():
+            t = piece.instants[row] * filters.step / filters.rate
+            place = np.floor(t / SECOND).astype(int)
+            for number in np.unique(place[roots < 1.0]):
+                weight = float(roots[place == number][0] ** 2)
+                out.append(BadSecond(names[piece.run], row, number * SECOND, (number + 1) * SECOND, weight))
+    return sorted(out, key=lambda bad: bad.weight)

@@ -1,0 +1,175 @@
+"""Uncertainty of estimates, three ways: as if residuals were independent (the paper's sxr %), from residuals that are
+correlated in time and across rows (HAC), and by drawing blocks of the runs again (bootstrap); and what the sensor
+sheet's gains and latencies add, which no residual shows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from daq.channels import CHANNELS
+from identify.assembly import Assembly, Piece
+from identify.drive import Drive
+from identify.equations import Equations, RunEquations
+from identify.filters import derivative
+from identify.sensitivity import Perturbation
+from identify.stats import hac
+from identify.vectors import Array
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What the residuals at an estimate say about it.
+
+    Attributes
+    ----------
+    residual : for each run, row → (n,) Y − W x − zeros.
+    scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay), priors included.
+    sheet : ``("gain" or "latency", channel)`` and component → (p,) what one tolerance of it adds to the normal
+        equations' right side; a sensor's latency goes by its first channel.
+    """
+
+    residual: tuple[Mapping[str, Array], ...]
+    scores: Array
+    sheet: Mapping[tuple[str, str, int], Array]
+
+
+def spread_of(
+    assembly: Assembly, equations: Equations, x: Array, zeros: Sequence[Array], sigma: Mapping[str, float], sheet: bool
+) -> Spread:
+    """Go through the runs once more, at the estimate `x` with each run's zeros.
+
+    `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
+    """
+    gains = zero_gains(equations.runs, sigma)
+    residual: list[dict[str, list[Array]]] = [{} for _ in assembly.drives]
+    scores = [np.zeros((_comb(drive), equations.p)) for drive in assembly.drives]
+    systematic: dict[tuple[str, str, int], Array] = {}
+    for piece in assembly.pieces():
+        columns: dict[str, Array] = {}
+        for row, block in piece.blocks.items():
+            left = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
+            residual[piece.run].setdefault(row, []).append(left)
+            columns[row] = effective(piece, row, gains[piece.run]) / sigma[row] ** 2
+            scores[piece.run][piece.instants[row]] += columns[row] * left[:, None]
+        if sheet:
+            for name, response in _sheet_responses(piece):
+                pushed = [columns[row].T @ series for row, series in response.items() if row in columns]
+                if pushed:
+                    systematic[name] = systematic.get(name, np.zeros(equations.p)) + np.sum(pushed, axis=0)
+    meat = equations.known.T @ equations.known
+    for run, gain, series in zip(equations.runs, gains, scores, strict=True):
+        if gain.size:
+            told = gain / run.priors[:, None]
+            meat = meat + told.T @ told
+        meat = meat + hac(series)
+    joined = tuple({row: np.concatenate(parts) for row, parts in run.items()} for run in residual)
+    return Spread(joined, meat, systematic)
+
+
+def zero_gains(runs: Sequence[RunEquations], sigma: Mapping[str, float]) -> list[Array]:
+    """For each run (z, p): by how much its zeros fall when a parameter grows by one."""
+    out: list[Array] = []
+    for run in runs:
+        top, z = run.reduced(sigma)[0], len(run.zeros)
+        out.append(np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:-1]), float))
+    return out
+
+
+def effective(piece: Piece, row: str, gain: Array) -> Array:
+    """(n, p) columns of a row as the parameters' equations see them: weighted, the run's zeros following along."""
+    block, z = piece.blocks[row], gain.shape[0]
+    out = block[:, z:] - block[:, :z] @ gain if z else block
+    return out if piece.weights is None else out * piece.weights[row][:, None] ** 2
+
+
+def _comb(drive: Drive) -> int:
+    recording = drive.recording
+    return recording.t.size // recording.filters.step + 1
+
+
+def _sheet_responses(piece: Piece) -> Iterator[tuple[tuple[str, str, int], dict[str, Array]]]:
+    """What one tolerance of each gain and latency does to the residual of a piece, after the parallel filter."""
+    sensitivity = piece.sensitivity
+    assert sensitivity is not None
+    recording = piece.drive.recording
+    values, rig = recording.signals.value, recording.rig
+    late: dict[str, tuple[str, dict[str, Array]]] = {}
+    changes: dict[tuple[str, str, int], Perturbation] = {}
+    for channel in dict.fromkeys(name for name, _, _ in sensitivity.slopes):
+        gain, latency = rig.tolerance(channel, "gain"), rig.tolerance(channel, "latency")
+        sensor = rig.sensor_of(channel)
+        if latency > 0.0:
+            first, parts = late.setdefault(sensor.name if sensor else channel, (channel, {}))
+            parts[channel] = -latency * derivative(values[channel], recording.filters.rate)
+            changes["latency", first, 0] = parts
+        for k in range(CHANNELS[channel].width if gain > 0.0 else 0):
+            change = np.zeros_like(values[channel])
+            change[k] = gain * values[channel][k]
+            changes["gain", channel, k] = {channel: change}
+    for name, change in changes.items():
+        yield name, piece.drive.decimated(sensitivity.response(change))
+
+
+SUB_BLOCK = 0.5
+"""Shortest unit that the block bootstrap moves [s]; a block is four of them."""
+_BLOCK_UNITS = 4
+_MOST_UNITS = 400
+
+
+def block_bootstrap(
+    assembly: Assembly, equations: Equations, sigma: Mapping[str, float], draws: int = 499, seed: int = 0
+) -> Array:
+    """Estimates (draws, p) from runs put together anew of their own blocks (moving blocks, Künsch 1989).
+
+    Blocks are about 2 s, longer when the runs are long; what is known beforehand is drawn anew as well. Weights stay.
+    """
+    rng = np.random.default_rng([seed, 1989])
+    units = _units(assembly, equations, sigma)
+    total = np.zeros((draws, equations.p, equations.p)) + equations.known.T @ equations.known
+    right = rng.standard_normal((draws, len(equations.known))) @ equations.known
+    for run, unit in zip(equations.runs, units, strict=True):
+        count, z = len(unit), len(run.zeros)
+        length = min(_BLOCK_UNITS, count)
+        starts = rng.integers(0, count, (draws, -(-count // length)))
+        places = (starts[:, :, None] + np.arange(length)) % count  # around the end, so that all units count alike
+        times = np.zeros((draws, count))
+        np.add.at(times, (np.arange(draws)[:, None], places.reshape(draws, -1)[:, :count]), 1.0)
+        normal = np.tensordot(times, unit, 1)
+        normal[:, range(z), range(z)] += 1.0 / run.priors**2
+        normal[:, :z, -1] += rng.standard_normal((draws, z)) / run.priors
+        gain = np.asarray(np.linalg.solve(normal[:, :z, :z], normal[:, :z, z:]), float)
+        left = normal[:, z:, z:] - normal[:, z:, :z] @ gain
+        total += left[:, :-1, :-1]
+        right += left[:, :-1, -1]
+    lengths = np.sqrt(np.diagonal(total, axis1=1, axis2=2))
+    scaled = total / lengths[:, :, None] / lengths[:, None, :]
+    return np.asarray(np.linalg.solve(scaled, (right / lengths)[..., None])[..., 0], float) / lengths
+
+
+def _units(assembly: Assembly, equations: Equations, sigma: Mapping[str, float]) -> list[Array]:
+    """For each run (units, k, k): weighted normal matrices of ``[zeros | parameters | right side]`` of its units."""
+    steps = [drive.recording.filters.step / drive.recording.filters.rate for drive in assembly.drives]
+    seconds = sum(_comb(drive) * step for drive, step in zip(assembly.drives, steps, strict=True))
+    unit = max(SUB_BLOCK, seconds / _MOST_UNITS)
+    per_unit = [max(1, round(unit / step)) for step in steps]
+    out = [
+        np.zeros((-(-_comb(drive) // n), *(len(run.zeros) + equations.p + 1,) * 2))
+        for drive, n, run in zip(assembly.drives, per_unit, equations.runs, strict=True)
+    ]
+    for piece in assembly.pieces():
+        for row, block in piece.blocks.items():
+            stacked = np.column_stack([block, piece.right[row]]) / sigma[row]
+            if piece.weights is not None:
+                stacked = stacked * piece.weights[row][:, None]
+            unit_of = piece.instants[row] // per_unit[piece.run]
+            active = np.flatnonzero(np.any(stacked != 0.0, axis=0))
+            square = np.ix_(active, active)
+            for number in np.unique(unit_of):
+                part = stacked[unit_of == number][:, active]
+                out[piece.run][number][square] += part.T @ part
+    return [part[np.any(part[:, -1:, :] != 0.0, axis=(1, 2))] for part in out]

@@ -1,0 +1,180 @@
+"""Accumulated factors against the equations themselves: chunks, merged runs, zeros, robust weights, bootstrap."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import cars
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from daq.run import Run, Signal
+from identify import drive as drive_module
+from identify.catalogue import base_model
+from identify.drive import Drive
+from identify.equations import Equations, RunEquations
+from identify.fit import Fit, fit
+from identify.model import Model
+from identify.triangle import narrow_triangle, triangle
+
+VEHICLE, RIG = cars.reference_car()
+SIGMA = {"a": 2.0, "b": 0.5}
+
+
+def equations(rng: np.random.Generator, z: int, p: int, cuts: tuple[int, ...]) -> tuple[RunEquations, dict]:
+    """A random run accumulated in chunks, and its samples by row."""
+    run = RunEquations(tuple(f"z{k}" for k in range(z)), rng.uniform(0.5, 2.0, z))
+    samples = {row: (rng.standard_normal((40, z + p)), rng.standard_normal(40)) for row in SIGMA}
+    for row, (W, y) in samples.items():
+        for block, right in zip(np.split(W, cuts), np.split(y, cuts), strict=True):
+            run.add(row, block, right)
+    return run, samples
+
+
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 10_000), cuts=st.lists(st.integers(1, 39), max_size=4, unique=True), z=st.integers(0, 3))
+def test_chunks_and_merged_runs_are_the_one_big_problem(seed: int, cuts: list[int], z: int) -> None:
+    """Parameters, zeros and their covariance are those of all samples stacked with all priors."""
+    rng = np.random.default_rng(seed)
+    p = 4
+    runs, samples = zip(*(equations(rng, z, p, tuple(sorted(cuts))) for _ in range(3)), strict=True)
+    known = np.diag(rng.uniform(0.1, 1.0, p))
+    merged = Equations(runs, known, tuple(SIGMA))
+    big, right = [np.concatenate([np.zeros((p, 3 * z)), known], axis=1)], [np.zeros(p)]
+    for r, (run, rows) in enumerate(zip(runs, samples, strict=True)):
+        own = slice(r * z, (r + 1) * z)
+        prior = np.zeros((z, 3 * z + p))
+        prior[:, own] = np.diag(1.0 / run.priors)
+        big.append(prior)
+        right.append(np.zeros(z))
+        for row, (W, y) in rows.items():
+            wide = np.zeros((len(y), 3 * z + p))
+            wide[:, own], wide[:, 3 * z :] = W[:, :z], W[:, z:]
+            big.append(wide / SIGMA[row])
+            right.append(y / SIGMA[row])
+    A, b = np.concatenate(big), np.concatenate(right)
+    whole = np.linalg.lstsq(A, b, rcond=None)[0]
+    x = merged.solve(SIGMA)
+    np.testing.assert_allclose(x, whole[3 * z :], rtol=1e-9, atol=1e-10)
+    np.testing.assert_allclose(np.concatenate(merged.zeros(x, SIGMA)), whole[: 3 * z], rtol=1e-8, atol=1e-9)
+    root = merged.root(SIGMA)
+    np.testing.assert_allclose(root[:, :p].T @ root[:, :p], np.linalg.inv(np.linalg.inv(A.T @ A)[3 * z :, 3 * z :]))
+    assert root[p, p] ** 2 == pytest.approx(np.sum((A @ whole - b) ** 2))
+
+
+def test_weights_come_to_the_fixed_point() -> None:
+    """Each row's σ is the RMS of its own residual at the solution that those σ give."""
+    rng = np.random.default_rng(3)
+    run, samples = equations(rng, 2, 3, (11, 30))
+    merged = Equations([run], 1e-3 * np.eye(3), tuple(SIGMA))
+    x, sigma = merged.iterate({"a": 1.0, "b": 1.0}, {"a": 1e-9, "b": 1e-9})
+    zeros = merged.zeros(x, sigma)[0]
+    for row, (W, y) in samples.items():
+        assert sigma[row] == pytest.approx(np.sqrt(np.mean((y - W @ np.append(zeros, x)) ** 2)), rel=1e-3)
+
+
+def test_factors_keep_the_normal_matrix() -> None:
+    """RᵀR = WᵀW, also with empty columns and with fewer rows than columns."""
+    rng = np.random.default_rng(1)
+    W = rng.standard_normal((50, 7))
+    W[:, 2] = 0.0
+    for R in (triangle(W), narrow_triangle(W), triangle(W[:10], W[10:]), triangle(W[:3])):
+        kept = W if R.shape[0] != 7 or np.any(R[3:]) else W[:3]
+        np.testing.assert_allclose(R.T @ R, kept.T @ kept, atol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def rough() -> Run:
+    """The rough run, 30 s."""
+    return Run.open(cars.CAR / "rough.parquet")
+
+
+@pytest.fixture(scope="module")
+def whole(rough: Run) -> Fit:
+    """The base model on it, in one piece."""
+    return fit(Model.of(base_model(VEHICLE, "hub")), [Drive.of(rough, VEHICLE, RIG)])
+
+
+def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces keep every sample once, and their fit is that of the whole run to a small part of its interval."""
+    monkeypatch.setattr(drive_module.Drive.pieces, "__defaults__", (7.0,))
+    drive = Drive.of(rough, VEHICLE, RIG)
+    assert len(list(drive.pieces())) >= 4
+    parts = fit(whole.model, [drive])
+    for row, residual in whole.residual[0].items():
+        assert parts.residual[0][row].shape == residual.shape
+    apart = np.abs(parts.theta - whole.theta)[whole.place]
+    sigma = np.sqrt(np.diag(whole.covariance))[whole.place]
+    assert np.max(apart / sigma) < 0.25  # noise draws of the bias correction differ
+    ratio = np.sqrt(np.diag(parts.covariance))[whole.place] / sigma
+    assert np.all(np.abs(ratio - 1.0) < 0.25)
+
+
+def test_pieces_give_the_same_equations(rough: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without noise correction and zeros, pieces differ from the whole by filter transients alone."""
+    model = Model.of(base_model(VEHICLE, "hub"))
+    together = fit(model, [Drive.of(rough, VEHICLE, RIG)], zeros=False, unbias=False)
+    monkeypatch.setattr(drive_module.Drive.pieces, "__defaults__", (7.0,))
+    apart = fit(model, [Drive.of(rough, VEHICLE, RIG)], zeros=False, unbias=False)
+    sigma = np.sqrt(np.diag(together.covariance))[together.place]
+    assert np.max(np.abs(apart.solution - together.solution) / sigma) < 1e-3
+
+
+def repeated(run: Run, times: int) -> Run:
+    """A run driven again and again."""
+    signals = {}
+    for name, signal in run.signals.items():
+        span = signal.t[-1] - signal.t[0] + np.median(np.diff(signal.t))
+        t = np.concatenate([signal.t + k * span for k in range(times)])
+        signals[name] = Signal(t, np.tile(signal.values, (times, 1)), np.tile(signal.flags, times))
+    return replace(run, signals=signals)
+
+
+def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run four times as long needs little more than its own channels beside what the short one needs."""
+    monkeypatch.setattr(drive_module.Drive.pieces, "__defaults__", (10.0,))
+    model = Model.of(base_model(VEHICLE, "hub"))
+    peaks, channels = [], []
+    for times in (1, 4):
+        drive = Drive.of(repeated(rough, times), VEHICLE, RIG)
+        parts = (drive.recording.signals.value, drive.recording.signals.rate, drive.recording.signals.accel)
+        channels.append(sum(a.nbytes for part in parts for a in part.values()))
+        tracemalloc.start()
+        fit(model, [drive], unbias=False)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 0.5 * (channels[1] - channels[0]), (peaks, channels)
+
+
+def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit) -> None:
+    """Two seconds of a wheel's load gone wrong: a robust fit names them and stays near the clean one."""
+    signal = rough.signals["wheel.fl.force"]
+    wrong = signal.values.copy()
+    t = signal.t - signal.t[0]
+    hit = (t > 12.0) & (t < 14.0)
+    wrong[hit] += 4000.0 * np.sin(2 * np.pi * 2.0 * t[hit])[:, None]
+    bad = Drive.of(replace(rough, signals={**rough.signals, "wheel.fl.force": replace(signal, values=wrong)}), VEHICLE, RIG)
+    plain = fit(whole.model, [bad], unbias=False)
+    robust = fit(whole.model, [bad], unbias=False, robust=True)
+    clean = fit(whole.model, [whole.drives[0]], unbias=False)
+    for name in ("spring.fl.k", "tyre_stiffness.fl.kt", "M6"):
+        assert abs(robust.value(name) - clean.value(name)) < 0.34 * abs(plain.value(name) - clean.value(name)), name
+    named = robust.bad_seconds()
+    assert {bad.row for bad in named} >= {"suspension.fl", "tyre.fl"}
+    assert all(10.5 < bad.start < 15.5 for bad in named if bad.weight < 0.5 and bad.row.endswith(".fl"))
+    assert not plain.bad_seconds()
+
+
+def test_bootstrap_and_hac_agree_in_size(whole: Fit) -> None:
+    """Blocks drawn again scatter as the residuals' correlation says, within a factor of two for nearly all."""
+    drawn = whole.bootstrap(199)
+    assert drawn.shape == (199, len(whole.theta))
+    hac = np.sqrt(np.diag(whole.covariance))[whole.place]
+    ratio = np.std(drawn, axis=0)[whole.place] / hac
+    assert np.mean((ratio > 0.5) & (ratio < 2.0)) > 0.9, np.round(np.sort(ratio), 2)
+    assert 0.7 < np.median(ratio) < 1.4
+    shift = np.abs(np.mean(drawn, axis=0) - whole.theta)[whole.place]
+    assert np.median(shift / hac) < 0.5
