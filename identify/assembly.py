@@ -45,14 +45,16 @@ class Assembly:
     drives : the runs.
     at : every physics' parameter, at which sensitivities are taken, or None: neither zeros nor faults.
     zeros : whether each run has its sensor zeros.
+    known : sensitivities of the runs, where they are known already (one a run; none of them in pieces).
     """
 
     def __init__(
         self, physics: Sequence[Effect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
-        drives: Sequence[Drive], at: Array | None, zeros: bool,
+        drives: Sequence[Drive], at: Array | None, zeros: bool, known: Sequence[Sensitivity] = (),
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
         self.drives, self.at, self.zeros = tuple(drives), at, zeros
+        self.known = tuple(known)
         self.weights: dict[tuple[int, int], Mapping[str, Array]] = {}
         self._kept: dict[int, Piece] = {}
 
@@ -88,7 +90,8 @@ class Assembly:
         matrices = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
         sensitivity, zeros = None, None
         if self.at is not None:
-            sensitivity = Sensitivity.of(drive.recording, self.physics, self.at)
+            known = self.known[run] if self.known and whole else None
+            sensitivity = known or Sensitivity.of(drive.recording, self.physics, self.at)
             faults = [drive.decimated(sensitivity.fault(fault)) for fault in self.faults]
             for row, W in matrices.items():
                 matrices[row] = np.column_stack([W, *(found.get(row, np.zeros(len(W))) for found in faults)])

@@ -118,6 +118,9 @@ class Equations:
         sigma = dict(start)
         for _ in range(50):
             x, zeros = self._solve_normal(sigma)
+            if not np.all(np.isfinite(x)):  # nearly exact data: σ of many sizes are too much for normal equations
+                x = self.solve(sigma)
+                zeros = self.zeros(x, sigma)
             before, sigma = sigma, self._row_sigma(x, zeros, least)
             if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
                 break
@@ -143,6 +146,8 @@ class Equations:
             total = total + left[:-1, :-1]
             right = right + left[:-1, -1]
             kept.append((gain[:, :-1], gain[:, -1]))
+        if np.any(np.diag(total) <= 0.0):
+            return np.full(self.p, np.nan), []
         lengths = np.sqrt(np.diag(total))
         x = np.asarray(np.linalg.solve(total / np.outer(lengths, lengths), right / lengths), float) / lengths
         return x, [b - a @ x for a, b in kept]

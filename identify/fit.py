@@ -18,7 +18,7 @@ from identify.effect import Parameter
 from identify.equations import Equations, RunEquations
 from identify.filters import derivative
 from identify.model import Model
-from identify.noise_bias import NoiseMoments
+from identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from identify.reconstruct import Recording, Signals
 from identify.robust import BadSecond, bad_seconds, huber_weights
 from identify.rows import ROWS
@@ -28,6 +28,18 @@ from identify.uncertainty import block_bootstrap, spread_of
 from identify.vectors import Array
 
 _HUBER_TURNS = 6
+
+
+@dataclass(frozen=True)
+class Stored:
+    """What campaigns on the same motions have in common, so that it is computed once.
+
+    `sensitivities` of the runs; `moments` of the noise in the regressors; `covariance_sheet` as in `Fit`.
+    """
+
+    sensitivities: tuple[Sensitivity, ...]
+    moments: NoiseMoments
+    covariance_sheet: Array
 
 
 @dataclass(frozen=True)
@@ -46,7 +58,7 @@ class Fit:
     sigma : row → weight's σ [N or N·m].
     residual : for each drive, row → (n,) Y − W θ − zeros, after filter and decimation.
     zeros : for each drive, names, priors (1 σ) and values of its sensor zeros.
-    correction : (p,) what was added to take out the bias of noise in the regressors.
+    correction : (p,) what was added to take out the bias of noise in the regressors, from its `moments`.
     place : (q,) where the parameters of the equations stand in `theta`: those kept, then sensor faults.
     root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
     assembly, equations : what it was made from, to go through the samples again.
@@ -63,6 +75,7 @@ class Fit:
     residual: tuple[Mapping[str, Array], ...]
     zeros: tuple[tuple[tuple[str, ...], Array, Array], ...]
     correction: Array
+    moments: NoiseMoments
     place: NDArray[np.intp]
     root: Array
     assembly: Assembly
@@ -82,6 +95,11 @@ class Fit:
     def solution(self) -> Array:
         """(q,) values of the parameters in the equations."""
         return self.theta[self.place]
+
+    @property
+    def stored(self) -> Stored:
+        """What further campaigns on the same motions need not compute again."""
+        return Stored(self.sensitivities, self.moments, self.covariance_sheet)
 
     def bootstrap(self, draws: int = 499, seed: int = 0) -> Array:
         """(draws, p) values of `theta` from runs put together anew of their own blocks (moving blocks of about 2 s)."""
@@ -116,6 +134,8 @@ def fit(
     zeros: bool = True,
     unbias: bool = True,
     robust: bool = False,
+    draws: int = NOISE_DRAWS,
+    stored: Stored | None = None,
 ) -> Fit:
     """Fit a model to runs.
 
@@ -127,6 +147,8 @@ def fit(
     zeros : estimate each run's sensor zeros with the sheet's σ as prior.
     unbias : take out the bias that the sheet's noise in the regressors brings (errors in variables).
     robust : let seconds with a residual far beyond their row's usual one count less (Huber).
+    draws : pairs of noise draws behind `unbias`.
+    stored : what is known already from a fit of the same model on the same motions, other noise.
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
@@ -134,13 +156,13 @@ def fit(
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
-    out = _fit_linear(model, corrected, weights, zeros, unbias, robust)
+    out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
-        out = _fit_linear(model, corrected, weights, zeros, unbias, robust)
+        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
     if model.faults:
@@ -151,13 +173,9 @@ def fit(
 
 
 def _fit_linear(
-    model: Model,
-    drives: tuple[Drive, ...],
-    weights: Mapping[str, float] | None,
-    zeros: bool,
-    unbias: bool,
-    robust: bool,
-) -> Fit:
+    model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
+    robust: bool, draws: int, stored: Stored | None,
+) -> Fit:  # fmt: skip
     effects = model.physics
     parameters = [q for effect in effects for q in effect.parameters]
     plain = Assembly(effects, np.arange(len(parameters)), (), drives, None, zeros=False)
@@ -179,9 +197,11 @@ def _fit_linear(
     least = {row: 1e-10 * scale[row] for row in rows}
     frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
-    at = np.zeros(len(parameters))
+    at: Array | None = np.zeros(len(parameters))
     at[keep] = x
-    assembly = Assembly(effects, keep, model.faults, drives, at if zeros or model.faults else None, zeros)
+    known_slopes = stored.sensitivities if stored else ()
+    at = at if zeros or model.faults else None
+    assembly = Assembly(effects, keep, model.faults, drives, at, zeros, known_slopes)
     known = _beside(known, np.diag([1.0 / q.prior for fault in model.faults for q in fault.parameters]))
     for turn in range(_HUBER_TURNS if robust else 1):
         equations = Equations(_accumulate(assembly, known.shape[1]), known, rows)
@@ -190,14 +210,17 @@ def _fit_linear(
             assembly.weights = huber_weights(assembly, equations, x, sigma)
     root = equations.root(sigma)
     correction, doubt = np.zeros(len(x)), np.zeros((len(x), len(x)))
-    if unbias:
-        moments = NoiseMoments.none(len(x))
+    moments = NoiseMoments.none(len(x), draws)
+    if unbias and stored:
+        moments = stored.moments
+    elif unbias:
         for piece in assembly.pieces():
             place = (piece.run,) if piece.drive is drives[piece.run] else (piece.run, piece.number)
             moments.add(piece.drive, place, effects, keep, sigma, piece.weights)
+    if unbias:
         corrected, doubt = moments.correct(x, root)
         x, correction = corrected, corrected - x
-    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt)
+    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments, stored)
 
 
 def _accumulate(assembly: Assembly, p: int) -> list[RunEquations]:
@@ -225,10 +248,11 @@ def _row_sizes(runs: Sequence[RunEquations], rows: Sequence[str]) -> dict[str, f
 
 def _result(
     model: Model, base: BaseParameters, assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float],
-    root: Array, correction: Array, doubt: Array,
+    root: Array, correction: Array, doubt: Array, moments: NoiseMoments, stored: Stored | None,
 ) -> Fit:  # fmt: skip
     zeros = equations.zeros(x, sigma)
-    spread = spread_of(assembly, equations, x, zeros, sigma, sheet=assembly.at is not None)
+    with_sheet = assembly.at is not None and stored is None
+    spread = spread_of(assembly, equations, x, zeros, sigma, with_sheet)
     R, lengths = scaled_triangle(root[:, :-1])
     inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(x)], np.eye(len(x)))) / lengths[:, None]
     iid = inverse @ inverse.T
@@ -255,16 +279,22 @@ def _result(
         theta=line(x),
         covariance=square(iid @ spread.scores @ iid + doubt),
         covariance_iid=square(iid),
-        covariance_sheet=square(np.einsum("fi,fj->ij", moved, moved) if moved else np.zeros_like(iid)),
+        covariance_sheet=stored.covariance_sheet if stored else square(_outer(moved, len(x))),
         sigma=dict(sigma),
         residual=spread.residual,
         zeros=tuple((run.zeros, run.priors, z) for run, z in zip(equations.runs, zeros, strict=True)),
         correction=line(correction),
+        moments=moments,
         place=place,
         root=root,
         assembly=assembly,
         equations=equations,
     )
+
+
+def _outer(moved: Sequence[Array], p: int) -> Array:
+    """Σ m mᵀ."""
+    return np.einsum("fi,fj->ij", moved, moved) if len(moved) else np.zeros((p, p))
 
 
 def corrected_drive(drive: Drive, fitted: Fit) -> Drive:

@@ -31,9 +31,18 @@ class NoiseMoments:
     constants: Array
 
     @classmethod
-    def none(cls, p: int) -> NoiseMoments:
+    def none(cls, p: int, draws: int = NOISE_DRAWS) -> NoiseMoments:
         """Nothing added yet."""
-        return cls(np.zeros((NOISE_DRAWS, p, p)), np.zeros((NOISE_DRAWS, p)))
+        return cls(np.zeros((draws, p, p)), np.zeros((draws, p)))
+
+    @property
+    def draws(self) -> int:
+        """Number of pairs of draws."""
+        return len(self.constants)
+
+    def some(self, which: NDArray[np.intp]) -> NoiseMoments:
+        """Those of some of the draws."""
+        return NoiseMoments(self.slopes[which], self.constants[which])
 
     def add(
         self, drive: Drive, place: Sequence[int], effects: Sequence[Effect], keep: NDArray[np.int64],
@@ -42,7 +51,7 @@ class NoiseMoments:
         """Add a run, or a piece of one; `place` tells its draws from those of others."""
         p = len(keep)
         plain = {row: (drive.matrix(effects, row)[:, keep], drive.measured[row]) for row in drive.rows}
-        for draw in range(NOISE_DRAWS):
+        for draw in range(self.draws):
             for sign in (1, -1):
                 noisy = drive.noisy(draw, sign, [2002, *place, draw])
                 for row, (W, y) in plain.items():
@@ -78,4 +87,4 @@ class NoiseMoments:
         corrected = inverse @ (V @ np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float))
         scores = self.constants - self.slopes @ corrected
         scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
-        return corrected, scatter.T @ scatter / (NOISE_DRAWS * (NOISE_DRAWS - 1))
+        return corrected, scatter.T @ scatter / (self.draws * (self.draws - 1))

@@ -69,5 +69,5 @@ def bad_seconds(assembly: Assembly, names: Sequence[str]) -> list[BadSecond]:
             place = np.floor(t / SECOND).astype(int)
             for number in np.unique(place[roots < 1.0]):
                 weight = float(roots[place == number][0] ** 2)
-                out.append(BadSecond(names[piece.run], row, number * SECOND, (number + 1) * SECOND, weight))
+                out.append(BadSecond(names[piece.run], row, float(number) * SECOND, float(number + 1) * SECOND, weight))
     return sorted(out, key=lambda bad: bad.weight)
