@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
 
 from identify.effects.rigid_body import RigidBody
 from identify.fit import Fit
@@ -80,6 +81,15 @@ def whole(fitted: Fit) -> Body | None:
         return None
     to_ten = summation(fitted, fitted.drives[0].recording.vehicle)[:, : len(fitted.physics)]
     return Body(WHOLE, to_ten, chassis.mass, chassis.length)
+
+
+def clusters(fitted: Fit) -> tuple[tuple[Body, ...], ...]:
+    """Bodies in groups: together are those that some base parameter counts together."""
+    members = bodies(fitted)
+    inside = np.array([np.any(body.to_ten != 0.0, axis=0) for body in members], float).reshape(len(members), -1)
+    touches = np.abs(fitted.base.grouping()) @ inside.T > 0.0
+    _, label = connected_components(touches.T.astype(float) @ touches.astype(float), directed=False)
+    return tuple(tuple(b for b, k in zip(members, label, strict=True) if k == group) for group in sorted(set(label)))
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.errors import SolverError, UsageError
-from identify.consistency import Body, BodyCheck, bodies, check_bodies, whole
+from identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
+from identify.effect import Parameter
 from identify.fit import Fit
 from identify.information import Information, columns
 from identify.rows import ROWS
@@ -29,6 +30,9 @@ from identify.vectors import Array
 
 LEAST = 1e-6
 """Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""
+_OPEN = 100.0
+"""Bound of a standard parameter that the equations leave open, in plausible sizes: what no constraint holds would drift
+off to where rounding hides all else."""
 DRAWS = 99
 """Simulated campaigns behind the probability of a distance."""
 
@@ -83,7 +87,10 @@ class Consistency:
         leaves open, in units of plausible size; at least zero: consistent as it is.
     distance : to the nearest consistent estimate [σ]; zero when consistent.
     p : share of simulated campaigns of the nearest consistent car whose estimate lies at least as far out.
-    bodies : the direct test of each body; `alone` : body → distance [σ] when only that body has to be possible.
+    bodies : the direct test of each body.
+    alone : body → distance [σ] when only that body has to be possible; bodies whose parameters are counted together are
+        taken together (``axle.fl + wheel.fl``).
+    wrong_sign : spring, damper, mass … → how many of its own σ it lies on the impossible side.
     """
 
     margin: float
@@ -91,6 +98,7 @@ class Consistency:
     p: float
     bodies: tuple[BodyCheck, ...]
     alone: Mapping[str, float]
+    wrong_sign: Mapping[str, float]
 
     @property
     def consistent(self) -> bool:
@@ -107,7 +115,8 @@ class Consistency:
                 f"not consistent as it stands, by {self.distance:.2g} σ; a consistent car is estimated that far out in "
                 f"{100 * self.p:.0f} % of such campaigns, so noise explains it"
             )
-        worst = max(self.alone, key=lambda name: self.alone[name])
+        blame = {**{name: d for name, d in self.alone.items() if name != WHOLE}, **self.wrong_sign}
+        worst = max(blame, key=lambda name: blame[name])
         return (
             f"inconsistent by {self.distance:.2g} σ (p = {self.p:.2g}): noise does not explain it; most in {worst}. "
             "Look at what the model lacks and at the instruments"
@@ -123,18 +132,19 @@ def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
     projection = _Projection(fitted, known, bodies(fitted))
     margin = projection.margin()
     if margin >= 0.0:
-        return Consistency(margin, 0.0, 1.0, checks, {})
-    base, _, quadratic = projection.nearest(fitted.theta[fitted.base.independent])
+        return Consistency(margin, 0.0, 1.0, checks, {}, {})
+    estimate = fitted.theta[fitted.base.independent]
+    base, _, quadratic = projection.nearest(estimate)
     together = whole(fitted)
     alone: dict[str, float] = {}
-    for body in (*bodies(fitted), *((together,) if together else ())):
-        single = _Projection(fitted, known, (body,), signs=False)
+    for group in (*clusters(fitted), *([(together,)] if together else [])):
+        single = _Projection(fitted, known, group, signs=False)
         inside = single.margin() >= 0.0
-        alone[body.name] = 0.0 if inside else single.nearest(fitted.theta[fitted.base.independent])[2] ** 0.5
+        alone[" + ".join(body.name for body in group)] = 0.0 if inside else single.nearest(estimate)[2] ** 0.5
     farther = sum(
         projection.nearest(draw)[2] >= quadratic for draw in _campaigns(fitted, known, base, projection.touched, draws)
     )
-    return Consistency(margin, quadratic**0.5, (1 + farther) / (1 + draws), checks, alone)
+    return Consistency(margin, quadratic**0.5, (1 + farther) / (1 + draws), checks, alone, _wrong_sign(fitted))
 
 
 def consistent_fit(fitted: Fit) -> ConsistentFit:
@@ -147,8 +157,9 @@ def consistent_fit(fitted: Fit) -> ConsistentFit:
     if projection.margin() >= 0.0:
         price = ConsistencyPrice(0.0, 0.0, dict.fromkeys(fitted.rows, 0.0), ("", 0.0), {})
         return ConsistentFit(fitted, projection.completed, price)
-    base, standard, quadratic = projection.nearest(fitted.theta[fitted.base.independent])
-    moved = projection.follow @ (base - fitted.theta[fitted.base.independent])[projection.touched]
+    estimate = fitted.theta[fitted.base.independent]
+    base, standard, quadratic = projection.nearest(estimate)
+    moved = projection.follow @ (base - estimate)[projection.touched]
     return ConsistentFit(*_moved(fitted, moved, standard, quadratic))
 
 
@@ -165,7 +176,7 @@ class _Projection:
         base, width = fitted.base, len(fitted.physics)
         parameters = fitted.model.parameters[:width]
         size = np.array([q.prior for q in parameters])
-        sign = np.array([1.0 if q.low >= 0.0 else -1.0 if q.high <= 0.0 else 0.0 for q in parameters]) * signs
+        sign = np.array([certain_sign(q) for q in parameters]) * signs
         bound = sign != 0.0
         for body in members:
             bound[body.members] = True
@@ -185,8 +196,7 @@ class _Projection:
         self.unit = sign[self.signed] / size[self.signed]
         self.matrices = [body.matrices() for body in members]
         lengths = np.linalg.norm(self.triangle, axis=0)
-        solved = np.linalg.solve(self.triangle / lengths, np.eye(len(lengths)))
-        self.step: Array = solved / lengths[:, None]
+        self.step = np.linalg.solve(np.asarray(self.triangle / lengths, float), np.eye(len(lengths))) / lengths[:, None]
         self.completed = self._standard(fitted.theta[base.independent][self.touched], np.zeros(len(hidden)))
 
     def margin(self) -> float:
@@ -200,9 +210,8 @@ class _Projection:
             return plain
         cp = self.cp
         hidden, level = cp.Variable(self.from_hidden.shape[1]), cp.Variable()
-        problem = cp.Problem(
-            cp.Maximize(level), [*self._constraints(start + self.from_hidden @ hidden, level), level <= 1.0]
-        )
+        limits = [*self._constraints(start + self.from_hidden @ hidden, level), level <= 1.0, cp.abs(hidden) <= _OPEN]
+        problem = cp.Problem(cp.Maximize(level), limits)
         self._solve(problem)
         standard = start + self.from_hidden @ np.asarray(hidden.value, float)
         self.completed = self._standard(self.fitted.theta[self.fitted.base.independent][self.touched], hidden.value)
@@ -210,10 +219,17 @@ class _Projection:
 
     def nearest(self, base: Array) -> tuple[Array, Array, float]:
         """The nearest possible base parameters (b,) to `base`, standard ones (p,) that have them, and ‖R (x − x̂)‖²."""
-        problem, start, u, hidden = self._compiled
+        problem, start, far, u, hidden = self._compiled
         start.value = self.from_base @ base[self.touched]
-        self._solve(problem)
-        change = np.asarray(u.value, float)
+        # A solver wants unknowns of size one: far from what is possible, u counts in units of the distance itself.
+        change, far.value = np.zeros(len(self.touched)), 1.0
+        for _ in range(3):
+            self._solve(problem)
+            change = float(far.value) * np.asarray(u.value, float)
+            size = float(np.linalg.norm(change))
+            if 0.01 * size < far.value:
+                break
+            far.value = size
         out = base.copy()
         out[self.touched] += self.step @ change
         standard = self._standard(out[self.touched], hidden.value if hidden is not None else np.zeros(0))
@@ -225,14 +241,15 @@ class _Projection:
         return out, standard, float(change @ change)
 
     @cached_property
-    def _compiled(self) -> tuple[Any, Any, Any, Any]:
+    def _compiled(self) -> tuple[Any, Any, Any, Any, Any]:
         cp = self.cp
-        start, u = cp.Parameter(self.from_base.shape[0]), cp.Variable(self.step.shape[0])
+        start, far, u = cp.Parameter(self.from_base.shape[0]), cp.Parameter(), cp.Variable(self.step.shape[0])
         hidden = cp.Variable(self.from_hidden.shape[1]) if self.from_hidden.shape[1] else None
-        standard = start + (self.from_base @ self.step) @ u
+        standard = start + (self.from_base @ self.step) @ (far * u)
         if hidden is not None:
             standard = standard + self.from_hidden @ hidden
-        return cp.Problem(cp.Minimize(cp.sum_squares(u)), self._constraints(standard, LEAST)), start, u, hidden
+        limits = [self._constraints(standard, LEAST), [] if hidden is None else [cp.abs(hidden) <= _OPEN]]
+        return cp.Problem(cp.Minimize(cp.sum_squares(u)), sum(limits, [])), start, far, u, hidden
 
     def _constraints(self, standard: Any, level: Any) -> list[Any]:
         """Every body's pseudo-inertia and every signed parameter at least `level`."""
@@ -269,6 +286,23 @@ class _Projection:
                 f"the consistent fit has no answer (Clarabel: {problem.status}): a parameter is so well known, or so "
                 "badly scaled, that no possible car is near"
             )
+
+
+def certain_sign(parameter: Parameter) -> float:
+    """1 or −1 where a parameter's bounds leave only one sign (springs, dampers, tyres, masses), else 0.
+
+    `Parameter.expect` alone is no certainty: it is what one expects to find.
+    """
+    return 1.0 if parameter.low >= 0.0 else -1.0 if parameter.high <= 0.0 else 0.0
+
+
+def _wrong_sign(fitted: Fit) -> dict[str, float]:
+    sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
+    return {
+        q.name: float(abs(fitted.theta[i]) / sigma[i]) if sigma[i] > 0.0 else float("inf")
+        for i, q in enumerate(fitted.model.parameters[: len(fitted.physics)])
+        if i in fitted.base.independent and certain_sign(q) * fitted.theta[i] < 0.0
+    }
 
 
 def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np.intp], draws: int) -> Sequence[Array]:

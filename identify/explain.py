@@ -86,11 +86,20 @@ def explain_weak(
     turned = np.asarray(scipy.linalg.qr(root[:, [*others, *chosen]], mode="r")[0], float)[len(others) :, len(others) :]
     picked = [names[k] for k in chosen]
     priors = np.array([known[name] for name in picked])
+    owners = _owners(model)
+    single: dict[str, list[str]] = {}
     out: list[str] = []
     for direction in weak_directions(turned, priors, CONDITION, least):
         members = [picked[i] for i, _ in direction]
-        why = _why(members, model, drives)
-        out.append(_in_words(direction, picked) + (f": {why}" if why else ""))
+        if len(members) == 1:
+            single.setdefault(owners[members[0]].key, []).append(members[0])
+        else:
+            out.append(_in_words(direction, picked) + _why(members, model, drives))
+    for members in single.values():
+        ordered = sorted(members, key=picked.index)
+        out.append(
+            f"{_listed(ordered)} {'is' if len(ordered) == 1 else 'are'} not determined" + _why(ordered, model, drives)
+        )
     return out
 
 
@@ -106,8 +115,7 @@ def explain_grouping(base: BaseParameters, model: Model, drives: Sequence[Drive]
         holders = [base.names[int(i)] for i in base.independent[base.relations[:, column] != 0.0]]
         if all(isinstance(owners[n], RigidBody) for n in (name, *holders)):
             continue
-        why = _why([name, *holders], model, drives)
-        out.append(f"{name} cannot be told from {_listed(holders)}" + (f": {why}" if why else ""))
+        out.append(f"{name} cannot be told from {_listed(holders)}" + _why([name, *holders], model, drives))
     return out
 
 
@@ -161,29 +169,28 @@ def _owners(model: Model) -> dict[str, Effect]:
 
 
 def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
-    """What hardly moves: travel for suspension laws, else how little the first parameter can change any row."""
+    """What hardly moves, after a colon: travel for suspension laws, else how little these parameters change any row."""
     owners = _owners(model)
-    effect = owners[members[0]]
     laws = [one for name in members if isinstance(one := owners[name], SuspensionForce)]
     if laws:
-        corners = sorted({c for one in laws for c in one.corners()})
+        corners = sorted({c for one in laws for c in one.corners()} & {c for d in drives for c in d.motion.corners})
         travel, rate = (_spread(drives, corners, what) for what in ("travel", "rate"))
-        return f"travel at {', '.join(corners)} moves by ± {1e3 * travel:.2g} mm, at ± {1e3 * rate:.2g} mm/s"
-    parameter = next((q for q in effect.parameters if q.name == members[0]), None)
-    if parameter is None or effect not in model.physics:
+        return f": travel at {', '.join(corners)} moves by ± {1e3 * travel:.2g} mm, at ± {1e3 * rate:.2g} mm/s"
+    if any(owners[name] not in model.physics for name in members):
         return ""
-    place = [q.name for q in effect.parameters].index(parameter.name)
     size, row = 0.0, ""
-    for drive in drives:
-        for name, table in drive.columns(effect).items():
-            change = parameter.largest * float(np.std(table[place]))
-            if change > size:
-                size, row = change, name
+    for name in members:
+        effect = owners[name]
+        place = [q.name for q in effect.parameters].index(name)
+        for drive in drives:
+            for key, table in drive.columns(effect).items():
+                change = effect.parameters[place].largest * float(np.std(table[place]))
+                if change > size:
+                    size, row = change, key
     if not row:
-        return "nothing these runs measure depends on it"
-    return (
-        f"at its largest plausible value {members[0]} changes {row} by {size:.2g} {row_unit(row)}, the most of any row"
-    )
+        return ": nothing these runs measure changes with it"
+    who = "it changes" if len(members) == 1 else "one of them changes"
+    return f": at its largest plausible value {who} {row} by ± {size:.2g} {row_unit(row)}, and no row more"
 
 
 def _spread(drives: Sequence[Drive], corners: Sequence[str], what: str) -> float:

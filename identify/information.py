@@ -64,8 +64,8 @@ class Information:
     def inverse(self) -> Array:
         """(q, q) inverse of `root`; its rows' lengths are each unknown's σ as if residuals were independent."""
         lengths = np.linalg.norm(self.root, axis=0)
-        solved = scipy.linalg.solve_triangular(self.root / lengths, np.eye(len(lengths)))
-        return np.asarray(solved, float) / lengths[:, None]
+        scaled = np.asarray(self.root / lengths, float)
+        return np.asarray(scipy.linalg.solve_triangular(scaled, np.eye(len(lengths))), float) / lengths[:, None]
 
     def marginal(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
         """What is known of some unknowns when all others follow freely.
@@ -74,7 +74,9 @@ class Information:
         which raises the residual least.
         """
         width = self.root.shape[0]
-        others = np.setdiff1d(np.arange(width), chosen)
+        free = np.ones(width, bool)
+        free[chosen] = False
+        others = np.flatnonzero(free)
         turned = triangle(self.root[:, np.concatenate([others, chosen])])
         n = len(others)
         lengths = np.linalg.norm(turned[:n, :n], axis=0)

@@ -72,5 +72,8 @@ def fault_in_words(values: Sequence[float] | Array) -> str:
     moments = np.sort(np.trace(second) - np.linalg.eigvalsh(second))
     if moments[0] < 0.0:
         return f"a moment of inertia about its centre of gravity is {moments[0]:.4g} kg·m²"
-    a, b, c = moments
-    return f"its largest moment of inertia about the centre of gravity, {c:.4g}, exceeds the others' sum, {a + b:.4g} kg·m²"
+    small, middle, large = moments
+    return (
+        f"its largest moment of inertia about its centre of gravity, {large:.4g} kg·m², is more than the other two "
+        f"together, {small + middle:.4g} kg·m²"
+    )
