@@ -160,7 +160,8 @@ def consistent_fit(fitted: Fit) -> ConsistentFit:
     estimate = fitted.theta[fitted.base.independent]
     base, standard, quadratic = projection.nearest(estimate)
     moved = projection.follow @ (base - estimate)[projection.touched]
-    return ConsistentFit(*_moved(fitted, moved, standard, quadratic))
+    out, price = _moved(fitted, moved, quadratic)
+    return ConsistentFit(out, np.where(projection.bound, standard, out.physics), price)
 
 
 class _Projection:
@@ -197,6 +198,7 @@ class _Projection:
         self.matrices = [body.matrices() for body in members]
         lengths = np.linalg.norm(self.triangle, axis=0)
         self.step = np.linalg.solve(np.asarray(self.triangle / lengths, float), np.eye(len(lengths))) / lengths[:, None]
+        self.bound = np.any(self.from_base != 0.0, axis=1) | np.any(self.from_hidden != 0.0, axis=1)
         self.completed = self._standard(fitted.theta[base.independent][self.touched], np.zeros(len(hidden)))
 
     def margin(self) -> float:
@@ -248,8 +250,10 @@ class _Projection:
         standard = start + (self.from_base @ self.step) @ (far * u)
         if hidden is not None:
             standard = standard + self.from_hidden @ hidden
-        limits = [self._constraints(standard, LEAST), [] if hidden is None else [cp.abs(hidden) <= _OPEN]]
-        return cp.Problem(cp.Minimize(cp.sum_squares(u)), sum(limits, [])), start, far, u, hidden
+        limits = self._constraints(standard, LEAST)
+        if hidden is not None:
+            limits.append(cp.abs(hidden) <= _OPEN)
+        return cp.Problem(cp.Minimize(cp.sum_squares(u)), limits), start, far, u, hidden
 
     def _constraints(self, standard: Any, level: Any) -> list[Any]:
         """Every body's pseudo-inertia and every signed parameter at least `level`."""
@@ -268,11 +272,8 @@ class _Projection:
 
     def _standard(self, touched: Array, hidden: Array) -> Array:
         """All standard parameters of the physics: those of no constraint as the fit has them."""
-        out = np.asarray(self.fitted.physics, float).copy()
         moved = self.from_base @ touched + self.from_hidden @ hidden
-        bound = np.any(self.from_base != 0.0, axis=1) | np.any(self.from_hidden != 0.0, axis=1)
-        out[bound] = moved[bound]
-        return out
+        return np.where(self.bound, moved, self.fitted.physics)
 
     def _solve(self, problem: Any) -> None:
         with warnings.catch_warnings():
@@ -327,7 +328,7 @@ def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np
     return list(out)
 
 
-def _moved(fitted: Fit, change: Array, standard: Array, quadratic: float) -> tuple[Fit, Array, ConsistencyPrice]:
+def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
     """A fit with its unknowns changed by (q,), residuals with it, and what that costs."""
     kept = len(fitted.base.independent)
     first = kept + len(fitted.model.faults)
@@ -363,7 +364,7 @@ def _moved(fitted: Fit, change: Array, standard: Array, quadratic: float) -> tup
     price = ConsistencyPrice(
         quadratic, 100.0 * float(sum(weighted) / total), rows, (names[worst], float(moved[worst])), changes
     )
-    return out, standard, price
+    return out, price
 
 
 def _squares(fitted: Fit) -> dict[str, float]:
