@@ -175,7 +175,7 @@ def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
     if laws:
         corners = sorted({c for one in laws for c in one.corners()} & {c for d in drives for c in d.motion.corners})
         travel, rate = (_spread(drives, corners, what) for what in ("travel", "rate"))
-        return f": travel at {', '.join(corners)} moves by ± {1e3 * travel:.2g} mm, at ± {1e3 * rate:.2g} mm/s"
+        return f": travel at {', '.join(corners)} moves by ± {_plain(travel)} mm, at ± {_plain(rate)} mm/s"
     if any(owners[name] not in model.physics for name in members):
         return ""
     size, row = 0.0, ""
@@ -191,6 +191,11 @@ def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
         return ": nothing these runs measure changes with it"
     who = "it changes" if len(members) == 1 else "one of them changes"
     return f": at its largest plausible value {who} {row} by ± {size:.2g} {row_unit(row)}, and no row more"
+
+
+def _plain(metres: float) -> str:
+    """Millimetres to two digits; below a tenth of a micrometre it is rounding."""
+    return f"{1e3 * metres:.2g}" if metres >= 1e-7 else "0"
 
 
 def _spread(drives: Sequence[Drive], corners: Sequence[str], what: str) -> float:

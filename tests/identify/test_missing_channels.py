@@ -15,7 +15,7 @@ from identify.drive import Drive
 from identify.fit import fit
 from identify.model import Model
 from identify.reconstruct import Recording, Signals
-from identify.rows import ROWS, needs
+from identify.rows import ROWS
 
 VEHICLE, RIG = cars.reference_car()
 
