@@ -24,8 +24,8 @@ from daq.errors import SolverError, UsageError
 from identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
 from identify.effect import Parameter
 from identify.fit import Fit
-from identify.information import Information, columns
-from identify.rows import ROWS
+from identify.information import Information
+from identify.uncertainty import zero_gains
 from identify.vectors import Array
 
 LEAST = 1e-6
@@ -330,33 +330,25 @@ def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np
 
 def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
     """A fit with its unknowns changed by (q,), residuals with it, and what that costs."""
-    kept = len(fitted.base.independent)
-    first = kept + len(fitted.model.faults)
-    theta = fitted.theta.copy()
-    place = np.concatenate([fitted.base.independent, np.arange(len(fitted.physics), len(theta))])
-    theta[place] += change[:first]
-    zeros = list(fitted.zeros)
-    residual: list[Mapping[str, Array]] = []
-    start = first
-    for d, drive in enumerate(fitted.drives):
-        change_of_zeros = np.zeros(0)
-        if fitted.zeros:
-            known, values = fitted.zeros[d]
-            change_of_zeros = change[start : start + len(values)]
-            zeros[d] = (known, values + change_of_zeros)
-            start += len(values)
-        residual.append({
-            row: fitted.residual[d][row]
-            - columns(fitted, d, row) @ change[:first]
-            - (fitted.zeros[d][0].columns[row] @ change_of_zeros if fitted.zeros else 0.0)
-            for row in drive.rows
-        })  # fmt: skip
-    out = replace(fitted, theta=theta, residual=tuple(residual), zeros=tuple(zeros))
+    theta, place = fitted.theta.copy(), fitted.place
+    theta[place] += change
+    fall = [gain @ change for gain in zero_gains(fitted.equations.runs, fitted.sigma)]
+    zeros = tuple((names, sigma, z - f) for (names, sigma, z), f in zip(fitted.zeros, fall, strict=True))
+    moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.drives]
+    for piece in fitted.assembly.pieces():
+        step = np.concatenate([-fall[piece.run], change])
+        for row, block in piece.blocks.items():
+            moved_rows[piece.run].setdefault(row, []).append(block @ step)
+    residual = tuple(
+        {row: r - np.concatenate(moved[row]) for row, r in before.items()}
+        for before, moved in zip(fitted.residual, moved_rows, strict=True)
+    )
+    out = replace(fitted, theta=theta, residual=residual, zeros=zeros)
     before, after = _squares(fitted), _squares(out)
     weighted = [(after[row] - before[row]) / fitted.sigma[row] ** 2 for row in before]
     total = sum(before[row] / fitted.sigma[row] ** 2 for row in before)
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))[place]
-    moved = np.abs(change[:first]) / np.where(sigma > 0.0, sigma, np.inf)
+    moved = np.abs(change) / np.where(sigma > 0.0, sigma, np.inf)
     names = [fitted.model.names[int(i)] for i in place]
     worst = int(np.argmax(moved))
     changes = {names[k]: (float(fitted.theta[place[k]]), float(theta[place[k]])) for k in np.flatnonzero(moved > 0.01)}
@@ -369,11 +361,7 @@ def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, Consisten
 
 def _squares(fitted: Fit) -> dict[str, float]:
     """Sum of squared residuals by row, over all runs."""
-    return {
-        row: float(sum(part[row] @ part[row] for part in fitted.residual if row in part))
-        for row in ROWS
-        if any(row in part for part in fitted.residual)
-    }
+    return {row: float(sum(part[row] @ part[row] for part in fitted.residual if row in part)) for row in fitted.rows}
 
 
 def _solver() -> Any:

@@ -1,4 +1,4 @@
-"""What a fit's equations and priors know of all its unknowns, as one triangle."""
+"""What a fit's equations and priors know of its parameters, as one triangle, and what they know of some of them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from identify.fit import Fit
+from identify.triangle import scaled_triangle
 from identify.vectors import Array
 
 
@@ -18,8 +19,8 @@ class Information:
 
     Attributes
     ----------
-    names : (q,) unknowns: base parameters, sensor faults, then each run's sensor zeros as ``run: channel``.
-    root : (q, q) upper triangle R: the weighted residual rises by ‖R (x − x̂)‖² at any x, in σ².
+    names : (q,) unknowns: base parameters, then sensor faults; each run's sensor zeros follow freely.
+    root : (q, q) upper triangle R: the weighted residual, priors included, rises by ‖R (x − x̂)‖² from its minimum x̂.
     loose : (q, q) what of RᵀR is only the plausible range of parameters and the likeness of left and right parts.
     """
 
@@ -29,43 +30,14 @@ class Information:
 
     @classmethod
     def of(cls, fitted: Fit) -> Information:
-        """Gather it from the columns of a fit, with the fit's weights."""
-        kept, faults = len(fitted.base.independent), len(fitted.model.faults)
-        parameters = fitted.model.parameters
-        chosen = [parameters[int(i)] for i in fitted.base.independent] + [
-            q for f in fitted.model.faults for q in f.parameters
-        ]
-        names = [q.name for q in chosen]
-        lengths = [len(zeros.names) for zeros, _ in fitted.zeros] or [0] * len(fitted.drives)
-        width = kept + faults + sum(lengths)
-        known = [np.eye(kept + faults, width) / np.array([[q.prior] for q in chosen])]
-        for i, q in enumerate(chosen[:kept]):
-            if q.twin in names[:kept]:
-                line = np.zeros((1, width))
-                line[0, i], line[0, names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
-                known.append(line)
-        loose = np.concatenate(known)
-        blocks = [loose]
-        for d, drive in enumerate(fitted.drives):
-            start = kept + faults + sum(lengths[:d])
-            if fitted.zeros:
-                line = np.zeros((lengths[d], width))
-                line[:, start : start + lengths[d]] = np.diag(1.0 / fitted.zeros[d][0].sigma)
-                blocks.append(line)
-                names += [f"{drive.name}: {name}" for name in fitted.zeros[d][0].names]
-            for row in drive.rows:
-                wide = np.zeros((len(drive.measured[row]), width))
-                wide[:, : kept + faults] = columns(fitted, d, row)
-                if fitted.zeros:
-                    wide[:, start : start + lengths[d]] = fitted.zeros[d][0].columns[row]
-                blocks.append(triangle(wide / fitted.sigma[row]))
-        return cls(tuple(names), triangle(np.concatenate(blocks)), loose.T @ loose)
+        """The information of a fit, with the fit's weights."""
+        q, known = len(fitted.place), fitted.equations.known
+        return cls(fitted.columns, fitted.root[:q, :q], known.T @ known)
 
     def inverse(self) -> Array:
         """(q, q) inverse of `root`; its rows' lengths are each unknown's σ as if residuals were independent."""
-        lengths = np.linalg.norm(self.root, axis=0)
-        scaled = np.asarray(self.root / lengths, float)
-        return np.asarray(scipy.linalg.solve_triangular(scaled, np.eye(len(lengths))), float) / lengths[:, None]
+        R, lengths = scaled_triangle(self.root)
+        return np.asarray(scipy.linalg.solve_triangular(R, np.eye(len(lengths))), float) / lengths[:, None]
 
     def marginal(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
         """What is known of some unknowns when all others follow freely.
@@ -77,28 +49,12 @@ class Information:
         free = np.ones(width, bool)
         free[chosen] = False
         others = np.flatnonzero(free)
-        turned = triangle(self.root[:, np.concatenate([others, chosen])])
-        n = len(others)
-        lengths = np.linalg.norm(turned[:n, :n], axis=0)
-        follow = -np.asarray(scipy.linalg.solve_triangular(turned[:n, :n] / lengths, turned[:n, n:]), float)
+        order, n = np.concatenate([others, chosen]), int(np.count_nonzero(free))
+        R, lengths = scaled_triangle(self.root[:, order])
+        turned = R * lengths
         out = np.zeros((width, len(chosen)))
-        out[others], out[chosen] = follow / lengths[:, None], np.eye(len(chosen))
+        out[chosen] = np.eye(len(chosen))
+        if n:
+            follow = np.asarray(scipy.linalg.solve_triangular(R[:n, :n], turned[:n, n:]), float)
+            out[others] = -follow / lengths[:n, None]
         return turned[n:, n:], out
-
-
-def columns(fitted: Fit, d: int, row: str) -> Array:
-    """(n, b + f) columns of a run's row: base parameters, then the model's sensor faults."""
-    drive = fitted.drives[d]
-    W = drive.matrix(fitted.model.physics, row)[:, fitted.base.independent]
-    extra: list[Array] = []
-    for fault in fitted.model.faults:
-        found = drive.decimated(fitted.sensitivities[d].fault(fault))
-        extra.append(found.get(row, np.zeros(len(W))))
-    return np.column_stack([W, *extra])
-
-
-def triangle(W: Array) -> Array:
-    """The R factor, square even when there are fewer rows than columns."""
-    out = np.asarray(scipy.linalg.qr(W, mode="r")[0], float)[: W.shape[1]]
-    lacking = W.shape[1] - out.shape[0]
-    return np.concatenate([out, np.zeros((lacking, W.shape[1]))]) if lacking else out

@@ -19,7 +19,7 @@ from identify.consistency import bodies, check_bodies, clusters, whole
 from identify.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
 from identify.drive import Drive
 from identify.fit import Fit, fit
-from identify.information import Information, columns
+from identify.information import Information
 from identify.model import Model
 from identify.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from identify.rigid_body import move_parameters
@@ -178,21 +178,20 @@ def test_the_mended_fit_is_possible_and_keeps_its_base_values(fitted: Fit, mende
 def test_the_price_is_the_quadratic_form_and_the_rise_of_the_residual(
     fitted: Fit, known: Information, mended: ConsistentFit
 ) -> None:
-    """‖R Δx‖² from the changes of all unknowns, zeros included; without bias correction also the rise itself."""
-    zeros = [new - old for (_, new), (_, old) in zip(mended.fit.zeros, fitted.zeros, strict=True)]
-    change = np.concatenate([(mended.fit.theta - fitted.theta)[fitted.base.independent], *zeros])
+    """‖R Δx‖² from the changes of all unknowns; without bias correction it is the rise itself, zeros included."""
+    change = mended.fit.solution - fitted.solution
     price = mended.price
     assert price.quadratic > 0.0
     assert price.quadratic == pytest.approx(np.sum((known.root @ change) ** 2), rel=1e-7)
     rise = penalty(mended.fit) - penalty(fitted)  # the estimate is its minimum: all of the rise is the quadratic form
     assert rise == pytest.approx(price.quadratic, rel=1e-4)
-    d, row = 1, "suspension.fl"
-    direct = (
-        fitted.drives[d].measured[row]
-        - columns(mended.fit, d, row) @ mended.fit.theta[fitted.base.independent]
-        - mended.fit.zeros[d][0].columns[row] @ mended.fit.zeros[d][1]
-    )
-    np.testing.assert_allclose(mended.fit.residual[d][row], direct, atol=1e-8 * np.max(np.abs(direct)))
+    _, piece = fitted.assembly.pieces()
+    names, _, zeros = mended.fit.zeros[1]
+    assert piece.zeros is not None
+    assert piece.zeros.names == names
+    for row in ("suspension.fl", "chassis.mx", "tyre.rr"):
+        direct = piece.right[row] - piece.blocks[row] @ np.concatenate([zeros, mended.fit.solution])
+        np.testing.assert_allclose(mended.fit.residual[1][row], direct, atol=1e-8 * np.max(np.abs(piece.right[row])))
     assert abs(price.percent) < 0.1
     assert set(price.rows) == set(fitted.rows)
     assert np.array_equal(mended.fit.covariance, fitted.covariance)
@@ -204,7 +203,7 @@ def penalty(fitted: Fit) -> float:
     value = dict(zip(fitted.model.names, fitted.theta, strict=True))
     total = sum(
         float(np.sum((r / fitted.sigma[row]) ** 2)) for part in fitted.residual for row, r in part.items()
-    ) + sum(float(np.sum((values / zeros.sigma) ** 2)) for zeros, values in fitted.zeros)
+    ) + sum(float(np.sum((values / prior) ** 2)) for _, prior, values in fitted.zeros)
     kept = {parameters[int(i)].name: parameters[int(i)] for i in fitted.base.independent}
     for name, q in kept.items():
         total += (value[name] / q.prior) ** 2

@@ -156,7 +156,9 @@ def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit) -> None:
     t = signal.t - signal.t[0]
     hit = (t > 12.0) & (t < 14.0)
     wrong[hit] += 4000.0 * np.sin(2 * np.pi * 2.0 * t[hit])[:, None]
-    bad = Drive.of(replace(rough, signals={**rough.signals, "wheel.fl.force": replace(signal, values=wrong)}), VEHICLE, RIG)
+    bad = Drive.of(
+        replace(rough, signals={**rough.signals, "wheel.fl.force": replace(signal, values=wrong)}), VEHICLE, RIG
+    )
     plain = fit(whole.model, [bad], unbias=False)
     robust = fit(whole.model, [bad], unbias=False, robust=True)
     clean = fit(whole.model, [whole.drives[0]], unbias=False)

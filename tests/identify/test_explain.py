@@ -60,7 +60,7 @@ def test_several_singular_directions_stand_by_themselves() -> None:
 
 
 def test_plausible_sizes_decide_what_is_badly_scaled() -> None:
-    """Newtons per metre beside kilograms are no fault; a direction known a million times worse in plausible sizes is."""
+    """N/m beside kg are no fault; a direction known a million times worse in plausible sizes is."""
     W = np.diag([1e-5, 1.0, 1e-9])
     names = ["k", "m", "x"]
     assert explain_singular(W, names, [1e5, 1.0, 1e9]) == []
