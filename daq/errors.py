@@ -49,6 +49,10 @@ class NotIdentifiable(LacetError):
     """Nothing at all can be identified from the data given; the message says why."""
 
 
+class SolverError(LacetError):
+    """A numerical solver came to no answer that can be used; the message says what stood in its way."""
+
+
 def nearest(word: str, known: Iterable[str]) -> str:
     """Return ``'; did you mean 'x'?'`` for the known word nearest to `word`, or an empty string."""
     match = difflib.get_close_matches(word, list(known), n=1)

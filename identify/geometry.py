@@ -94,7 +94,7 @@ def _masks(recording: Recording, rows: tuple[str, ...], grounds: tuple[str, ...]
     masks: dict[str, NDArray[np.bool_]] = {}
     for row in rows:
         mask = inside.copy()
-        for channel in needs(row, recording.reference, grounds):
+        for channel in needs(row, recording.reference, grounds, recording.vehicle):
             mask &= recording.usable.get(channel, True)
         masks[row] = mask
     return masks
@@ -103,15 +103,17 @@ def _masks(recording: Recording, rows: tuple[str, ...], grounds: tuple[str, ...]
 def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
     """Specific force and rates of the body origin, from the inertial unit at its mount."""
     values, zero = signals.value, np.zeros((3, n))
-    if "imu.accel" not in values or "imu.rate" not in values:
+    if "imu.rate" not in values:  # the specific force at the origin needs the rates too
         return FrameMotion(zero, zero, zero)
-    sensor = rig.sensor_of("imu.accel")
+    sensor = rig.sensor_of("imu.accel") or rig.sensor_of("imu.rate")
     R = np.eye(3) if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation)
     r = np.zeros((3, 1))
     if sensor is not None:
         r = np.asarray(sensor.position.get("", (0.0, 0.0, 0.0)))[:, None]
-    omega, force = R @ values["imu.rate"], R @ values["imu.accel"]
-    omega_dot = R @ signals.rate["imu.rate"]
+    omega, omega_dot = R @ values["imu.rate"], R @ signals.rate["imu.rate"]
+    if "imu.accel" not in values:
+        return FrameMotion(omega, omega_dot, zero)
+    force = R @ values["imu.accel"]
     return FrameMotion(omega, omega_dot, force - cross(omega_dot, r) - cross(omega, cross(omega, r)))
 
 

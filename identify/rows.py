@@ -23,21 +23,39 @@ def row_unit(row: str) -> str:
     return "N·m" if row.startswith("spin") or row.startswith("chassis.m") else "N"
 
 
-def needs(row: str, reference: str, grounds: tuple[str, ...] = CORNERS) -> tuple[str, ...]:
-    """Channels without which a row does not exist. `grounds`: corners whose ground lasers give the road's normal."""
+def needs(
+    row: str, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
+) -> tuple[str, ...]:
+    """Channels without which a row does not exist.
+
+    `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with it, what only a bench table brings
+    in is not asked for where there is none.
+    """
     kind, name = row.split(".")
     imu = ("imu.accel", "imu.rate")
     if kind == "chassis":
-        per_corner = ("wheel.{c}.force", "wheel.{c}.moment", "laser.{c}.hub", "camera.{c}.steer", "camera.{c}.camber")
+        # Speeds for the gyroscopic moments of the wheels: 160 N·m of roll at 80 rad/s and 0.5 rad/s of yaw.
+        per_corner = (
+            "wheel.{c}.force", "wheel.{c}.moment", "wheel.{c}.speed", "laser.{c}.hub", "camera.{c}.steer",
+            "camera.{c}.camber",
+        )  # fmt: skip
         return imu + tuple(pattern.format(c=c) for c in CORNERS for pattern in per_corner)
     attitude = (f"camera.{name}.steer", f"camera.{name}.camber")
+    moment, speed, hub = f"wheel.{name}.moment", f"wheel.{name}.speed", f"laser.{name}.hub"
+    turns = vehicle is None or _turns(vehicle.corners[name])
     if kind == "suspension":
-        return (*imu, f"wheel.{name}.force", f"wheel.{name}.moment", f"laser.{name}.hub", *attitude)
+        return (*imu, f"wheel.{name}.force", moment, *((speed,) if turns else ()), hub, *attitude)
     if kind == "tyre":
         road = tuple(f"laser.{c}.ground" for c in grounds) if len(grounds) >= 3 else ("imu.attitude",)
-        own = (f"wheel.{name}.force", f"laser.{name}.ground", f"laser.{name}.hub", *attitude)
+        own = (f"wheel.{name}.force", f"laser.{name}.ground", hub, *attitude)
         return tuple(dict.fromkeys((*own, *road, *(imu if reference == "hub" else ()))))
-    return (f"wheel.{name}.moment", f"wheel.{name}.speed", *attitude)
+    return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate")
+
+
+def _turns(corner: Corner) -> bool:
+    """Whether the carrier turns with the travel: only then do moments and the wheel's momentum enter its row."""
+    table = corner.table
+    return table is not None and any(np.any(np.diff(column)) for column in (table.toe, table.camber, table.pitch))
 
 
 def available(
@@ -47,7 +65,7 @@ def available(
     left_out: dict[str, str] = {}
     for row in ROWS:
         kind, name = row.split(".")
-        absent = [channel for channel in needs(row, reference, grounds) if channel not in values]
+        absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in values]
         if absent:
             left_out[row] = f"not measured: {', '.join(absent)}"
         elif kind == "spin" and vehicle.corners[name].driven:

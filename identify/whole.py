@@ -40,7 +40,7 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
     names = list(fitted.model.names)
     if "M6" not in names:
         return None
-    to_sum = _summation(fitted, vehicle)
+    to_sum = summation(fitted, vehicle)
     summed = to_sum @ fitted.theta
     if not summed[9]:  # nothing of the mass is known: there is no centre of gravity to speak of
         return WholeVehicle(np.zeros(10), np.zeros(10), (False,) * 10)
@@ -64,7 +64,7 @@ def _length(vehicle: Vehicle) -> float:
     return float(np.ptp(x))
 
 
-def _summation(fitted: Fit, vehicle: Vehicle) -> Array:
+def summation(fitted: Fit, vehicle: Vehicle) -> Array:
     """(10, p): from the model's parameters to those of all bodies as one, about the body origin."""
     out = np.zeros((10, len(fitted.theta)))
     start = 0

@@ -6,10 +6,12 @@ import argparse
 from pathlib import Path
 
 from identify.catalogue import base_model, catalogue, find_effect
+from identify.explain import refuse_not_finite
 from identify.fit import fit
 from identify.model import Model
 from identify.score import compare
 from services import tables
+from services.consistency_report import left_open, mend
 from services.fitting import FLOOR_DRAWS, default_filters, fit_result
 from services.loading import load
 from services.progress import Line
@@ -23,6 +25,7 @@ several together, by weighted least squares. Logs carry their rig and vehicle; e
   lacet identify run1.mcap run2.mcap
   lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
   lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
+  lacet identify run1.mcap --consistent    # bodies that can exist, and what that costs (docs/consistency.md)
 
 Exit code 3: done, but a run was damaged or left out, or nothing is identifiable."""
 
@@ -36,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--rows", action="store_true", help="also print the error of every row")
     parser.add_argument("--why", action="store_true", help="also print why parameters cannot be identified")
+    parser.add_argument(
+        "--consistent", action="store_true", help="fit bodies that can exist (needs the extra 'consistency')"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,10 +51,15 @@ def run(args: argparse.Namespace) -> int:
         loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
+        refuse_not_finite(model.physics, loaded.drives)
         line.show("fitting")
         fitted = fit(model, loaded.drives)
+        mended = mend(fitted, line.show) if args.consistent else None
+        fitted = mended[0] if mended else fitted
         line.show("simulating the noise floor")
         result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+    if mended:
+        result["consistency"] = mended[1]
     print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
     if result["rows_left_out"]:
@@ -58,8 +69,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"\nNot identifiable with these runs (--why says why): {names}")
         if args.why:
             print(tables.unknowns(result))
+            print("\nWhat the runs leave open:\n" + "\n".join(f"  {line}" for line in left_open(fitted)))
     if not result["parameters"]:
         print("\nNothing is identifiable with these runs.")
+    if mended:
+        print("\n" + mended[2])
     where, ratio = tables.worst(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
     if ratio > 1.2:

@@ -1,0 +1,375 @@
+"""Physical consistency of a fit as a whole, and the nearest fit that has it, with its price in residual.
+
+A fit holds base parameters. It is consistent when *some* standard parameters with these base values give every body a
+positive definite pseudo-inertia and every parameter of certain sign that sign. The nearest consistent estimate is a
+convex problem (linear matrix inequalities): minimise ‖R (x − x̂)‖² with R the fit's weighted triangle.
+
+Source: Sousa and Cortesão (2014), Physical feasibility of robot base inertial parameter identification: a linear matrix
+inequality approach, International Journal of Robotics Research 33(6); Wensing, Kim and Slotine (2018).
+"""
+
+from __future__ import annotations
+
+import importlib
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import SolverError, UsageError
+from identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
+from identify.effect import Parameter
+from identify.fit import Fit
+from identify.information import Information
+from identify.uncertainty import zero_gains
+from identify.vectors import Array
+
+LEAST = 1e-6
+"""Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""
+_OPEN = 100.0
+"""Bound of a standard parameter that the equations leave open, in plausible sizes: what no constraint holds would drift
+off to where rounding hides all else."""
+DRAWS = 99
+"""Simulated campaigns behind the probability of a distance."""
+
+
+@dataclass(frozen=True)
+class ConsistencyPrice:
+    """What consistency costs.
+
+    Attributes
+    ----------
+    quadratic : ‖R (x − x̂)‖², the rise of the weighted residual in σ² of an independent sample; its root is a distance
+        in σ.
+    percent : rise of the weighted sum of squared residuals [%].
+    rows : row → rise of the residual's RMS over all runs [%]; below zero where a row gains what others lose.
+    largest : the base parameter that moved most in its own σ, and by how many σ (from the covariance of the fit).
+    changes : parameter → (before, after), those that moved by more than 0.01 σ.
+    """
+
+    quadratic: float
+    percent: float
+    rows: Mapping[str, float]
+    largest: tuple[str, float]
+    changes: Mapping[str, tuple[float, float]]
+
+    @property
+    def distance(self) -> float:
+        """Distance from the estimate to what is possible [σ]."""
+        return float(np.sqrt(self.quadratic))
+
+
+@dataclass(frozen=True)
+class ConsistentFit:
+    """The nearest consistent fit.
+
+    `fit` has the new parameters, zeros and residuals; its covariance is still that of the unconstrained estimate (an
+    interval may reach into what is impossible: cut it there). `standard` (p,) is one set of the physics' standard
+    parameters with these base values that fulfils every constraint.
+    """
+
+    fit: Fit
+    standard: Array
+    price: ConsistencyPrice
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """The answer for a fit.
+
+    Attributes
+    ----------
+    margin : the largest that the smallest eigenvalue (or signed value) of all bodies can be made within what the fit
+        leaves open, in units of plausible size; at least zero: consistent as it is.
+    distance : to the nearest consistent estimate [σ]; zero when consistent.
+    p : share of simulated campaigns of the nearest consistent car whose estimate lies at least as far out.
+    bodies : the direct test of each body.
+    alone : body → distance [σ] when only that body has to be possible; bodies whose parameters are counted together are
+        taken together (``axle.fl + wheel.fl``).
+    wrong_sign : spring, damper, mass … → how many of its own σ it lies on the impossible side.
+    """
+
+    margin: float
+    distance: float
+    p: float
+    bodies: tuple[BodyCheck, ...]
+    alone: Mapping[str, float]
+    wrong_sign: Mapping[str, float]
+
+    @property
+    def consistent(self) -> bool:
+        """Whether some standard parameters with the fitted base values can exist."""
+        return self.margin >= 0.0
+
+    @property
+    def says(self) -> str:
+        """The answer in one line."""
+        if self.consistent:
+            return "consistent: bodies with these values can exist"
+        if self.p > 0.05:
+            return (
+                f"not consistent as it stands, by {self.distance:.2g} σ; a consistent car is estimated that far out in "
+                f"{100 * self.p:.0f} % of such campaigns, so noise explains it"
+            )
+        blame = {**{name: d for name, d in self.alone.items() if name != WHOLE}, **self.wrong_sign}
+        worst = max(blame, key=lambda name: blame[name])
+        return (
+            f"inconsistent by {self.distance:.2g} σ (p = {self.p:.2g}): noise does not explain it; most in {worst}. "
+            "Look at what the model lacks and at the instruments"
+        )
+
+
+def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
+    """Whether what a fit found can exist, and how far from it it is.
+
+    Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
+    """
+    checks, known = check_bodies(fitted), Information.of(fitted)
+    projection = _Projection(fitted, known, bodies(fitted))
+    margin = projection.margin()
+    if margin >= 0.0:
+        return Consistency(margin, 0.0, 1.0, checks, {}, {})
+    estimate = fitted.theta[fitted.base.independent]
+    base, _, quadratic = projection.nearest(estimate)
+    together = whole(fitted)
+    alone: dict[str, float] = {}
+    for group in (*clusters(fitted), *([(together,)] if together else [])):
+        single = _Projection(fitted, known, group, signs=False)
+        inside = single.margin() >= 0.0
+        alone[" + ".join(body.name for body in group)] = 0.0 if inside else single.nearest(estimate)[2] ** 0.5
+    farther = sum(
+        projection.nearest(draw)[2] >= quadratic for draw in _campaigns(fitted, known, base, projection.touched, draws)
+    )
+    return Consistency(margin, quadratic**0.5, (1 + farther) / (1 + draws), checks, alone, _wrong_sign(fitted))
+
+
+def consistent_fit(fitted: Fit) -> ConsistentFit:
+    """The nearest fit that can exist; the fit itself when it can.
+
+    Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
+    """
+    known = Information.of(fitted)
+    projection = _Projection(fitted, known, bodies(fitted))
+    if projection.margin() >= 0.0:
+        price = ConsistencyPrice(0.0, 0.0, dict.fromkeys(fitted.rows, 0.0), ("", 0.0), {})
+        return ConsistentFit(fitted, projection.completed, price)
+    estimate = fitted.theta[fitted.base.independent]
+    base, standard, quadratic = projection.nearest(estimate)
+    moved = projection.follow @ (base - estimate)[projection.touched]
+    out, price = _moved(fitted, moved, quadratic)
+    return ConsistentFit(out, np.where(projection.bound, standard, out.physics), price)
+
+
+class _Projection:
+    """The convex problem for some bodies of a fit.
+
+    Unknowns are u, in which ‖R (x − x̂)‖² = ‖u‖², and the standard parameters the grouping leaves open (n), in units of
+    their plausible size. Everything not touched by a constraint follows in closed form.
+    """
+
+    def __init__(self, fitted: Fit, known: Information, members: Sequence[Body], signs: bool = True):
+        self.fitted = fitted
+        self.cp = _solver()
+        base, width = fitted.base, len(fitted.physics)
+        parameters = fitted.model.parameters[:width]
+        size = np.array([q.prior for q in parameters])
+        sign = np.array([certain_sign(q) for q in parameters]) * signs
+        bound = sign != 0.0
+        for body in members:
+            bound[body.members] = True
+        grouping = base.grouping()
+        self.touched = np.flatnonzero(np.any(grouping[:, bound] != 0.0, axis=1))
+        used = bound | np.any(grouping[self.touched] != 0.0, axis=0)
+        hidden = np.array([i for i in (*base.dependent, *base.absent) if used[i]], int)
+        self.triangle, self.follow = known.marginal(self.touched)
+        # s = from_base x_touched + from_hidden n: a kept parameter is its base value less what it stands for besides.
+        self.from_base = np.zeros((width, len(self.touched)))
+        self.from_base[base.independent[self.touched], np.arange(len(self.touched))] = 1.0
+        self.from_hidden = np.zeros((width, len(hidden)))
+        self.from_hidden[hidden, np.arange(len(hidden))] = size[hidden]
+        kept = base.independent[self.touched]
+        self.from_hidden[kept] -= grouping[np.ix_(self.touched, hidden)] * size[hidden]
+        self.signed = np.flatnonzero(sign)
+        self.unit = sign[self.signed] / size[self.signed]
+        self.matrices = [body.matrices() for body in members]
+        lengths = np.linalg.norm(self.triangle, axis=0)
+        self.step = np.linalg.solve(np.asarray(self.triangle / lengths, float), np.eye(len(lengths))) / lengths[:, None]
+        self.bound = np.any(self.from_base != 0.0, axis=1) | np.any(self.from_hidden != 0.0, axis=1)
+        self.completed = self._standard(fitted.theta[base.independent][self.touched], np.zeros(len(hidden)))
+
+    def margin(self) -> float:
+        """Largest possible smallest eigenvalue and signed value with the fitted base values; at most 1.
+
+        The standard parameters that have it are left in `completed`.
+        """
+        start = self.from_base @ self.fitted.theta[self.fitted.base.independent][self.touched]
+        plain = self._smallest(start)
+        if plain >= 0.0 or not self.from_hidden.shape[1]:
+            return plain
+        cp = self.cp
+        hidden, level = cp.Variable(self.from_hidden.shape[1]), cp.Variable()
+        limits = [*self._constraints(start + self.from_hidden @ hidden, level), level <= 1.0, cp.abs(hidden) <= _OPEN]
+        problem = cp.Problem(cp.Maximize(level), limits)
+        self._solve(problem)
+        standard = start + self.from_hidden @ np.asarray(hidden.value, float)
+        self.completed = self._standard(self.fitted.theta[self.fitted.base.independent][self.touched], hidden.value)
+        return self._smallest(standard)
+
+    def nearest(self, base: Array) -> tuple[Array, Array, float]:
+        """The nearest possible base parameters (b,) to `base`, standard ones (p,) that have them, and ‖R (x − x̂)‖²."""
+        problem, start, far, u, hidden = self._compiled
+        start.value = self.from_base @ base[self.touched]
+        # A solver wants unknowns of size one: far from what is possible, u counts in units of the distance itself.
+        change, far.value = np.zeros(len(self.touched)), 1.0
+        for _ in range(3):
+            self._solve(problem)
+            change = float(far.value) * np.asarray(u.value, float)
+            size = float(np.linalg.norm(change))
+            if 0.01 * size < far.value:
+                break
+            far.value = size
+        out = base.copy()
+        out[self.touched] += self.step @ change
+        standard = self._standard(out[self.touched], hidden.value if hidden is not None else np.zeros(0))
+        if self._smallest(standard) < 0.0:
+            raise SolverError(
+                f"the consistent fit did not come out consistent (smallest eigenvalue {self._smallest(standard):.2g}): "
+                "the fit is too badly scaled for the solver; fit with more runs or a smaller model"
+            )
+        return out, standard, float(change @ change)
+
+    @cached_property
+    def _compiled(self) -> tuple[Any, Any, Any, Any, Any]:
+        cp = self.cp
+        start, far, u = cp.Parameter(self.from_base.shape[0]), cp.Parameter(), cp.Variable(self.step.shape[0])
+        hidden = cp.Variable(self.from_hidden.shape[1]) if self.from_hidden.shape[1] else None
+        standard = start + (self.from_base @ self.step) @ (far * u)
+        if hidden is not None:
+            standard = standard + self.from_hidden @ hidden
+        limits = self._constraints(standard, LEAST)
+        if hidden is not None:
+            limits.append(cp.abs(hidden) <= _OPEN)
+        return cp.Problem(cp.Minimize(cp.sum_squares(u)), limits), start, far, u, hidden
+
+    def _constraints(self, standard: Any, level: Any) -> list[Any]:
+        """Every body's pseudo-inertia and every signed parameter at least `level`."""
+        cp = self.cp
+        out = [
+            cp.reshape(table.reshape(len(table), 16).T @ standard, (4, 4), order="C") - level * np.eye(4) >> 0
+            for table in self.matrices
+        ]
+        if len(self.signed):
+            out.append(cp.multiply(self.unit, standard[self.signed]) >= level)
+        return out
+
+    def _smallest(self, standard: Array) -> float:
+        spectra = [np.linalg.eigvalsh(np.tensordot(standard, table, 1))[0] for table in self.matrices]
+        return float(np.min([*spectra, *(self.unit * standard[self.signed])]))
+
+    def _standard(self, touched: Array, hidden: Array) -> Array:
+        """All standard parameters of the physics: those of no constraint as the fit has them."""
+        moved = self.from_base @ touched + self.from_hidden @ hidden
+        return np.where(self.bound, moved, self.fitted.physics)
+
+    def _solve(self, problem: Any) -> None:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # what a solver doubts is looked at below, by the result itself
+            try:
+                problem.solve(solver=self.cp.CLARABEL)
+            except self.cp.error.SolverError as cause:
+                raise SolverError(f"the solver Clarabel failed on the consistent fit: {cause}") from None
+        if problem.status not in (self.cp.OPTIMAL, self.cp.OPTIMAL_INACCURATE):
+            raise SolverError(
+                f"the consistent fit has no answer (Clarabel: {problem.status}): a parameter is so well known, or so "
+                "badly scaled, that no possible car is near"
+            )
+
+
+def certain_sign(parameter: Parameter) -> float:
+    """1 or −1 where a parameter's bounds leave only one sign (springs, dampers, tyres, masses), else 0.
+
+    `Parameter.expect` alone is no certainty: it is what one expects to find.
+    """
+    return 1.0 if parameter.low >= 0.0 else -1.0 if parameter.high <= 0.0 else 0.0
+
+
+def _wrong_sign(fitted: Fit) -> dict[str, float]:
+    sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
+    return {
+        q.name: float(abs(fitted.theta[i]) / sigma[i]) if sigma[i] > 0.0 else float("inf")
+        for i, q in enumerate(fitted.model.parameters[: len(fitted.physics)])
+        if i in fitted.base.independent and certain_sign(q) * fitted.theta[i] < 0.0
+    }
+
+
+def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np.intp], draws: int) -> Sequence[Array]:
+    """Estimates (b,) of simulated campaigns of a car with base parameters `base`.
+
+    The plausible ranges pull what no run determines towards zero and do not scatter: the estimate's mean is x − (RᵀR)⁻¹
+    P x, its covariance the fit's less the part (RᵀR)⁻¹ P (RᵀR)⁻¹ that stands for the range itself.
+    """
+    inverse = known.inverse()
+    plain = inverse @ inverse.T
+    truth = np.zeros(len(known.names))
+    truth[: len(base)] = base
+    mean = base - (plain @ (known.loose @ truth))[: len(base)]
+    place = fitted.base.independent
+    spread = fitted.covariance[np.ix_(place, place)] - (plain @ known.loose @ plain)[: len(base), : len(base)]
+    part = spread[np.ix_(touched, touched)]
+    size = np.sqrt(np.diag(plain))[touched]
+    values, vectors = np.linalg.eigh(part / np.outer(size, size))
+    root = size[:, None] * vectors * np.sqrt(np.maximum(0.0, values))
+    out = np.tile(mean, (draws, 1))
+    out[:, touched] += np.random.default_rng(2018).standard_normal((draws, len(touched))) @ root.T
+    return list(out)
+
+
+def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
+    """A fit with its unknowns changed by (q,), residuals with it, and what that costs."""
+    theta, place = fitted.theta.copy(), fitted.place
+    theta[place] += change
+    fall = [gain @ change for gain in zero_gains(fitted.equations.runs, fitted.sigma)]
+    zeros = tuple((names, sigma, z - f) for (names, sigma, z), f in zip(fitted.zeros, fall, strict=True))
+    moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.drives]
+    for piece in fitted.assembly.pieces():
+        step = np.concatenate([-fall[piece.run], change])
+        for row, block in piece.blocks.items():
+            moved_rows[piece.run].setdefault(row, []).append(block @ step)
+    residual = tuple(
+        {row: r - np.concatenate(moved[row]) for row, r in before.items()}
+        for before, moved in zip(fitted.residual, moved_rows, strict=True)
+    )
+    out = replace(fitted, theta=theta, residual=residual, zeros=zeros)
+    before, after = _squares(fitted), _squares(out)
+    weighted = [(after[row] - before[row]) / fitted.sigma[row] ** 2 for row in before]
+    total = sum(before[row] / fitted.sigma[row] ** 2 for row in before)
+    sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))[place]
+    moved = np.abs(change) / np.where(sigma > 0.0, sigma, np.inf)
+    names = [fitted.model.names[int(i)] for i in place]
+    worst = int(np.argmax(moved))
+    changes = {names[k]: (float(fitted.theta[place[k]]), float(theta[place[k]])) for k in np.flatnonzero(moved > 0.01)}
+    rows = {row: 100.0 * (float(np.sqrt(after[row] / before[row])) - 1.0) for row in before if before[row] > 0.0}
+    price = ConsistencyPrice(
+        quadratic, 100.0 * float(sum(weighted) / total), rows, (names[worst], float(moved[worst])), changes
+    )
+    return out, price
+
+
+def _squares(fitted: Fit) -> dict[str, float]:
+    """Sum of squared residuals by row, over all runs."""
+    return {row: float(sum(part[row] @ part[row] for part in fitted.residual if row in part)) for row in fitted.rows}
+
+
+def _solver() -> Any:
+    try:
+        importlib.import_module("clarabel")
+        return importlib.import_module("cvxpy")
+    except ImportError:
+        raise UsageError(
+            "the consistent fit needs cvxpy and clarabel: install the extra with pip install 'lacet[consistency]' "
+            "(the test of each body by itself works without them)"
+        ) from None
