@@ -1,0 +1,240 @@
+"""What a run would tell about a model's parameters: its information, and the intervals a fit with it would have.
+
+Information adds up. A run gives the normal matrix Wᵀ Σ⁻¹ W and the covariance of the scores Wᵀ Σ⁻¹ r that its
+coloured noise brings; both lose what the run's own sensor zeros take (Schur complement). With those of the runs at
+hand, and what is known beforehand, they give the covariance A⁻¹ S A⁻¹ that the fit would report: no measurement is
+needed, only a motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.linalg
+
+from identify.base import BaseParameters, find_base
+from identify.drive import Drive
+from identify.effect import Parameter
+from identify.fit import Fit
+from identify.floor import simulate_floor
+from identify.model import Model
+from identify.sensitivity import Sensitivity
+from identify.stats import clustered_scores, hac
+from identify.vectors import Array
+from identify.zeros import zeros_of
+
+NOISE_DRAWS = 8
+"""Draws of the channels' noise behind a run's scores: half-widths are then uncertain by some per cent."""
+
+
+@dataclass(frozen=True)
+class Information:
+    """What runs tell about all p parameters of a model, their sensor zeros eliminated, nothing known beforehand.
+
+    Attributes
+    ----------
+    normal : (p, p) Wᵀ Σ⁻¹ W.
+    scores : (p, p) covariance of Wᵀ Σ⁻¹ r: equals `normal` for white noise, larger for what a fit really sees.
+    root : (·, k) R factor of the weighted columns of the physics' k parameters, from which base parameters follow.
+    """
+
+    normal: Array
+    scores: Array
+    root: Array
+
+    @classmethod
+    def none(cls, model: Model) -> Information:
+        """Of no run at all."""
+        p, k = len(model.parameters), sum(len(effect.parameters) for effect in model.physics)
+        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((0, k)))
+
+    def __add__(self, other: Information) -> Information:
+        return Information(
+            self.normal + other.normal, self.scores + other.scores, _triangle(np.concatenate([self.root, other.root]))
+        )
+
+
+@dataclass(frozen=True)
+class RunInformation:
+    """Information of one run before its sensor zeros are eliminated, so that the run can be made longer or shorter.
+
+    `normal`, `scores` : (p + z, p + z) of the parameters and the run's zeros; `prior` : (z,) 1 σ of the zeros;
+    `root` : as of `Information`; `seconds` : what remains of the run when the filters' transients are left out [s];
+    `edges` : what they take [s].
+    """
+
+    normal: Array
+    scores: Array
+    prior: Array
+    root: Array
+    seconds: float
+    edges: float
+
+    def lasting(self, duration: float | None = None) -> Information:
+        """Of a run of this kind that lasts `duration` [s], by default as long as it is.
+
+        The rows grow with the time driven; what is known of the zeros beforehand does not.
+        """
+        share = 1.0 if duration is None else max(0.0, duration - self.edges) / self.seconds
+        p = len(self.normal) - len(self.prior)
+        known = np.zeros(len(self.normal))
+        known[p:] = self.prior**-2.0
+        normal, scores = share * self.normal + np.diag(known), share * self.scores + np.diag(known)
+        if p < len(normal):
+            K = np.asarray(scipy.linalg.solve(normal[p:, p:], normal[p:, :p], assume_a="pos"), float)
+            out = np.concatenate([np.eye(p), -K]).T
+            normal = normal[:p, :p] - normal[:p, p:] @ K
+            scores = out @ scores @ out.T
+        else:
+            normal, scores = normal[:p, :p], scores[:p, :p]
+        return Information(_symmetric(normal), _symmetric(scores), np.sqrt(share) * self.root)
+
+
+def run_information(
+    drive: Drive, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
+) -> RunInformation:
+    """What a motion, driven with the rig's sensors, would tell about the parameters of a fitted model.
+
+    Parameters
+    ----------
+    drive : the motion as the sensors would see it without noise, or a measured run of the kind.
+    fitted : the model, and the parameter values at which noise is seen through it.
+    excess : row → how far above its noise floor the model's residual is (`residual_excess`); 1 where absent.
+    draws, seed : of the channels' noise.
+    """
+    model = fitted.model
+    sensitivity = Sensitivity.of(drive.recording, model.physics, fitted.physics)
+    zeros = zeros_of(drive, sensitivity)
+    faults = [drive.decimated(sensitivity.fault(fault)) for fault in model.faults]
+    rng = np.random.default_rng([seed, draws])
+    noise = [drive.decimated(sensitivity.noise(rng)) for _ in range(draws)]
+    step = drive.recording.filters.step
+    count = drive.recording.t.size // step + 1
+    instants = {row: drive.index[row] // step for row in drive.rows}
+    p, z = len(model.parameters), len(zeros.sigma)
+    normal, scores = np.zeros((p + z, p + z)), np.zeros((p + z, p + z))
+    blocks: dict[str, Array] = {}
+    sigma: dict[str, float] = {}
+    larger = {row: (excess or {}).get(row, 1.0) for row in drive.rows}
+    roots: list[Array] = []
+    for row in drive.rows:
+        W = drive.matrix(model.physics, row)
+        beside = [found[row][:, None] if row in found else np.zeros((len(W), 1)) for found in faults]
+        blocks[row] = np.concatenate([W, *beside, zeros.columns[row]], axis=1)
+        floor = float(np.sqrt(np.mean([np.mean(one[row] ** 2) for one in noise])))
+        # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
+        sigma[row] = larger[row] * max(floor, 1e-9 * float(np.max(np.abs(drive.measured[row]), initial=1.0)))
+        normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
+        roots.append(_triangle(W / sigma[row]))
+    for one in noise:
+        parts = {row: (blocks[row], larger[row] * one[row], sigma[row]) for row in drive.rows}
+        if parts:
+            scores += hac(clustered_scores(parts, instants, count)) / draws
+    edges = 2.0 * drive.recording.filters.edge
+    k = sum(len(effect.parameters) for effect in model.physics)
+    root = _triangle(np.concatenate(roots)) if roots else np.zeros((0, k))
+    longest = max((len(drive.index[row]) for row in drive.rows), default=1) * step / drive.recording.filters.rate
+    return RunInformation(normal, scores, zeros.sigma, root, longest, edges)
+
+
+def fit_information(fitted: Fit) -> Information:
+    """What the runs of a fit told, by the covariances that it reports: what is known beforehand is taken out again."""
+    model, kept = fitted.model, fitted.base.independent
+    physics = len(fitted.physics)
+    place = np.concatenate([kept, np.arange(physics, len(fitted.theta))]).astype(int)
+    known = known_beforehand(model, fitted.base)
+    A = _inverse(fitted.covariance_iid[np.ix_(place, place)])
+    S = A @ fitted.covariance[np.ix_(place, place)] @ A
+    # Columns grouped into others are combinations of these: W = W_kept G.
+    G = np.zeros((len(place), len(fitted.theta)))
+    G[: len(kept), :physics] = fitted.base.grouping()
+    G[len(kept) :, physics:] = np.eye(len(fitted.theta) - physics)
+    roots = [
+        _triangle(np.concatenate([drive.matrix(model.physics, row) / fitted.sigma[row] for row in drive.rows]))
+        for drive in fitted.drives
+        if drive.rows
+    ]
+    normal, scores = G.T @ (A - known) @ G, G.T @ (S - known) @ G
+    return Information(_symmetric(normal), _symmetric(scores), _triangle(np.concatenate(roots)))
+
+
+def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[str, float]:
+    """Row → the fit's residual ÷ what its runs' sensor noise alone would leave, at least 1.
+
+    A model that lacks something, or sensors worse than their sheet, leave as much on the next run, too.
+    """
+    if not fitted.sensitivities:
+        return {}
+    floor = simulate_floor(fitted.drives, fitted.sensitivities, draws, seed).sigma
+    return {row: max(1.0, fitted.sigma[row] / floor[row]) for row in fitted.sigma if floor.get(row, 0.0) > 0.0}
+
+
+def predicted(fitted: Fit, information: Information) -> Fit:
+    """The fit with the intervals it would have with this information instead of its own runs'.
+
+    Values stay; base parameters and both covariances are those that a fit to such runs would report.
+    """
+    model = fitted.model
+    physics = len(fitted.physics)
+    names = [q.name for effect in model.physics for q in effect.parameters]
+    base = find_base(information.root, names) if len(information.root) else _nothing(names)
+    place = np.concatenate([base.independent, np.arange(physics, len(fitted.theta))]).astype(int)
+    known = known_beforehand(model, base)
+    iid = _inverse(information.normal[np.ix_(place, place)] + known)
+    robust = iid @ (information.scores[np.ix_(place, place)] + known) @ iid
+    covariance, covariance_iid = np.zeros((2, len(fitted.theta), len(fitted.theta)))
+    covariance[np.ix_(place, place)], covariance_iid[np.ix_(place, place)] = _symmetric(robust), iid
+    return replace(fitted, base=base, covariance=covariance, covariance_iid=covariance_iid)
+
+
+def known_beforehand(model: Model, base: BaseParameters) -> Array:
+    """(q, q) normal matrix of what the fit knows before any run, of the parameters kept and the sensor faults.
+
+    Each parameter is within what is plausible, and left and right parts of one kind are alike (`Parameter.prior`,
+    `Parameter.twin`).
+    """
+    parameters: list[Parameter] = [model.parameters[int(i)] for i in base.independent]
+    parameters += [q for fault in model.faults for q in fault.parameters]
+    names = [q.name for q in parameters]
+    out = np.diag([q.prior**-2.0 for q in parameters])
+    for i, q in enumerate(parameters[: base.rank]):
+        if q.twin in names:
+            line = np.zeros(len(names))
+            line[i], line[names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
+            out += np.outer(line, line)
+    return out
+
+
+def half_widths(fitted: Fit) -> Array:
+    """(p,) half of each parameter's 95 % interval; of one the runs say nothing of by itself, what is plausible."""
+    kept = {int(i) for i in fitted.base.independent} | set(range(len(fitted.physics), len(fitted.theta)))
+    sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
+    prior = np.array([q.prior for q in fitted.model.parameters])
+    return 1.96 * np.where([i in kept for i in range(len(prior))], np.minimum(sigma, prior), prior)
+
+
+def _nothing(names: Sequence[str]) -> BaseParameters:
+    none = np.zeros(0, np.int64)
+    return BaseParameters(tuple(names), none, none, np.arange(len(names)), np.zeros((0, 0)), np.inf)
+
+
+def _inverse(A: Array) -> Array:
+    """Inverse of a positive definite matrix whose rows differ much in unit."""
+    size = np.sqrt(np.diag(A))
+    factor = scipy.linalg.cho_factor(_symmetric(A / np.outer(size, size)))
+    inverse = np.asarray(scipy.linalg.cho_solve(factor, np.eye(len(A))), float)
+    return _symmetric(inverse) / np.outer(size, size)
+
+
+def _symmetric(A: Array) -> Array:
+    return 0.5 * (A + A.T)
+
+
+def _triangle(W: Array) -> Array:
+    """The R factor, of as many rows as there are columns at most."""
+    if len(W) <= W.shape[1]:
+        return W
+    return np.asarray(scipy.linalg.qr(W, mode="r")[0], float)[: W.shape[1]]
+

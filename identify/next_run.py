@@ -1,0 +1,181 @@
+"""Which run is worth most: runs ranked by how much they would shrink the intervals of what is poorly known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from daq.errors import UsageError, nearest
+from daq.vehicle import Vehicle
+from identify.excitation import Information, RunInformation, half_widths, predicted
+from identify.fit import Fit
+from identify.whole import NAMES, UNITS, whole_vehicle
+
+DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
+"""Durations tried [s], up to the longest allowed."""
+ENOUGH = 0.95
+"""A run need not last longer than gives this part of what the longest would."""
+REACHED = 0.5
+"""A value is within reach when some run brings its half-width below this part of its size."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A parameter, or a value of the whole vehicle.
+
+    `half` of its 95 % interval, what is plausible at all where the runs say nothing; `size` what the half-width is
+    compared with: the largest value of its kind (all springs; all moments of inertia of the chassis), since a value
+    near zero, or one that is not known yet, is no measure of itself.
+    """
+
+    name: str
+    unit: str
+    value: float
+    half: float
+    size: float
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """What a run does to one quantity: half of its 95 % interval before and after, and the goal [unit]."""
+
+    name: str
+    unit: str
+    value: float
+    before: float
+    after: float
+    goal: float
+
+    @property
+    def worth(self) -> float:
+        """Natural logarithm of the factor the interval shrinks by, not counting what lies below the goal."""
+        return max(0.0, float(np.log(self.before / max(self.after, self.goal, 1e-300))))
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One run of the ranking.
+
+    `index` of the run as given; `worth` mean logarithm of the shrinkage of the targets by a run as long as allowed;
+    `duration` [s] that gives nearly as much; `shrinks` of every target by that duration, the largest first.
+    """
+
+    index: int
+    worth: float
+    duration: float
+    shrinks: tuple[Shrink, ...]
+
+    @property
+    def factor(self) -> float:
+        """By how much the targets' intervals shrink, geometric mean, in a run as long as allowed."""
+        return float(np.exp(self.worth))
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """Runs, the one worth most first; `targets` name → goal [unit]; `out_of_reach` what no run of them determines."""
+
+    runs: tuple[Ranked, ...]
+    targets: Mapping[str, float]
+    out_of_reach: tuple[str, ...]
+
+
+def quantities(fitted: Fit, vehicle: Vehicle) -> dict[str, Quantity]:
+    """Every parameter of a fit and the values of the whole vehicle, by name."""
+    model = fitted.model
+    kinds: list[str] = []
+    for effect in (*model.physics, *model.faults):
+        kind = f"{effect.name}.{effect.where.partition('.')[0]}" if effect.name == "body" else effect.name
+        kinds += [f"{kind} [{q.unit}]" for q in effect.parameters]
+    largest: dict[str, float] = {}
+    for kind, q, value in zip(kinds, model.parameters, fitted.theta, strict=True):
+        largest[kind] = max(largest.get(kind, 0.02 * q.prior), abs(float(value)))
+    halves = half_widths(fitted)
+    out = {
+        q.name: Quantity(q.name, q.unit, float(value), float(half), largest[kind])
+        for q, value, half, kind in zip(model.parameters, fitted.theta, halves, kinds, strict=True)
+    }
+    whole = whole_vehicle(fitted, vehicle)
+    if whole is not None and whole.values[0] > 0.0:
+        length = float(np.ptp([corner.position[0] for corner in vehicle.corners.values()]))
+        sizes = np.array([whole.values[0], *[length] * 3, *[max(*np.abs(whole.values[4:7]), 1e-9)] * 6])
+        for k, name in enumerate(NAMES):
+            half = float(whole.interval[k]) if whole.determined[k] else max(float(whole.interval[k]), float(sizes[k]))
+            out[name] = Quantity(name, UNITS[k], float(whole.values[k]), half, float(sizes[k]))
+    return out
+
+
+def chosen(known: Mapping[str, Quantity], patterns: Sequence[str]) -> list[str]:
+    """Names that match any of the patterns (``YY6``, ``damper.*``, ``cog.?``). Raises UsageError when one has none."""
+    out: dict[str, None] = {}
+    for pattern in patterns:
+        found = [name for name in known if fnmatchcase(name, pattern)]
+        if not found:
+            raise UsageError(f"there is no parameter or whole-vehicle value '{pattern}'{nearest(pattern, known)}")
+        out |= dict.fromkeys(found)
+    return list(out)
+
+
+def rank(
+    fitted: Fit,
+    now: Information,
+    runs: Sequence[RunInformation],
+    vehicle: Vehicle,
+    longest: float,
+    names: Sequence[str] = (),
+    goal: float = 0.02,
+) -> Ranking:
+    """Rank runs by what they would add to what is known.
+
+    Parameters
+    ----------
+    fitted : the model and its present values.
+    now : what the runs at hand told (`fit_information`), or nothing (`Information.none`).
+    runs : what each run would tell.
+    longest : duration allowed [s].
+    names : what is to become better known; by default every parameter whose half-width is above its goal and that some
+        run brings within reach.
+    goal : half-width aimed at, as a part of the quantity's size; shrinking below it is worth nothing. Of names given it
+        counts only when it is above zero.
+    """
+    before = quantities(predicted(fitted, now), vehicle)
+    after = [quantities(predicted(fitted, now + run.lasting(longest)), vehicle) for run in runs]
+    out_of_reach: list[str] = []
+    targets = list(names)
+    if not targets:
+        wide = [q.name for q in before.values() if q.half > goal * q.size and q.name in fitted.model.names]
+        best = {name: min((one[name].half for one in after), default=np.inf) for name in wide}
+        targets = [name for name in wide if best[name] < REACHED * before[name].size]
+        out_of_reach = [name for name in wide if name not in targets]
+    goals = {name: goal * before[name].size for name in targets}
+    found: list[Ranked] = []
+    for index, (run, then) in enumerate(zip(runs, after, strict=True)):
+        worth = _worth(_shrinks(before, then, goals))
+        duration = longest
+        for tried in (d for d in DURATIONS if d < longest):
+            then = quantities(predicted(fitted, now + run.lasting(tried)), vehicle)
+            if _worth(_shrinks(before, then, goals)) >= ENOUGH * worth:
+                duration = tried
+                break
+        else:
+            then = after[index]
+        shrinks = sorted(_shrinks(before, then, goals), key=lambda s: -s.worth)
+        found.append(Ranked(index, worth, duration, tuple(shrinks)))
+    found.sort(key=lambda one: -one.worth)
+    return Ranking(tuple(found), goals, tuple(out_of_reach))
+
+
+def _shrinks(
+    before: Mapping[str, Quantity], after: Mapping[str, Quantity], goals: Mapping[str, float]
+) -> list[Shrink]:
+    return [
+        Shrink(name, before[name].unit, before[name].value, before[name].half, after[name].half, goal)
+        for name, goal in goals.items()
+    ]
+
+
+def _worth(shrinks: Sequence[Shrink]) -> float:
+    return float(np.mean([s.worth for s in shrinks])) if shrinks else 0.0
