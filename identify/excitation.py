@@ -237,4 +237,3 @@ def _triangle(W: Array) -> Array:
     if len(W) <= W.shape[1]:
         return W
     return np.asarray(scipy.linalg.qr(W, mode="r")[0], float)[: W.shape[1]]
-

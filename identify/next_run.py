@@ -16,8 +16,8 @@ from identify.whole import NAMES, UNITS, whole_vehicle
 
 DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
 """Durations tried [s], up to the longest allowed."""
-ENOUGH = 0.95
-"""A run need not last longer than gives this part of what the longest would."""
+ENOUGH = 1.15
+"""A run need not last longer than leaves the targets' intervals this factor above those of the longest, on average."""
 REACHED = 0.5
 """A value is within reach when some run brings its half-width below this part of its size."""
 
@@ -157,7 +157,7 @@ def rank(
         duration = longest
         for tried in (d for d in DURATIONS if d < longest):
             then = quantities(predicted(fitted, now + run.lasting(tried)), vehicle)
-            if _worth(_shrinks(before, then, goals)) >= ENOUGH * worth:
+            if _worth(_shrinks(before, then, goals)) >= worth - np.log(ENOUGH):
                 duration = tried
                 break
         else:
@@ -168,9 +168,7 @@ def rank(
     return Ranking(tuple(found), goals, tuple(out_of_reach))
 
 
-def _shrinks(
-    before: Mapping[str, Quantity], after: Mapping[str, Quantity], goals: Mapping[str, float]
-) -> list[Shrink]:
+def _shrinks(before: Mapping[str, Quantity], after: Mapping[str, Quantity], goals: Mapping[str, float]) -> list[Shrink]:
     return [
         Shrink(name, before[name].unit, before[name].value, before[name].half, after[name].half, goal)
         for name, goal in goals.items()

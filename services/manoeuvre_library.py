@@ -1,0 +1,160 @@
+"""The library of a plan: standard manoeuvres at several speeds and amplitudes, within limits the user gives."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from daq.errors import UsageError, nearest
+from simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
+
+KMH = 1.0 / 3.6
+G = 9.80665
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What may be driven: `speed` [m/s], `lateral` and `braking` acceleration [m/s²], `duration` [s], `bump` height
+    [m], `road` the worst class of road (A, B or C) there is."""
+
+    speed: float = 100.0 * KMH
+    lateral: float = 0.5 * G
+    braking: float = 0.5 * G
+    duration: float = 30.0
+    bump: float = 0.025
+    road: str = "B"
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One manoeuvre of the library. `words` say speed and amplitude; `steered`: the amplitude is a steering angle that
+    may be made smaller when the lateral acceleration comes out above the limit."""
+
+    manoeuvre: Manoeuvre
+    words: str
+    steered: bool = False
+
+    @property
+    def label(self) -> str:
+        """Manoeuvre, speed and amplitude in words."""
+        return f"{self.manoeuvre.name} {self.words}"
+
+    def made(self, **settings: Any) -> Plan:
+        """The same with some settings of the manoeuvre changed."""
+        return dataclasses.replace(self, manoeuvre=dataclasses.replace(self.manoeuvre, **settings))
+
+
+def kinds(only: Sequence[str] = (), without: Sequence[str] = ()) -> list[str]:
+    """Names of the manoeuvres asked for. Raises UsageError for an unknown one, or when none is left."""
+    for name in (*only, *without):
+        if name not in MANOEUVRES:
+            raise UsageError(
+                f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES)} Known: {', '.join(MANOEUVRES)}"
+            )
+    left = [name for name in MANOEUVRES if (not only or name in only) and name not in without]
+    if not left:
+        raise UsageError("no manoeuvre is left to choose from: --only and --without exclude all")
+    return left
+
+
+def library(car: Car, limits: Limits, names: Sequence[str], duration: float) -> list[Plan]:
+    """Manoeuvres of these names within the limits, each `duration` [s] long."""
+    out = [plan.made(duration=duration) for name in names for plan in _VARIANTS[name](car, limits)]
+    return list({plan.label: plan for plan in out}.values())
+
+
+def steering(car: Car, lateral: float, speed: float) -> float:
+    """Kingpin angle of the front wheels that holds a lateral acceleration [m/s²] in steady cornering [rad]."""
+    understeer = (1.0 / car.front.cornering - 1.0 / car.rear.cornering) / car.gravity
+    return lateral * (car.wheelbase / speed**2 + max(understeer, 0.0))
+
+
+def _speeds(limits: Limits, *wanted: float) -> list[float]:
+    """Speeds [km/h] cut at the limit, as m/s, the same one once."""
+    return list(dict.fromkeys(min(speed * KMH, limits.speed) for speed in wanted))
+
+
+def _kmh(speed: float) -> str:
+    return f"{speed / KMH:.0f} km/h"
+
+
+def _straight(car: Car, limits: Limits) -> Iterator[Plan]:
+    for speed in _speeds(limits, 90.0):
+        yield Plan(make_manoeuvre("straight", speed=speed), f"at {_kmh(speed)}")
+
+
+def _sinus(car: Car, limits: Limits) -> Iterator[Plan]:
+    for speed in _speeds(limits, 50.0, 90.0):
+        for lateral in (0.5 * limits.lateral, limits.lateral):
+            made = make_manoeuvre("sinus", speed=speed, amplitude=steering(car, lateral, speed))
+            yield Plan(made, f"at {_kmh(speed)}, 0.5 Hz, lateral {lateral:.1f} m/s²", True)
+
+
+def _sweep(car: Car, limits: Limits) -> Iterator[Plan]:
+    for speed in _speeds(limits, 80.0):
+        for lateral in (0.4 * limits.lateral, 0.8 * limits.lateral):
+            made = make_manoeuvre("sweep", speed=speed, amplitude=steering(car, lateral, speed))
+            yield Plan(made, f"at {_kmh(speed)}, 0.2 to 3 Hz, lateral {lateral:.1f} m/s²", True)
+
+
+def _spiral(car: Car, limits: Limits) -> Iterator[Plan]:
+    for speed in _speeds(limits, 60.0):
+        for sign, side in ((1.0, "left"), (-1.0, "right")):
+            made = make_manoeuvre("spiral", speed=speed, amplitude=sign * steering(car, limits.lateral, speed))
+            yield Plan(made, f"to the {side} at {_kmh(speed)}, up to lateral {limits.lateral:.1f} m/s²", True)
+
+
+def _liftoff(car: Car, limits: Limits) -> Iterator[Plan]:
+    force = car.total.mass * car.front.radius
+    for speed in _speeds(limits, 60.0, 100.0):
+        made = make_manoeuvre("liftoff", speed=speed, drive_torque=2.0 * force, overrun_torque=-0.8 * force)
+        yield Plan(made, f"at {_kmh(speed)}, 2 s at 2 m/s² then 3 s off, again and again")
+
+
+def _braking(car: Car, limits: Limits) -> Iterator[Plan]:
+    limit = 3.0 * car.total.mass * car.front.radius
+    for speed in _speeds(limits, 60.0, 100.0):
+        for brake in (0.5 * limits.braking, limits.braking):
+            made = make_manoeuvre("braking", speed=speed, deceleration=brake, torque_limit=limit)
+            yield Plan(made, f"from {_kmh(speed)} at {brake:.1f} m/s², 1.5 s every 5 s")
+
+
+def _rough(car: Car, limits: Limits) -> Iterator[Plan]:
+    for grade in "ABC"[: "ABC".index(limits.road) + 1][-2:]:
+        for speed in _speeds(limits, 50.0, 80.0):
+            yield Plan(
+                make_manoeuvre("rough", speed=speed, grade=grade, road_seed=1), f"class {grade} at {_kmh(speed)}"
+            )
+
+
+def _kerb(car: Car, limits: Limits) -> Iterator[Plan]:
+    for side, words in (("alternate", "left and right in turn"), ("both", "both sides at once")):
+        for speed, length in zip(_speeds(limits, 20.0, 40.0), (1.0, 2.0), strict=False):
+            spacing = 8.0 * speed * 0.3  # a bump every 2.4 s
+            made = make_manoeuvre("kerb", speed=speed, height=limits.bump, length=length, spacing=spacing, side=side)
+            words_ = (
+                f"at {_kmh(speed)}, bumps {1e3 * limits.bump:.0f} mm high, {length:g} m long, every {spacing:.0f} m"
+            )
+            yield Plan(made, f"{words_}, {words}")
+
+
+_VARIANTS = {
+    "straight": _straight, "sinus": _sinus, "sweep": _sweep, "spiral": _spiral, "liftoff": _liftoff,
+    "braking": _braking, "rough": _rough, "kerb": _kerb,
+}  # fmt: skip
+
+
+def check(limits: Limits) -> None:
+    """Raises UsageError for a limit that leaves nothing to drive."""
+    for name, value, least, unit in (
+        ("--max-speed", limits.speed / KMH, 15.0, "km/h"),
+        ("--max-lateral", limits.lateral / G, 0.05, "g"),
+        ("--max-braking", limits.braking / G, 0.05, "g"),
+        ("--max-duration", limits.duration, 5.0, "s"),
+        ("--max-bump", 1e3 * limits.bump, 1.0, "mm"),
+    ):
+        if not (math.isfinite(value) and value >= least):
+            raise UsageError(f"{name} {value:g}: at least {least:g} {unit}")

@@ -1,0 +1,136 @@
+"""A car to plan with: the user's geometry, what is known of its parameters, and numbers of the class for the rest.
+
+A plan needs the motion a run would bring, not the car itself: lengths of intervals follow from it to some ten per cent
+even where a spring is off by as much. Numbers are rounded, so that motions made once serve the next plan, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daq.vehicle import Vehicle
+from identify.fit import Fit
+from identify.next_run import REACHED, quantities
+from simulate import Car, Hidden, find_car
+from simulate.cars import Axle, Inertia
+
+CLASS = "peugeot-406"
+"""The simulated car whose unsprung parts, scaled by mass, and tyres stand for those not known."""
+MASS = 1500.0
+GYRATION = (0.41, 0.43, 0.47)
+"""Radii of gyration: about x as a part of the track, about y and z of the wheelbase (the class, within 10 %)."""
+FRONT_SHARE = 0.58
+HEIGHT = 0.25
+"""Centre of gravity above the wheel centres [m]."""
+RIDE = 1.2
+DAMPING = 0.4
+"""Ride frequency [Hz] and damping ratio of a corner."""
+
+
+@dataclass(frozen=True)
+class PlannedCar:
+    """A car with the bars it has, and in words what was assumed because nothing is known of it."""
+
+    car: Car
+    bars: tuple[Hidden, ...]
+    assumed: tuple[str, ...]
+
+
+def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[str, float]:
+    """What is known of a car by name: identified values, else those of the vehicle file's ``[apriori]``."""
+    out = {name: quantity.value for name, quantity in vehicle.apriori.items()}
+    if fitted is not None:
+        whole = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+        for q in quantities(fitted, vehicle).values():
+            # Whole-vehicle values of hub loads lack the wheels: the file's are nearer.
+            if q.half < REACHED * q.size and (reference == "contact" or q.name not in whole):
+                out[q.name] = q.value
+    return out
+
+
+def planned_car(vehicle: Vehicle, known: Mapping[str, float]) -> PlannedCar:
+    """A car to plan with, from what is known of it by name."""
+    assumed: list[str] = []
+
+    def value(name: str, otherwise: float, unit: str, digits: int = 2) -> float:
+        if name not in known:
+            assumed.append(f"{name} {_rounded(otherwise, digits):g} {unit}")
+        return _rounded(known.get(name, otherwise), digits)
+
+    wheelbase = -float(np.mean([vehicle.corners[c].position[0] for c in ("rl", "rr")]))
+    tracks = [vehicle.corners[f"{a}l"].position[1] - vehicle.corners[f"{a}r"].position[1] for a in "fr"]
+    mass = value("mass", MASS, "kg", 3)
+    com = (
+        value("cog.x", -(1.0 - FRONT_SHARE) * wheelbase, "m", 3), _rounded(known.get("cog.y", 0.0), 2),
+        value("cog.z", HEIGHT, "m"),
+    )  # fmt: skip
+    arms = (GYRATION[0] * float(np.mean(tracks)), GYRATION[1] * wheelbase, GYRATION[2] * wheelbase)
+    typical = [mass * arm**2 for arm in arms]
+    tensor = np.diag([value(f"I{2 * a}", size, "kg·m²") for a, size in zip("xyz", typical, strict=True)])
+    tensor[0, 2] = tensor[2, 0] = _rounded(known.get("Ixz", 0.0), 2)
+    like = find_car(CLASS)
+    scale = mass / like.total.mass
+    axles: list[Axle] = []
+    for a, base, track in zip("fr", (like.front, like.rear), tracks, strict=True):
+        share = -com[0] / wheelbase if a == "r" else 1.0 + com[0] / wheelbase
+        sprung = 0.5 * mass * share - scale * base.unsprung_mass
+        stiffness = _mean(known, f"spring.{a}", "k")
+        k = value(f"spring.{a}*.k", sprung * (2 * math.pi * RIDE) ** 2, "N/m") if stiffness is None else stiffness
+        damping = _mean(known, f"damper.{a}", "c")
+        c = value(f"damper.{a}*.c", 2 * DAMPING * math.sqrt(k * sprung), "N·s/m") if damping is None else damping
+        tyre = _mean(known, f"tyre_stiffness.{a}", "kt")
+        kt = value(f"tyre_stiffness.{a}*.kt", base.tyre_stiffness * scale, "N/m") if tyre is None else tyre
+        axles.append(_axle(vehicle, a, base, track, scale, k, c, kt))
+    if not any(axle.driven for axle in axles):
+        axles[0] = replace(axles[0], driven=True)
+    total = Inertia.of(mass, np.array(com), tensor)
+    tyre = replace(like.tyre, load_nominal=_rounded(mass * like.gravity / 4, 2))
+    car = Car(f"like {vehicle.name}", wheelbase, total, axles[0], axles[1], tyre)
+    if not _possible(car):
+        assumed.append("moments of inertia of the class (those known leave no possible chassis)")
+        car = replace(car, total=Inertia.of(mass, np.array(com), np.diag([_rounded(size, 2) for size in typical])))
+    names = ("anti_roll_bar.front", "anti_roll_bar.rear")
+    bars = tuple(Hidden(n, _rounded(known[f"{n}.k"], 2)) for n in names if known.get(f"{n}.k", 0.0) > 0.0)
+    return PlannedCar(car, bars, tuple(assumed))
+
+
+def _axle(vehicle: Vehicle, a: str, base: Axle, track: float, scale: float, k: float, c: float, kt: float) -> Axle:
+    corner = vehicle.corners[f"{a}l"]
+    place = "axle.front" if a == "f" else "axle.rear"
+    camber = vehicle.numbers.get(f"{place}.static_camber")
+    light = scale * (corner.tyre_radius / base.radius) ** 2
+    return replace(
+        base, track=track, stiffness=k, damping=c, tyre_stiffness=kt, radius=corner.tyre_radius,
+        camber=camber.value if camber else 0.0, toe=corner.static_toe, caster=corner.caster,
+        kingpin_inclination=corner.kingpin_inclination, driven=corner.driven, steered=a == "f",
+        carrier_mass=scale * base.carrier_mass, inboard_mass=scale * base.inboard_mass,
+        outboard_mass=scale * base.outboard_mass,
+        carrier_inertia=tuple(light * x for x in base.carrier_inertia),
+        inboard_spin=light * base.inboard_spin, inboard_transverse=light * base.inboard_transverse,
+        outboard_spin=light * base.outboard_spin, outboard_transverse=light * base.outboard_transverse,
+    )  # fmt: skip
+
+
+def _mean(known: Mapping[str, float], family: str, parameter: str) -> float | None:
+    """Of the left and right value of an axle, where either is known and positive."""
+    corners: Iterable[float] = (known.get(f"{family}{side}.{parameter}", 0.0) for side in "lr")
+    found = [value for value in corners if value > 0.0]
+    return _rounded(float(np.mean(found)), 2) if found else None
+
+
+def _possible(car: Car) -> bool:
+    """Whether the chassis left after the unsprung parts are taken away can exist."""
+    chassis = car.chassis
+    moments = np.linalg.eigvalsh(np.asarray(chassis.tensor))
+    loads = car.static_loads
+    return bool(
+        chassis.mass > 0.0 and moments[0] > 0.0 and moments[0] + moments[1] > 1.001 * moments[2] and np.all(loads > 0.0)
+    )
+
+
+def _rounded(value: float, digits: int) -> float:
+    return float(f"{value:.{digits - 1}e}")
