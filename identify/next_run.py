@@ -164,7 +164,7 @@ def rank(
             then = after[index]
         shrinks = sorted(_shrinks(before, then, goals), key=lambda s: -s.worth)
         found.append(Ranked(index, worth, duration, tuple(shrinks)))
-    found.sort(key=lambda one: -one.worth)
+    found.sort(key=lambda one: (-round(one.worth, 6), one.duration))
     return Ranking(tuple(found), goals, tuple(out_of_reach))
 
 
