@@ -14,12 +14,14 @@ import numpy as np
 
 from daq.vehicle import Vehicle
 from identify.fit import Fit
-from identify.next_run import REACHED, quantities
+from identify.next_run import quantities
 from simulate import Car, Hidden, find_car
 from simulate.cars import Axle, Inertia
 
 CLASS = "peugeot-406"
 """The simulated car whose unsprung parts, scaled by mass, and tyres stand for those not known."""
+KNOWN = 0.1
+"""An identified value is simulated with when its half-width is below this part of its size."""
 MASS = 1500.0
 GYRATION = (0.41, 0.43, 0.47)
 """Radii of gyration: about x as a part of the track, about y and z of the wheelbase (the class, within 10 %)."""
@@ -47,7 +49,7 @@ def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[s
         whole = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
         for q in quantities(fitted, vehicle).values():
             # Whole-vehicle values of hub loads lack the wheels: the file's are nearer.
-            if q.half < REACHED * q.size and (reference == "contact" or q.name not in whole):
+            if q.half < KNOWN * q.size and (reference == "contact" or q.name not in whole):
                 out[q.name] = q.value
     return out
 
