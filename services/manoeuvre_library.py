@@ -13,6 +13,8 @@ from simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
 
 KMH = 1.0 / 3.6
 G = 9.80665
+LOCK = 0.45
+"""Largest steering angle asked for [rad]."""
 
 
 @dataclass(frozen=True)
@@ -30,17 +32,24 @@ class Limits:
 
 @dataclass(frozen=True)
 class Plan:
-    """One manoeuvre of the library. `words` say speed and amplitude; `steered`: the amplitude is a steering angle that
-    may be made smaller when the lateral acceleration comes out above the limit."""
+    """One manoeuvre of the library.
+
+    `words` say speed and amplitude; `lateral` is the acceleration aimed at [m/s²] where the amplitude is a steering
+    angle: that is made smaller when more than the limit comes out, and told as it came out.
+    """
 
     manoeuvre: Manoeuvre
     words: str
-    steered: bool = False
+    lateral: float | None = None
 
     @property
     def label(self) -> str:
         """Manoeuvre, speed and amplitude in words."""
-        return f"{self.manoeuvre.name} {self.words}"
+        return self.told(self.lateral or 0.0)
+
+    def told(self, lateral: float) -> str:
+        """The label with the lateral acceleration that came out [m/s²]."""
+        return f"{self.manoeuvre.name} {self.words}" + (f", lateral {lateral:.1f} m/s²" if self.lateral else "")
 
     def made(self, **settings: Any) -> Plan:
         """The same with some settings of the manoeuvre changed."""
@@ -67,9 +76,10 @@ def library(car: Car, limits: Limits, names: Sequence[str], duration: float) -> 
 
 
 def steering(car: Car, lateral: float, speed: float) -> float:
-    """Kingpin angle of the front wheels that holds a lateral acceleration [m/s²] in steady cornering [rad]."""
+    """Kingpin angle of the front wheels that holds a lateral acceleration [m/s²] in steady cornering, within the lock
+    [rad]."""
     understeer = (1.0 / car.front.cornering - 1.0 / car.rear.cornering) / car.gravity
-    return lateral * (car.wheelbase / speed**2 + max(understeer, 0.0))
+    return min(LOCK, lateral * (car.wheelbase / speed**2 + max(understeer, 0.0)))
 
 
 def _speeds(limits: Limits, *wanted: float) -> list[float]:
@@ -90,21 +100,21 @@ def _sinus(car: Car, limits: Limits) -> Iterator[Plan]:
     for speed in _speeds(limits, 50.0, 90.0):
         for lateral in (0.5 * limits.lateral, limits.lateral):
             made = make_manoeuvre("sinus", speed=speed, amplitude=steering(car, lateral, speed))
-            yield Plan(made, f"at {_kmh(speed)}, 0.5 Hz, lateral {lateral:.1f} m/s²", True)
+            yield Plan(made, f"at {_kmh(speed)}, 0.5 Hz", lateral)
 
 
 def _sweep(car: Car, limits: Limits) -> Iterator[Plan]:
     for speed in _speeds(limits, 80.0):
         for lateral in (0.4 * limits.lateral, 0.8 * limits.lateral):
             made = make_manoeuvre("sweep", speed=speed, amplitude=steering(car, lateral, speed))
-            yield Plan(made, f"at {_kmh(speed)}, 0.2 to 3 Hz, lateral {lateral:.1f} m/s²", True)
+            yield Plan(made, f"at {_kmh(speed)}, 0.2 to 3 Hz", lateral)
 
 
 def _spiral(car: Car, limits: Limits) -> Iterator[Plan]:
     for speed in _speeds(limits, 60.0):
         for sign, side in ((1.0, "left"), (-1.0, "right")):
             made = make_manoeuvre("spiral", speed=speed, amplitude=sign * steering(car, limits.lateral, speed))
-            yield Plan(made, f"to the {side} at {_kmh(speed)}, up to lateral {limits.lateral:.1f} m/s²", True)
+            yield Plan(made, f"to the {side} at {_kmh(speed)}", limits.lateral)
 
 
 def _liftoff(car: Car, limits: Limits) -> Iterator[Plan]:

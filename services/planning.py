@@ -88,10 +88,10 @@ def simulated_runs(
             problems.append(f"left out: {plan.label}: {error}")
             continue
         settings = dataclasses.asdict(plan.manoeuvre)
-        if plan.steered:
+        if plan.lateral:
             settings["amplitude"] *= factor
-        peak = f" ({lateral:.1f} m/s² reached)" if plan.steered and factor < 1.0 else ""
-        out.append(PlannedRun(plan.label + peak, drive, settings, plan.manoeuvre.name, plan.manoeuvre.speed, lateral))
+        label, kind = plan.told(lateral), plan.manoeuvre.name
+        out.append(PlannedRun(label, drive, settings, kind, plan.manoeuvre.speed, lateral))
     return out, problems
 
 
@@ -100,7 +100,7 @@ def _motion(plan: Plan, like: PlannedCar, rig: Rig, limits: Limits, folder: Path
     what = json.dumps(
         [
             "lacet-planned 1", dataclasses.asdict(like.car), [h.truth() for h in like.bars], plan.manoeuvre.name,
-            dataclasses.asdict(plan.manoeuvre), rig.text, STEP, RATE, limits.lateral if plan.steered else 0,
+            dataclasses.asdict(plan.manoeuvre), rig.text, STEP, RATE, limits.lateral if plan.lateral else 0,
         ],
         sort_keys=True,
     )  # fmt: skip
@@ -113,7 +113,7 @@ def _motion(plan: Plan, like: PlannedCar, rig: Rig, limits: Limits, folder: Path
             return run, float(told["lateral"]), float(told["factor"])
     factor = 1.0
     motion, lateral = _drive(like.car, like.bars, plan)
-    while plan.steered and lateral > ABOVE * limits.lateral and factor > 0.1:
+    while plan.lateral and lateral > ABOVE * limits.lateral and factor > 0.1:
         factor *= 0.95 * limits.lateral / lateral
         amplitude = dataclasses.asdict(plan.manoeuvre)["amplitude"]
         motion, lateral = _drive(like.car, like.bars, plan.made(amplitude=factor * amplitude))

@@ -68,7 +68,7 @@ def after(plan: Plan, seed: int) -> Fit:
 
 
 def agree(guess: Fit, found: Fit, before: Fit) -> None:
-    """Of the intervals that the run shrinks by a tenth at least, nine in ten are within 30 %, all together within 10 %."""
+    """Of the intervals that the run shrinks by a tenth, nine in ten are within 30 %, all together within 10 %."""
     a, b, was = half_widths(guess), half_widths(found), half_widths(before)
     moved = b < 0.9 * was
     ratio = a[moved] / b[moved]

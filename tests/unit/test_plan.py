@@ -15,7 +15,7 @@ from daq.errors import UsageError
 from daq.toml_reader import Quantity
 from daq.vehicle import Vehicle
 from services.cli import main
-from services.manoeuvre_library import KMH, Limits, kinds, library, steering
+from services.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
 from services.planned_car import known_values, planned_car
 from simulate import MANOEUVRES, find_car
 from simulate.vehicle_file import vehicle_text
@@ -44,8 +44,9 @@ def test_every_plan_keeps_the_limits(speed: float, lateral: float, braking: floa
         assert getattr(made, "deceleration", 0.0) <= limits.braking
         assert getattr(made, "grade", "A") <= road
         assert getattr(made, "height", 0.0) <= bump
-        if plan.steered:
+        if plan.lateral:
             most = steering(CAR, limits.lateral, made.speed)
+            assert most <= LOCK
             assert abs(made.amplitude) <= most * (1 + 1e-12)  # type: ignore[attr-defined]
 
 
