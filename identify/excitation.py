@@ -8,7 +8,7 @@ needed, only a motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from identify.floor import simulate_floor
 from identify.model import Model
 from identify.sensitivity import Sensitivity
 from identify.stats import clustered_scores, hac
+from identify.triangle import triangle
 from identify.vectors import Array
 from identify.zeros import zeros_of
 
@@ -37,7 +38,7 @@ class Information:
     ----------
     normal : (p, p) Wᵀ Σ⁻¹ W.
     scores : (p, p) covariance of Wᵀ Σ⁻¹ r: equals `normal` for white noise, larger for what a fit really sees.
-    root : (·, k) R factor of the weighted columns of the physics' k parameters, from which base parameters follow.
+    root : (k, k) R factor of the weighted columns of the physics' k parameters, from which base parameters follow.
     """
 
     normal: Array
@@ -48,12 +49,10 @@ class Information:
     def none(cls, model: Model) -> Information:
         """Of no run at all."""
         p, k = len(model.parameters), sum(len(effect.parameters) for effect in model.physics)
-        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((0, k)))
+        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((k, k)))
 
     def __add__(self, other: Information) -> Information:
-        return Information(
-            self.normal + other.normal, self.scores + other.scores, _triangle(np.concatenate([self.root, other.root]))
-        )
+        return Information(self.normal + other.normal, self.scores + other.scores, triangle(self.root, other.root))
 
 
 @dataclass(frozen=True)
@@ -127,37 +126,32 @@ def run_information(
         # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
         sigma[row] = larger[row] * max(floor, 1e-9 * float(np.max(np.abs(drive.measured[row]), initial=1.0)))
         normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
-        roots.append(_triangle(W / sigma[row]))
+        roots.append(triangle(W / sigma[row]))
     for one in noise:
         parts = {row: (blocks[row], larger[row] * one[row], sigma[row]) for row in drive.rows}
         if parts:
             scores += hac(clustered_scores(parts, instants, count)) / draws
     edges = 2.0 * drive.recording.filters.edge
     k = sum(len(effect.parameters) for effect in model.physics)
-    root = _triangle(np.concatenate(roots)) if roots else np.zeros((0, k))
+    root = triangle(*roots) if roots else np.zeros((k, k))
     longest = max((len(drive.index[row]) for row in drive.rows), default=1) * step / drive.recording.filters.rate
     return RunInformation(normal, scores, zeros.sigma, root, longest, edges)
 
 
 def fit_information(fitted: Fit) -> Information:
     """What the runs of a fit told, by the covariances that it reports: what is known beforehand is taken out again."""
-    model, kept = fitted.model, fitted.base.independent
+    q, rank = len(fitted.place), fitted.base.rank
     physics = len(fitted.physics)
-    place = np.concatenate([kept, np.arange(physics, len(fitted.theta))]).astype(int)
-    known = known_beforehand(model, fitted.base)
-    A = _inverse(fitted.covariance_iid[np.ix_(place, place)])
-    S = A @ fitted.covariance[np.ix_(place, place)] @ A
+    known = known_beforehand(fitted.model, fitted.base)
+    R = fitted.root[:q, :q]
+    A = R.T @ R
+    S = A @ fitted.covariance[np.ix_(fitted.place, fitted.place)] @ A
     # Columns grouped into others are combinations of these: W = W_kept G.
-    G = np.zeros((len(place), len(fitted.theta)))
-    G[: len(kept), :physics] = fitted.base.grouping()
-    G[len(kept) :, physics:] = np.eye(len(fitted.theta) - physics)
-    roots = [
-        _triangle(np.concatenate([drive.matrix(model.physics, row) / fitted.sigma[row] for row in drive.rows]))
-        for drive in fitted.drives
-        if drive.rows
-    ]
+    G = np.zeros((q, len(fitted.theta)))
+    G[:rank, :physics] = fitted.base.grouping()
+    G[rank:, physics:] = np.eye(len(fitted.theta) - physics)
     normal, scores = G.T @ (A - known) @ G, G.T @ (S - known) @ G
-    return Information(_symmetric(normal), _symmetric(scores), _triangle(np.concatenate(roots)))
+    return Information(_symmetric(normal), _symmetric(scores), triangle((R @ G)[:, :physics]))
 
 
 def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[str, float]:
@@ -174,19 +168,20 @@ def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dic
 def predicted(fitted: Fit, information: Information) -> Fit:
     """The fit with the intervals it would have with this information instead of its own runs'.
 
-    Values stay; base parameters and both covariances are those that a fit to such runs would report.
+    Values stay; base parameters and both covariances are those that a fit to such runs would report. What else the fit
+    holds (residuals, equations, what the sheet's gains and latencies add) remains that of its own runs.
     """
     model = fitted.model
     physics = len(fitted.physics)
     names = [q.name for effect in model.physics for q in effect.parameters]
-    base = find_base(information.root, names) if len(information.root) else _nothing(names)
+    base = find_base(information.root, names)
     place = np.concatenate([base.independent, np.arange(physics, len(fitted.theta))]).astype(int)
     known = known_beforehand(model, base)
     iid = _inverse(information.normal[np.ix_(place, place)] + known)
     robust = iid @ (information.scores[np.ix_(place, place)] + known) @ iid
     covariance, covariance_iid = np.zeros((2, len(fitted.theta), len(fitted.theta)))
     covariance[np.ix_(place, place)], covariance_iid[np.ix_(place, place)] = _symmetric(robust), iid
-    return replace(fitted, base=base, covariance=covariance, covariance_iid=covariance_iid)
+    return replace(fitted, base=base, place=place, covariance=covariance, covariance_iid=covariance_iid)
 
 
 def known_beforehand(model: Model, base: BaseParameters) -> Array:
@@ -215,11 +210,6 @@ def half_widths(fitted: Fit) -> Array:
     return 1.96 * np.where([i in kept for i in range(len(prior))], np.minimum(sigma, prior), prior)
 
 
-def _nothing(names: Sequence[str]) -> BaseParameters:
-    none = np.zeros(0, np.int64)
-    return BaseParameters(tuple(names), none, none, np.arange(len(names)), np.zeros((0, 0)), np.inf)
-
-
 def _inverse(A: Array) -> Array:
     """Inverse of a positive definite matrix whose rows differ much in unit."""
     size = np.sqrt(np.diag(A))
@@ -230,10 +220,3 @@ def _inverse(A: Array) -> Array:
 
 def _symmetric(A: Array) -> Array:
     return 0.5 * (A + A.T)
-
-
-def _triangle(W: Array) -> Array:
-    """The R factor, of as many rows as there are columns at most."""
-    if len(W) <= W.shape[1]:
-        return W
-    return np.asarray(scipy.linalg.qr(W, mode="r")[0], float)[: W.shape[1]]
