@@ -271,8 +271,9 @@ def _print(result: Mapping[str, Any], most: int) -> None:
         title = f"\nWhat {result['best']['duration']:.0f} s of the first would do:"
         print(f"{title}\n{tables.table(['', '± now', '± then', 'unit', '÷'], rows)}")
     if result["out_of_reach"]:
-        names = ", ".join(item["name"] for item in result["out_of_reach"])
-        print(f"\nNo run of the library determines: {names}")
+        names = [item["name"] for item in result["out_of_reach"]]
+        more = f" and {len(names) - 12} more (--json has all)" if len(names) > 12 else ""
+        print(f"\nNo run of the library determines: {', '.join(names[:12])}{more}")
     if result["assumed"]:
         print(f"\nAssumed for the simulated car, not known: {', '.join(result['assumed'])}")
     for warning in result["warnings"]:

@@ -67,15 +67,22 @@ def after(plan: Plan, seed: int) -> Fit:
     return fit(MODEL, [sinus(), driven(make_manoeuvre(plan.manoeuvre.name, **settings), seed)])
 
 
-def agree(guess: Fit, found: Fit, before: Fit) -> None:
-    """Of the intervals that the run shrinks by a tenth, nine in ten are within 30 %, all together within 10 %."""
+def compared(guess: Fit, found: Fit, before: Fit) -> dict[str, float]:
+    """Predicted ÷ obtained, of the intervals that the run shrinks by a tenth at least."""
     a, b, was = half_widths(guess), half_widths(found), half_widths(before)
-    moved = b < 0.9 * was
-    ratio = a[moved] / b[moved]
-    assert np.count_nonzero(moved) > 12
-    told = dict(zip(np.array(MODEL.names)[moved], np.round(ratio, 2), strict=True))
-    assert 0.9 < np.exp(np.mean(np.log(ratio))) < 1.1, told
-    assert np.mean((ratio > 1 / 1.3) & (ratio < 1.3)) >= 0.9, told
+    out = {name: float(a[i] / b[i]) for i, name in enumerate(MODEL.names) if b[i] < 0.9 * was[i]}
+    assert len(out) > 12
+    return out
+
+
+def within(ratios: dict[str, float], part: float = 0.3) -> float:
+    """How many are no farther apart than this part."""
+    return float(np.mean([1.0 / (1.0 + part) < r < 1.0 + part for r in ratios.values()]))
+
+
+def middle(ratios: dict[str, float]) -> float:
+    """Geometric mean."""
+    return float(np.exp(np.mean(np.log(list(ratios.values())))))
 
 
 def test_a_braking_run_shrinks_what_was_predicted():
@@ -84,7 +91,9 @@ def test_a_braking_run_shrinks_what_was_predicted():
     now = fit_information(present())
     guess = predicted(present(), now + run_information(one.drive, present(), residual_excess(present())).lasting())
     found = after(chosen[0], 23)
-    agree(guess, found, present())
+    ratios = compared(guess, found, present())
+    assert within(ratios) >= 0.9, ratios
+    assert middle(ratios) == pytest.approx(1.0, abs=0.1)
     k = MODEL.names.index("YY6")
     assert half_widths(found)[k] < 0.3 * half_widths(present())[k]
     assert half_widths(guess)[k] == pytest.approx(half_widths(found)[k], rel=0.3)
@@ -95,7 +104,7 @@ def test_a_braking_run_shrinks_what_was_predicted():
 def test_the_run_ranked_first_shrinks_most(wanted: list[str]):
     chosen, told, found = campaign()
     now = fit_information(present())
-    ranking = rank(present(), now, list(told), VEHICLE, SECONDS, wanted)
+    ranking = rank(present(), now, list(told), VEHICLE, SECONDS, wanted, 0.0 if wanted else 0.02)
     names = list(ranking.targets)
     k = [MODEL.names.index(name) for name in names]
     goals = np.array([ranking.targets[name] for name in names])
@@ -114,10 +123,17 @@ def test_the_run_ranked_first_shrinks_most(wanted: list[str]):
 
 @pytest.mark.slow
 def test_every_run_of_the_library_shrinks_what_was_predicted():
-    _, told, found = campaign()
+    chosen, told, found = campaign()
     now = fit_information(present())
-    for run_told, one in zip(told, found, strict=True):
-        agree(predicted(present(), now + run_told.lasting()), one, present())
+    every: dict[str, float] = {}
+    for plan, run_told, one in zip(chosen, told, found, strict=True):
+        ratios = compared(predicted(present(), now + run_told.lasting()), one, present())
+        # Of a handful of bumps the fit's own estimate of its uncertainty is rough: it is one draw.
+        assert within(ratios) >= 0.75, (plan.label, ratios)
+        assert middle(ratios) == pytest.approx(1.0, abs=0.2), plan.label
+        every |= {f"{plan.label}: {name}": r for name, r in ratios.items()}
+    assert within(every) >= 0.9
+    assert middle(every) == pytest.approx(1.0, abs=0.1)
 
 
 @cache
