@@ -93,7 +93,7 @@ class _Start:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Rank and print; 3 when a run was damaged or left out, or nothing in the library would help."""
+    """Rank and print; 3 when a run was damaged or left out, or could not be simulated."""
     limits = Limits(
         args.max_speed * KMH, args.max_lateral * G, args.max_braking * G, args.max_duration, 1e-3 * args.max_bump,
         args.road,
@@ -120,7 +120,7 @@ def run(args: argparse.Namespace) -> int:
     result = plan_result(start, runs, rankings, present, assumed, [*start.warnings, *problems])
     _print(result, args.most)
     write_result(args.json, "plan", result)
-    return WITH_LOSSES if result["warnings"] or result["best"] is None else DONE
+    return WITH_LOSSES if result["warnings"] else DONE
 
 
 def _split(text: str) -> list[str]:
