@@ -96,6 +96,8 @@ def build_motion(recording: Recording) -> Motion:
             wheel=wheel,
         )
     masks, braking = _masks(recording, rows, grounds)
+    why = f"the brakes act all the time ({PRESSURE}) and the torques on this wheel are not all measured"
+    left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
     extra = () if not flat else ("fewer than three ground lasers: a flat road and the attitude give the road's normal",)
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
@@ -145,7 +147,9 @@ def _masks(
     if np.all(released):
         return masks, []
     seconds = float(np.count_nonzero(inside & ~released)) / recording.filters.rate
-    why = f"the brakes act ({PRESSURE} above {RELEASED:.0e} Pa) and the torques on these wheels are not all measured"
+    why = (
+        f"the brakes act ({PRESSURE} above {RELEASED / 1e5:g} bar) and the torques on these wheels are not all measured"
+    )
     return masks, [f"left out {seconds:.1f} s of {', '.join(cut)}: {why}"]
 
 

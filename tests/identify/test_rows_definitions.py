@@ -1,4 +1,4 @@
-"""Each row's definition on a car in another engine, whose carriers hang on inclined swing arms (tests/support/swing_car).
+"""Each row's definition on a car in another engine, whose carriers hang on inclined swing arms (`swing_car`).
 
 With the true parameters every row closes to 1e-4 N or N·m, in both references, at any state, load and torque. Each
 definition is then got wrong on purpose, and the row it belongs to opens by what is stated.
@@ -125,7 +125,7 @@ def test_a_half_shaft_lifts_an_inclined_carrier(reference: str) -> None:
             "torque_work": -dot(c.moment, c.spin_axis) * dot(c.spin_axis, c.dphi_ds),
         },
     )
-    opened(half, "suspension", 300.0)
+    opened(half, "suspension", 150.0)
 
 
 @REFERENCES
@@ -206,7 +206,7 @@ def test_slopes_belong_to_every_row_and_to_each_corner(reference: str) -> None:
 @REFERENCES
 @pytest.mark.parametrize("special", [PLAIN, LEANING])
 def test_deflection_is_along_the_banked_roads_normal(reference: str, special: Special) -> None:
-    """The plain difference of the lasers misses kilonewtons on a banked road; without the wheel's lean, too."""
+    """The plain difference of the lasers misses 900 N on a banked road, 4.7 kN with large camber."""
     motion = motion_of(reference, ("shaft",), special=special, road=BANKED)
     assert max(left_over(motion, special)[f"tyre.{c}"] for c in CORNERS) < CLOSED
     found = instants(reference, special, BANKED, 800.0, 0.0).value

@@ -231,10 +231,10 @@ class Contact:
 
 
 class SwingEngine:
-    """The car in MuJoCo on a plane road. `road` : its unit normal, ground axes; it passes through the ground's origin."""
+    """The car in MuJoCo on a plane road through `origin` (the ground's). `road` : its normal, ground axes."""
 
     def __init__(self, car: SwingCar, road: np.ndarray):
-        self.car, self.road = car, road / np.linalg.norm(road)
+        self.car, self.road, self.origin = car, road / np.linalg.norm(road), np.zeros(3)
         self.model = mujoco.MjModel.from_xml_string(_mjcf(car))
         self.data = mujoco.MjData(self.model)
         self.corners = {c: Corner(car, c) for c in CORNERS}
@@ -259,7 +259,7 @@ class SwingEngine:
         p, n, e = self.data.xpos[rim].copy(), self.data.xmat[rim].reshape(3, 3)[:, 1].copy(), self.road
         down = -(e - n * (n @ e))
         down /= np.linalg.norm(down)
-        reach = -(p @ e) / (down @ e)
+        reach = -((p - self.origin) @ e) / (down @ e)
         return Contact(p, n, RADIUS - reach, p + reach * down)
 
     def load(
@@ -302,7 +302,7 @@ class SwingEngine:
         out = []
         for k in self.corners.values():
             at = q[:3] + R @ (k.p0 + MOUNT)
-            out.append((at @ self.road) / (R[:, 2] @ self.road))
+            out.append(((at - self.origin) @ self.road) / (R[:, 2] @ self.road))
         return np.array(out)
 
     def laser_rates(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -403,6 +403,87 @@ def moments(
         for j, c in enumerate(CORNERS):
             loads[i, j] = np.concatenate([force[c], moment[c]] if reference == "contact" else hub[c])
     return record(engine, q, v, a, loads, torques)
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive on a shaker: the plane road heaves, pitches and rolls under the car. 500 samples a second.
+
+    `value` : channels without noise, by name; `t` (N,) s; `braking` (N,) whether the brakes act.
+    """
+
+    t: np.ndarray
+    value: Mapping[str, Channels]
+    braking: np.ndarray
+
+
+STEP, EVERY, SETTLE = 1e-3, 2, 2.0
+FRICTION = 0.9
+
+
+def drive(car: SwingCar, seconds: float, torque: float, brake: float, seed: int = 1) -> Drive:
+    """Drive in pulses of `torque` [N·m] on each driven wheel and brake in between with `brake` on each wheel.
+
+    Tyres: kt δ along the normal, brush-like forces in the road's plane (tanh of the slip), leap-frog integration, so that
+    the second differences of what is recorded are the accelerations the loads belong to.
+    """
+    rng = np.random.default_rng(seed)
+    engine = SwingEngine(car, np.array([0.0, 0.0, 1.0]))
+    model, data = engine.model, engine.data
+    w, phase = 2 * np.pi * rng.uniform(0.3, 3.5, (3, 8)), rng.uniform(0, 2 * np.pi, (3, 8))
+    size = np.array([[0.012], [0.008], [0.012]]) / (1.0 + w / 10.0)
+    q, v = np.zeros(model.nq), np.zeros(model.nv)
+    q[2], q[3], v[0] = 0.305, 1.0, 20.0
+    v[list(engine.spin_dof.values())] = 20.0 / 0.30
+    before = np.zeros(model.nv)
+    steps, first = round((seconds + SETTLE) / STEP), round(SETTLE / STEP)
+    kept: list[tuple[Any, ...]] = []
+    for k in range(steps):
+        t = k * STEP - SETTLE
+        heave, pitch, roll = np.sum(size * np.sin(w * t + phase), axis=1) * min(1.0, k * STEP)
+        engine.road = np.array([np.sin(pitch), np.sin(roll), 1.0]) / np.linalg.norm([np.sin(pitch), np.sin(roll), 1.0])
+        engine.origin = np.array([q[0], q[1], heave])
+        on = t > 0 and t % 6.0 > 3.5
+        now = v + 0.5 * STEP * before
+        engine.place(q, now)
+        force, moment, shaft, outboard = {}, {}, {}, {}
+        for c, corner in engine.corners.items():
+            touch = engine.contact(c)
+            velocity = np.zeros(6)
+            mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, engine.body[f"rim_{c}"], velocity, 0)
+            arm = touch.point - touch.centre
+            slip = velocity[3:] + np.cross(velocity[:3], arm)
+            ahead = np.cross(touch.axis, engine.road)
+            load = max(0.0, corner.arm.tyre * touch.deflection)
+            speed = max(3.0, abs(velocity[3:] @ ahead))
+            side = np.cross(engine.road, ahead)
+            along, across = (-FRICTION * load * np.tanh(18.0 * (slip @ axis) / speed) for axis in (ahead, side))
+            force[c] = tyre_force(touch, engine.road, corner.arm.tyre, along, across)
+            moment[c] = np.cross(arm, force[c])
+            mine = brake * (0.5 - 0.5 * np.cos(2 * np.pi * (t % 6.0 - 3.5) / 2.5)) * on
+            pulse = torque * np.sin(2 * np.pi * t / 3.0) ** 2 * (t > 0) * (not on)
+            shaft[c] = pulse * corner.arm.driven - mine * corner.arm.inboard_brake
+            outboard[c] = mine * (not corner.arm.inboard_brake)
+        engine.load(force, moment, shaft, outboard)
+        before, hub = engine.accelerate()
+        if k >= first and (k - first) % EVERY == 0:
+            loads = {
+                "contact": [np.concatenate([force[c], moment[c]]) for c in CORNERS],
+                "hub": [np.concatenate(hub[c]) for c in CORNERS],
+            }
+            torques = [(shaft[c], outboard[c]) for c in CORNERS]
+            kept.append((t, q.copy(), v + 0.5 * STEP * before, before, loads, torques, engine.lasers(q), on))
+        v = v + STEP * before
+        mujoco.mj_integratePos(model, q, v, STEP)
+    q, v, a = (np.array([one[i] for one in kept]) for i in (1, 2, 3))
+    torques = np.array([one[5] for one in kept])
+    value: dict[str, Channels] = {}
+    for reference in ("contact", "hub"):
+        loads = np.array([one[4][reference] for one in kept])
+        value[reference] = record(engine, q, v, a, loads, torques).value
+        for i, c in enumerate(CORNERS):
+            value[reference][f"laser.{c}.ground"] = np.array([[one[6][i] for one in kept]])
+    return Drive(np.array([one[0] for one in kept]), value, np.array([one[7] for one in kept]))
 
 
 def _about(mass: float, com: np.ndarray, tensor: np.ndarray) -> list[float]:
