@@ -7,6 +7,7 @@ loads are free, accelerations and hub loads follow. So every row of the equation
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -102,6 +103,9 @@ class Corner:
         self.axis = axis / np.linalg.norm(axis)
         self.arm_vector = -np.array(arm.hinge)  # hinge to wheel centre
         self.R0 = Rotation.from_euler("ZX", [arm.steer, arm.camber])
+        along = self.axis * (self.axis @ self.arm_vector)
+        # Heights of the arm's part along the hinge, across it, and turned by a quarter about it.
+        self.swing = along[2], (self.arm_vector - along)[2], np.cross(self.axis, self.arm_vector)[2]
 
     def turned(self, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Wheel centre (N, 3), R_body_carrier (N, 3, 3), and its steer, camber, pitch (N, 3)."""
@@ -220,6 +224,13 @@ def _mjcf(car: SwingCar) -> str:
     )
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a × b of two vectors, without NumPy's overhead."""
+    x, y, z = a.tolist()
+    u, v, w = b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])
+
+
 @dataclass
 class Contact:
     """One wheel on the plane road at one instant, ground axes."""
@@ -258,7 +269,7 @@ class SwingEngine:
         rim = self.body[f"rim_{c}"]
         p, n, e = self.data.xpos[rim].copy(), self.data.xmat[rim].reshape(3, 3)[:, 1].copy(), self.road
         down = -(e - n * (n @ e))
-        down /= np.linalg.norm(down)
+        down /= math.sqrt(down @ down)
         reach = -((p - self.origin) @ e) / (down @ e)
         return Contact(p, n, RADIUS - reach, p + reach * down)
 
@@ -277,9 +288,10 @@ class SwingEngine:
             x[self.body["chassis"], 3:] -= shaft[c] * n
             x[carrier, 3:] += brake[c] * n
             theta, rate = self.data.qpos[self.arm_dof[c] + 1], self.data.qvel[self.arm_dof[c]]
-            swung = Rotation.from_rotvec(theta * k.axis).apply(k.arm_vector)
-            lift = np.cross(k.axis, swung)[2]  # ∂s/∂θ
-            s, arm = swung[2] - k.arm_vector[2], k.arm
+            c_, s_ = math.cos(theta), math.sin(theta)
+            fixed, across, height = k.swing
+            s, lift = fixed + c_ * across + s_ * height - k.arm_vector[2], c_ * height - s_ * across  # s, ∂s/∂θ
+            arm = k.arm
             self.data.qfrc_applied[self.arm_dof[c]] = -lift * (
                 arm.stiffness * s + arm.damping * lift * rate + arm.offset
             )
@@ -293,12 +305,19 @@ class SwingEngine:
             rim = self.body[f"rim_{c}"]
             inner = -self.data.cfrc_int[rim]  # of the rim on the hub, about the whole car's centre of mass
             arm = self.data.subtree_com[self.model.body_rootid[rim]] - self.data.xpos[rim]
-            hub[c] = inner[3:].copy(), inner[:3] + np.cross(arm, inner[3:])
+            hub[c] = inner[3:].copy(), inner[:3] + cross(arm, inner[3:])
         return self.data.qacc.copy(), hub
 
     def lasers(self, q: np.ndarray) -> np.ndarray:
         """(4,) ground lasers: from the mounts along body −z to the road."""
-        R = Rotation.from_quat(np.roll(q[3:7], -1)).as_matrix()
+        w, x, y, z = q[3:7]
+        R = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
         out = []
         for k in self.corners.values():
             at = q[:3] + R @ (k.p0 + MOUNT)
@@ -315,9 +334,9 @@ class SwingEngine:
 
 def tyre_force(contact: Contact, road: np.ndarray, stiffness: float, along: float, across: float) -> np.ndarray:
     """Force of the road: kt δ along its normal, the rest in its plane, ground axes [N]."""
-    ahead = np.cross(contact.axis, road)
-    ahead /= np.linalg.norm(ahead)
-    return stiffness * contact.deflection * road + along * ahead + across * np.cross(road, ahead)
+    ahead = cross(contact.axis, road)
+    ahead /= math.sqrt(ahead @ ahead)
+    return stiffness * contact.deflection * road + along * ahead + across * cross(road, ahead)
 
 
 Channels = dict[str, np.ndarray]
@@ -417,15 +436,15 @@ class Drive:
     braking: np.ndarray
 
 
-STEP, EVERY, SETTLE = 1e-3, 2, 2.0
+STEP, SETTLE = 2e-3, 2.0
 FRICTION = 0.9
 
 
 def drive(car: SwingCar, seconds: float, torque: float, brake: float, seed: int = 1) -> Drive:
     """Drive in pulses of `torque` [N·m] on each driven wheel and brake in between with `brake` on each wheel.
 
-    Tyres: kt δ along the normal, brush-like forces in the road's plane (tanh of the slip), leap-frog integration, so that
-    the second differences of what is recorded are the accelerations the loads belong to.
+    Tyres: kt δ along the normal, tanh of the slip in the road's plane. Leap-frog integration, so that the second
+    differences of what is recorded are the accelerations the loads belong to.
     """
     rng = np.random.default_rng(seed)
     engine = SwingEngine(car, np.array([0.0, 0.0, 1.0]))
@@ -441,7 +460,8 @@ def drive(car: SwingCar, seconds: float, torque: float, brake: float, seed: int 
     for k in range(steps):
         t = k * STEP - SETTLE
         heave, pitch, roll = np.sum(size * np.sin(w * t + phase), axis=1) * min(1.0, k * STEP)
-        engine.road = np.array([np.sin(pitch), np.sin(roll), 1.0]) / np.linalg.norm([np.sin(pitch), np.sin(roll), 1.0])
+        normal = np.array([math.sin(pitch), math.sin(roll), 1.0])
+        engine.road = normal / math.sqrt(normal @ normal)
         engine.origin = np.array([q[0], q[1], heave])
         on = t > 0 and t % 6.0 > 3.5
         now = v + 0.5 * STEP * before
@@ -452,21 +472,21 @@ def drive(car: SwingCar, seconds: float, torque: float, brake: float, seed: int 
             velocity = np.zeros(6)
             mujoco.mj_objectVelocity(model, data, mujoco.mjtObj.mjOBJ_BODY, engine.body[f"rim_{c}"], velocity, 0)
             arm = touch.point - touch.centre
-            slip = velocity[3:] + np.cross(velocity[:3], arm)
-            ahead = np.cross(touch.axis, engine.road)
+            slip = velocity[3:] + cross(velocity[:3], arm)
+            ahead = cross(touch.axis, engine.road)
             load = max(0.0, corner.arm.tyre * touch.deflection)
             speed = max(3.0, abs(velocity[3:] @ ahead))
-            side = np.cross(engine.road, ahead)
-            along, across = (-FRICTION * load * np.tanh(18.0 * (slip @ axis) / speed) for axis in (ahead, side))
+            side = cross(engine.road, ahead)
+            along, across = (-FRICTION * load * math.tanh(18.0 * (slip @ axis) / speed) for axis in (ahead, side))
             force[c] = tyre_force(touch, engine.road, corner.arm.tyre, along, across)
-            moment[c] = np.cross(arm, force[c])
+            moment[c] = cross(arm, force[c])
             mine = brake * (0.5 - 0.5 * np.cos(2 * np.pi * (t % 6.0 - 3.5) / 2.5)) * on
             pulse = torque * np.sin(2 * np.pi * t / 3.0) ** 2 * (t > 0) * (not on)
             shaft[c] = pulse * corner.arm.driven - mine * corner.arm.inboard_brake
             outboard[c] = mine * (not corner.arm.inboard_brake)
         engine.load(force, moment, shaft, outboard)
         before, hub = engine.accelerate()
-        if k >= first and (k - first) % EVERY == 0:
+        if k >= first:
             loads = {
                 "contact": [np.concatenate([force[c], moment[c]]) for c in CORNERS],
                 "hub": [np.concatenate(hub[c]) for c in CORNERS],
