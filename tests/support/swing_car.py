@@ -39,6 +39,7 @@ class Arm:
     driven: bool = False
     inboard_brake: bool = False
     height: float = 0.30
+    setback: float = 0.0
     stiffness: float = 22e3
     damping: float = 2.4e3
     offset: float = 3.6e3
@@ -67,7 +68,7 @@ class SwingCar:
         """(3,) wheel centre at design height."""
         origin = 0.5 * (self.arms["fl"].height + self.arms["fr"].height)
         side = 1 if c[1] == "l" else -1
-        x = 0.0 if c[0] == "f" else -WHEELBASE
+        x = (0.0 if c[0] == "f" else -WHEELBASE) - self.arms[c].setback
         return np.array([x, side * self.arms[c].track / 2, self.arms[c].height - origin])
 
 
@@ -76,7 +77,9 @@ def default_car(driven: str = "r", inboard: str = "", large: float = 0.0) -> Swi
     arms = {
         "fl": Arm(1.52, (-0.9, -0.5, 0.10), (0.25, 1.0, 0.15), 0.02, -0.004, stiffness=21e3, tyre=2.0e5),
         "fr": Arm(1.50, (-1.0, 0.4, 0.16), (-0.20, 1.0, 0.10), -0.01, 0.003, stiffness=23e3, tyre=2.05e5),
-        "rl": Arm(1.48, (0.42, -0.3, 0.06), (0.35, 1.0, -0.08), 0.03, -0.006, offset=3.1e3, carrier_mass=24.0),
+        "rl": Arm(
+            1.48, (0.42, -0.3, 0.06), (0.35, 1.0, -0.08), 0.03, -0.006, offset=3.1e3, carrier_mass=24.0, setback=0.03
+        ),
         "rr": Arm(1.46, (0.48, 0.35, 0.09), (-0.30, 1.0, 0.12), -0.03, 0.008, offset=3.2e3, damping=2.8e3),
     }
     return SwingCar(
@@ -153,7 +156,8 @@ def vehicle_text(car: SwingCar) -> str:
         arm = car.arms[c]
         lines += [
             f"[{place}]", f"track = {q(arm.track, 'm')}", f"wheel_centre_height = {q(arm.height, 'm')}",
-            f"tyre_radius = {q(RADIUS, 'm')}", f"driven = {str(arm.driven).lower()}",
+            f"tyre_radius = {q(RADIUS, 'm')}", f"setback = {q(arm.setback, 'm')}",
+            f"driven = {str(arm.driven).lower()}",
             f'brakes = "{"inboard" if arm.inboard_brake else "outboard"}"', f"[{place}.kinematics]",
         ]  # fmt: skip
         for key, column in Corner(car, c).table().items():
