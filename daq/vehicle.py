@@ -49,8 +49,8 @@ class Corner:
     """One corner of the car at design position, body axes.
 
     `position` is the wheel centre [m], setback included; `height` that of the wheel centre above a flat road [m];
-    `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the steering
-    axis [rad]; `static_toe` the toe-in [rad].
+    `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the
+    steering axis [rad]; `static_toe` the toe-in [rad].
     """
 
     name: str
