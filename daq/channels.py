@@ -26,6 +26,7 @@ class Channel:
     rate : nominal rate [Hz].
     noise : 1 σ of white noise at that rate, in `unit`, to design for.
     about : one line for a reader.
+    optional : not among the paper's instruments: a run without it is whole.
     """
 
     name: str
@@ -36,6 +37,7 @@ class Channel:
     rate: float
     noise: float
     about: str
+    optional: bool = False
 
     @property
     def width(self) -> int:
@@ -70,6 +72,12 @@ _TABLE = (
     ("camera.{c}.camber", (), "rad", "body", 100.0, 0.0003, "camber angle about x after steer"),
     ("correvit.speed", ("x", "y"), "m/s", "sensor", 250.0, 0.02, "velocity over the road at the sensor's mount"),
 )
+_OPTIONAL = (
+    # Beyond the paper's instruments: without them some seconds, or rows, of driven or braked wheels are left out.
+    ("shaft.{c}.torque", (), "N·m", "carrier", 500.0, 5.0, "half-shaft torque on the wheel, driving forward positive"),
+    ("brake.{c}.torque", (), "N·m", "carrier", 500.0, 10.0, "brake torque on the wheel, slowing forward roll positive"),
+    ("brake.pressure", (), "Pa", "body", 100.0, 2e4, "brake line pressure above the air's, 0 when released"),
+)
 
 AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
 """Axes a rig file may declare."""
@@ -77,16 +85,20 @@ AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
 
 def _build() -> dict[str, Channel]:
     out: dict[str, Channel] = {}
-    for pattern, components, unit, axes, rate, noise, about in _TABLE:
+    for row in (*_TABLE, *_OPTIONAL):
+        pattern, components, unit, axes, rate, noise, about = row
         family = pattern.replace(".{c}", "")
         names = [pattern.format(c=c) for c in CORNERS] if "{c}" in pattern else [pattern]
         for name in names:
-            out[name] = Channel(name, family, components, unit, axes, rate, noise, about)
+            out[name] = Channel(name, family, components, unit, axes, rate, noise, about, row in _OPTIONAL)
     return out
 
 
 CHANNELS: dict[str, Channel] = _build()
 """Every channel by name."""
+
+STANDARD: tuple[str, ...] = tuple(name for name, channel in CHANNELS.items() if not channel.optional)
+"""Names of the channels that the paper's instruments deliver."""
 
 FAMILIES: tuple[str, ...] = tuple(dict.fromkeys(channel.family for channel in CHANNELS.values()))
 """Every family name, in table order."""

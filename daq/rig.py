@@ -37,6 +37,10 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "camera.camber.zero": 0.0005,
     "correvit.speed.zero": 0.02,
     "correvit.speed.gain": 0.002,
+    "shaft.torque.zero": 5.0,
+    "shaft.torque.gain": 0.005,
+    "brake.torque.zero": 10.0,
+    "brake.torque.gain": 0.01,
     "latency": 0.002,
 }
 """Sensor sheet used where a rig says nothing: zeros in SI, gains as fractions, latency [s]."""

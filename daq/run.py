@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from daq.blocks import UNUSABLE
-from daq.channels import CHANNELS
+from daq.channels import STANDARD
 from daq.errors import RunError
 
 BRAKES = ("off", "used", "unknown")
@@ -44,7 +44,7 @@ class Run:
     signals : by channel name; a channel that was not measured is absent.
     vehicle, manoeuvre, rig, notes : as declared, empty when not.
     wheel_reference : ``contact`` or ``hub``, or empty when the run leaves it to the rig.
-    brakes : ``off``, ``used`` or ``unknown``: whether spin rows of undriven wheels can be used.
+    brakes : ``off``, ``used`` or ``unknown``: which rows of driven and braked wheels hold.
     vehicle_text, rig_text : full text of the files, where the log holds them.
     problems : what was wrong with the file, one plain line each.
     """
@@ -89,8 +89,8 @@ class Run:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Channels of the vocabulary that this run does not have."""
-        return tuple(name for name in CHANNELS if name not in self.signals)
+        """Channels of the paper's instruments that this run does not have."""
+        return tuple(name for name in STANDARD if name not in self.signals)
 
     def with_values(self, values: Mapping[str, NDArray[np.float64]]) -> Run:
         """The same run with other values in some channels (for simulated noise and sensor faults)."""

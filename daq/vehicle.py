@@ -48,9 +48,9 @@ class KinematicTable:
 class Corner:
     """One corner of the car at design position, body axes.
 
-    `position` is the wheel centre [m]; `height` that of the wheel centre above a flat road [m]; `tyre_radius` the
-    unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the steering axis [rad];
-    `static_toe` the toe-in [rad].
+    `position` is the wheel centre [m], setback included; `height` that of the wheel centre above a flat road [m];
+    `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the
+    steering axis [rad]; `static_toe` the toe-in [rad].
     """
 
     name: str
@@ -121,7 +121,7 @@ class Vehicle:
 
 _CORNER_KEYS = (
     "track", "wheel_centre_height", "tyre_radius", "caster", "kingpin_inclination", "driven", "brakes", "kinematics",
-    "static_camber", "static_toe",
+    "static_camber", "static_toe", "setback",
 )  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def _required(
         if key not in rows:
             reader.fault(place, f"{key} is missing" + nearest(key, [k for k in rows if k not in _CORNER_KEYS]))
         return 1.0
-    if unit == "m" and quantity.value <= 0.0:
+    if unit == "m" and quantity.value <= 0.0 and key != "setback":
         reader.fault(f"{place}.{key}", f"must be above zero, found {quantity.value:g} m")
     numbers[f"{place}.{key}"] = quantity
     return quantity.value
@@ -167,6 +167,7 @@ def _corner(
     side = 1 if name.endswith("l") else -1
     height = _required(reader, numbers, rows, "wheel_centre_height", place, "m")
     track = _required(reader, numbers, rows, "track", place, "m")
+    setback = _optional(reader, numbers, rows, "setback", place, "m")
     # Not used by the method (cameras measure the attitude): kept with its source for the reader of the file.
     _optional(reader, numbers, rows, "static_camber", place, "rad")
     driven = rows.get("driven", False)
@@ -175,7 +176,7 @@ def _corner(
         driven = False
     return Corner(
         name=name,
-        position=(0.0 if name[0] == "f" else -wheelbase, side * track / 2, height - origin_height),
+        position=((0.0 if name[0] == "f" else -wheelbase) - setback, side * track / 2, height - origin_height),
         height=height,
         tyre_radius=_required(reader, numbers, rows, "tyre_radius", place, "m"),
         caster=_optional(reader, numbers, rows, "caster", place, "rad"),

@@ -32,9 +32,10 @@ FIRST_JOINT = {corner: 7 + 9 * i for i, corner in enumerate(CORNER_OF_BRANCH)}
 
 CHASSIS = 6
 AXLE = {corner: first + 4 for corner, first in FIRST_JOINT.items()}
-"""Body numbers of the axles (wheel carriers): 11, 20, 29, 38."""
+"""The paper's numbers of the axles (wheel carriers): 11, 20, 29, 38."""
 CARRIER = {corner: first + 6 for corner, first in FIRST_JOINT.items()}
-"""Frames of the carriers, the last before the wheel: 13, 22, 31, 40."""
+"""Frames the carriers are fixed to, the last before the wheel: 13, 22, 31, 40. What the paper gives to C11 stands here,
+because a carrier also pitches; without caster and bench pitch the two are one."""
 WHEEL = {corner: first + 7 for corner, first in FIRST_JOINT.items()}
 """Body numbers of the wheels: 14, 23, 32, 41."""
 
@@ -144,7 +145,7 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
 
 
 def carrier_to_body(steer: Array, camber: Array, pitch: Array, v: Array) -> Array:
-    """Turn `v` (3, N) from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v."""
+    """Turn `v` (3, …, N) from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v."""
     return turn(2, steer, turn(0, camber, turn(1, pitch, v)))
 
 

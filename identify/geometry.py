@@ -7,18 +7,31 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 
 from daq.channels import CORNERS
 from daq.errors import RunError
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Corner, Vehicle
-from identify.car import AXLE, CHASSIS, FIRST_JOINT, WHEEL, CarChain, car_chain, kinematics, kingpin_pitch, orientation
+from identify.car import (
+    CARRIER,
+    CHASSIS,
+    FIRST_JOINT,
+    WHEEL,
+    CarChain,
+    car_chain,
+    carrier_to_body,
+    kinematics,
+    kingpin_pitch,
+    orientation,
+)
 from identify.chain import FrameMotion
 from identify.filters import Filters
 from identify.motion import CornerMotion, Motion
 from identify.reconstruct import Recording, Signals, bring_together
-from identify.rows import available, needs
+from identify.road import Road
+from identify.rows import PRESSURE, RELEASED, Torque, available, needs
 from identify.vectors import Array, cross, dot, turn, unit
 
 _CAR = car_chain()
@@ -39,19 +52,23 @@ def build_motion(recording: Recording) -> Motion:
     n = grid.size
     body = _body_motion(signals, rig, n)
     attitude = _attitude(values, rig)
-    road = _Road(signals, rig, vehicle, n)
-    normal, flat = road.normal(attitude)
+    road = Road(signals, rig, vehicle, n)
+    normal, normal_rate, flat = road.normal(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
+    grounds = () if flat else road.grounds
+    rows, left_out = available(values, vehicle, reference, recording.brakes, grounds)
     geometry = {c: _geometry(vehicle.corners[c], signals, road, q, qd, qdd) for c in CORNERS}
     frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body))
     corners: dict[str, CornerMotion] = {}
     for c, part in geometry.items():
-        axle = _turned(_CAR, AXLE[c], frames)
+        axle = _turned(_CAR, CARRIER[c], frames)
         wheel = frames[WHEEL[c] - 1]
         assert wheel is not None
-        spin_axis = turn(2, part.steer, turn(0, part.camber, unit(1) * np.ones(n)))
-        tilt = np.sqrt(1.0 - dot(spin_axis, normal) ** 2)
-        height = road.height(c, normal, part.centre)
+        spin_axis = part.spin_axis
+        lean, lean_rate = dot(spin_axis, normal), dot(part.spin_axis_rate, normal) + dot(spin_axis, normal_rate)
+        tilt = np.sqrt(1.0 - lean**2)
+        height, height_rate = road.height(c, normal, normal_rate, part.centre, part.dp_ds * part.rate)
+        torques = _torques(c, part, spin_axis, rows, values)
         corners[c] = CornerMotion(
             travel=part.travel,
             rate=part.rate,
@@ -62,7 +79,9 @@ def build_motion(recording: Recording) -> Motion:
             centre=part.centre,
             dp_ds=part.dp_ds,
             dphi_ds=part.dphi_ds,
-            axle_dphi_ds=part.axle_dphi_ds,
+            wheel_dphi_ds=torques[0],
+            torque_work=torques[1],
+            torque=torques[2],
             force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal, spin_axis),
             moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal, spin_axis),
             spin_axis=spin_axis,
@@ -71,33 +90,67 @@ def build_motion(recording: Recording) -> Motion:
             normal=normal,
             height=height,
             deflection=vehicle.corners[c].tyre_radius - height / tilt,
-            # The road's normal turns so little that its own rate is left out (second order in roll and pitch).
-            deflection_rate=-road.height_rate(c) * normal[2] / tilt,
-            centre_accel=turn(2, part.steer, turn(0, part.camber, axle.accel)),
+            deflection_rate=-height_rate / tilt - height * lean * lean_rate / tilt**3,
+            centre_accel=carrier_to_body(part.steer, part.camber, part.pitch, axle.accel),
             axle=axle,
             wheel=wheel,
         )
-    grounds = () if flat else road.grounds
-    rows, left_out = available(values, vehicle, reference, recording.brakes, grounds)
+    masks, braking = _masks(recording, rows, grounds)
+    why = f"the brakes act all the time ({PRESSURE}) and the torques on this wheel are not all measured"
+    left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
     extra = () if not flat else ("fewer than three ground lasers: a flat road and the attitude give the road's normal",)
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
-        rows=rows, left_out=left_out, usable=_masks(recording, rows, grounds), channels=frozenset(values),
-        notes=(*recording.notes, *extra),
+        rows=tuple(rows), left_out=left_out, usable=masks, channels=frozenset(values),
+        notes=(*recording.notes, *extra, *braking),
     )  # fmt: skip
 
 
-def _masks(recording: Recording, rows: tuple[str, ...], grounds: tuple[str, ...]) -> dict[str, NDArray[np.bool_]]:
+def _torques(
+    c: str, part: _Branch, spin_axis: Array, rows: Mapping[str, Torque], values: Mapping[str, Array]
+) -> tuple[Array, Array, Array]:
+    """Rotation of the wheel per unit of travel in the suspension row, work there of the torque, torque in the spin row.
+
+    Sources: `identify.rows`. Where the half-shaft's torque is eliminated, the brake's takes its place.
+    """
+    zero = np.zeros(spin_axis.shape[1])
+
+    def torque(channel: str) -> Array:
+        return values[channel][0] if channel else zero
+
+    in_suspension, in_spin = (rows.get(f"{kind}.{c}", Torque()) for kind in ("suspension", "spin"))
+    about_axis = dot(spin_axis, part.dphi_ds)
+    turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
+    work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))
+    return turned, work, torque(in_spin.shaft) - torque(in_spin.brake)
+
+
+def _masks(
+    recording: Recording, rows: Mapping[str, Torque], grounds: tuple[str, ...]
+) -> tuple[dict[str, NDArray[np.bool_]], list[str]]:
+    """Samples each row may use, (N,) by row, and what was left out because the brakes act, in words."""
     t, edge = recording.t, recording.filters.edge
     inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
+    released = np.ones(t.size, bool)
+    if any(torque.released for torque in rows.values()):
+        # The filters smear what happens while braking over their edge.
+        applied = recording.signals.value[PRESSURE][0] > RELEASED
+        released = maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
     masks: dict[str, NDArray[np.bool_]] = {}
-    for row in rows:
-        mask = inside.copy()
-        for channel in needs(row, recording.reference, grounds, recording.vehicle):
+    for row, torque in rows.items():
+        mask = inside & released if torque.released else inside.copy()
+        for channel in (*needs(row, recording.reference, grounds, recording.vehicle), *torque.channels):
             mask &= recording.usable.get(channel, True)
         masks[row] = mask
-    return masks
+    cut = [row for row, torque in rows.items() if torque.released]
+    if np.all(released):
+        return masks, []
+    seconds = float(np.count_nonzero(inside & ~released)) / recording.filters.rate
+    why = (
+        f"the brakes act ({PRESSURE} above {RELEASED / 1e5:g} bar) and the torques on these wheels are not all measured"
+    )
+    return masks, [f"left out {seconds:.1f} s of {', '.join(cut)}: {why}"]
 
 
 def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
@@ -180,12 +233,13 @@ class _Branch:
     centre: Array
     dp_ds: Array
     dphi_ds: Array
-    axle_dphi_ds: Array
+    spin_axis: Array
+    spin_axis_rate: Array
     spin: Array
     spin_accel: Array
 
 
-def _geometry(corner: Corner, signals: Signals, road: _Road, q: Array, qd: Array, qdd: Array) -> _Branch:
+def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array, qdd: Array) -> _Branch:
     """Fill the branch's joint positions and derivatives in `q`, `qd`, `qdd`, and give the corner's geometry."""
     c, first = corner.name, FIRST_JOINT[corner.name] - 1
     centre_z, speed, accel = road.centre_z(c)
@@ -193,9 +247,9 @@ def _geometry(corner: Corner, signals: Signals, road: _Road, q: Array, qd: Array
     travel = centre_z - corner.position[2]
     table = kinematics(corner, travel)
     zero = np.zeros(n)
-    steer, steer_rate, steer_accel = _scalar(signals, f"camera.{c}.steer", zero)
-    camber, camber_rate, camber_accel = _scalar(signals, f"camera.{c}.camber", zero)
-    spin, spin_accel, _ = _scalar(signals, f"wheel.{c}.speed", zero)
+    steer, steer_rate, steer_accel = signals.scalar(f"camera.{c}.steer", n)
+    camber, camber_rate, camber_accel = signals.scalar(f"camera.{c}.camber", n)
+    spin, spin_accel, _ = signals.scalar(f"wheel.{c}.speed", n)
     kingpin, slope, curvature = kingpin_pitch(corner, steer)
 
     def tabled(k: int, offset: float) -> tuple[Array, Array, Array]:
@@ -217,23 +271,16 @@ def _geometry(corner: Corner, signals: Signals, road: _Road, q: Array, qd: Array
         q[first + k], qd[first + k], qdd[first + k] = position, velocity, acceleration
     ones = np.ones(n)
     camber_axis = turn(2, steer, unit(0) * ones)
-    pitch_axis = turn(2, steer, turn(0, camber, unit(1) * ones))
-    axle_dphi_ds = unit(2) * table.slope[2] + camber_axis * table.slope[3]
+    spin_axis = turn(2, steer, turn(0, camber, unit(1) * ones))
     return _Branch(
         travel, speed, accel, steer, camber, joints[5][0] + kingpin,
         centre=np.stack([joints[1][0], joints[0][0], centre_z]),
         dp_ds=np.stack([table.slope[1], table.slope[0], ones]),
-        dphi_ds=axle_dphi_ds + pitch_axis * table.slope[4],
-        axle_dphi_ds=axle_dphi_ds,
+        dphi_ds=unit(2) * table.slope[2] + camber_axis * table.slope[3] + spin_axis * table.slope[4],
+        spin_axis=spin_axis,
+        spin_axis_rate=cross(unit(2) * steer_rate + camber_axis * camber_rate, spin_axis),
         spin=spin, spin_accel=spin_accel,
     )  # fmt: skip
-
-
-def _scalar(signals: Signals, channel: str, absent: Array) -> tuple[Array, Array, Array]:
-    """A scalar channel with its two derivatives, `absent` where there is none."""
-    parts = (part.get(channel) for part in (signals.value, signals.rate, signals.accel))
-    value, rate, accel = (absent if part is None else part[0] for part in parts)
-    return value, rate, accel
 
 
 def _load_in_body(
@@ -256,61 +303,3 @@ def _load_in_body(
     if sensor is not None and axes == "sensor":  # mounted askew in the carrier
         load = orientation(sensor.orientation) @ load
     return turn(2, part.steer, turn(0, part.camber, turn(1, part.pitch, load)))
-
-
-class _Road:
-    """Laser mounts, wheel-centre heights and the road under them."""
-
-    def __init__(self, signals: Signals, rig: Rig, vehicle: Vehicle, n: int):
-        self.signals, self.vehicle, self.n = signals, vehicle, n
-        self.mount = {c: _laser_mount(rig, vehicle.corners[c]) for c in CORNERS}
-        self.grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in signals.value)
-
-    def centre_z(self, c: str) -> tuple[Array, Array, Array]:
-        """Wheel-centre height in body axes [m] and its derivatives, (N,); at design where it is not measured."""
-        zero = np.zeros(self.n)
-        hub, rate, accel = _scalar(self.signals, f"laser.{c}.hub", zero)
-        if f"laser.{c}.hub" not in self.signals.value:
-            return zero + self.vehicle.corners[c].position[2], zero, zero
-        return self.mount[c][2] - hub, -rate, -accel
-
-    def point(self, c: str) -> Array:
-        """(3, N) point of the road under a ground laser, body axes."""
-        mount = self.mount[c]
-        z = mount[2] - self.signals.value[f"laser.{c}.ground"][0]
-        return np.stack([np.full(self.n, mount[0]), np.full(self.n, mount[1]), z])
-
-    def normal(self, attitude: Array | None) -> tuple[Array, bool]:
-        """(3, N) unit normal of the plane through the ground-laser points, and whether a flat road was assumed."""
-        ones = np.ones(self.n)
-        if len(self.grounds) >= 3:
-            xy = np.array([[1.0, self.mount[c][0], self.mount[c][1]] for c in self.grounds])
-            z = np.stack([self.point(c)[2] for c in self.grounds])
-            _, slope_x, slope_y = np.linalg.pinv(xy) @ z
-            normal = np.stack([-slope_x, -slope_y, ones])
-            return normal / np.linalg.norm(normal, axis=0), False
-        if attitude is None:
-            return unit(2) * ones, True
-        roll, pitch, _ = attitude
-        return turn(0, -roll, turn(1, -pitch, unit(2) * ones)), True
-
-    def height(self, c: str, normal: Array, centre: Array) -> Array:
-        """(N,) wheel centre (3, N) above the road along its normal [m]."""
-        if c not in self.grounds:
-            return np.full(self.n, self.vehicle.corners[c].height)
-        return dot(centre - self.point(c), normal)
-
-    def height_rate(self, c: str) -> Array:
-        """(N,) rate of the wheel centre's height above the road, along body z [m/s]."""
-        ground = self.signals.rate.get(f"laser.{c}.ground")
-        return np.zeros(self.n) if ground is None else self.centre_z(c)[1] + ground[0]
-
-
-def _laser_mount(rig: Rig, corner: Corner) -> Array:
-    """(3,) where a corner's lasers are mounted, body axes [m]; 0.3 m above the wheel centre where the rig is silent."""
-    sensor = rig.sensor_of(f"laser.{corner.name}.hub") or rig.sensor_of(f"laser.{corner.name}.ground")
-    centre = np.asarray(corner.position)
-    if sensor is not None and corner.name in sensor.position:
-        return np.asarray(sensor.position[corner.name])
-    offset = (0.0, 0.0, 0.3) if sensor is None or sensor.from_wheel_centre is None else sensor.from_wheel_centre
-    return centre + np.asarray(offset)

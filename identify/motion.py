@@ -23,16 +23,19 @@ class CornerMotion:
     steer, camber, pitch : carrier attitude Rz(steer) Rx(camber) Ry(pitch) [rad].
     centre : wheel centre from the body origin [m].
     dp_ds, dphi_ds : wheel-centre position and carrier rotation per unit of travel, from the bench tables.
-    axle_dphi_ds : the same for the axle's body, which in the paper's chain stands before the carrier's pitch.
+    wheel_dphi_ds : the same for the wheel: equal to dphi_ds, or without its part about the spin axis in a suspension
+        row from which the half-shaft torque was eliminated.
+    torque_work : work per unit of travel of the torque that enters the suspension row [N].
+    torque : torque on the wheel that enters the spin row, half-shaft less brake [N·m].
     force, moment : measured wheel load, about the wheel centre [N, N·m].
     spin_axis : the wheel's axis, to the left.
     spin, spin_accel : wheel speed about it [rad/s], and its derivative.
     normal : the road's normal.
     height : wheel centre above the road along the normal [m].
     deflection : tyre deflection δ = R0 − h/√(1 − (n·e)²) [m].
-    deflection_rate : its derivative [m/s].
+    deflection_rate : its derivative, the road's normal turning with the ground lasers' rates [m/s].
     centre_accel : specific force at the wheel centre [m/s²].
-    axle : motion of the axle's body in body-like axes.
+    axle : motion of the axle's body (the wheel carrier) in carrier axes.
     wheel : motion of the wheel in its joint frame, z along the spin axis.
     """
 
@@ -45,7 +48,9 @@ class CornerMotion:
     centre: Array
     dp_ds: Array
     dphi_ds: Array
-    axle_dphi_ds: Array
+    wheel_dphi_ds: Array
+    torque_work: Array
+    torque: Array
     force: Array
     moment: Array
     spin_axis: Array
@@ -99,8 +104,8 @@ class Motion:
         """(N,) the measured left side of a row [N or N·m].
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
-        the wheel load per unit of travel; a tyre row the load along the road normal; a spin row the moment about the
-        wheel's axis.
+        the wheel load and of the torque on the wheel per unit of travel; a tyre row the load along the road normal; a
+        spin row the moment and the torque about the wheel's axis (`identify.rows`).
         """
         kind, name = row.split(".")
         if kind == "chassis":
@@ -110,10 +115,10 @@ class Motion:
             return np.sum([c.moment[axis] + cross(c.centre, c.force)[axis] for c in self.corners.values()], axis=0)
         corner = self.corners[name]
         if kind == "suspension":
-            return dot(corner.force, corner.dp_ds) + dot(corner.moment, corner.dphi_ds)
+            return dot(corner.force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
         if kind == "tyre":
             return dot(corner.force, corner.normal)
-        return dot(corner.moment, corner.spin_axis)
+        return dot(corner.moment, corner.spin_axis) + corner.torque
 
     def kept(self, row: str) -> NDArray[np.intp]:
         """Indices of the samples of a row that enter the fit, after decimation."""

@@ -40,6 +40,12 @@ class Signals:
         second = {name: derivative(first[name], rate) for name in first if _derived(name) == 2}
         return cls(value, first, second)
 
+    def scalar(self, channel: str, n: int) -> tuple[Array, Array, Array]:
+        """A scalar channel with its two derivatives, (n,) each; zeros for what there is not."""
+        parts = (part.get(channel) for part in (self.value, self.rate, self.accel))
+        value, rate, accel = (np.zeros(n) if part is None else part[0] for part in parts)
+        return value, rate, accel
+
     def at(self, index: NDArray[np.intp] | slice) -> Signals:
         """The same at some of the samples."""
         return Signals(

@@ -1,14 +1,32 @@
-"""The rows of the equations: their names and units, what each needs measured, and why a row can be absent."""
+"""The rows of the equations: what each one is, what it needs measured, and why one can be absent.
+
+F, M: measured wheel load in body axes, about the wheel centre; p, φ: wheel centre and carrier rotation relative to the
+body; s: suspension travel along body z; n: spin axis; e: the road's normal. Inertia is that of all bodies where the
+loads are ``contact`` loads, of those inboard of the transducer where they are ``hub`` loads.
+
+- ``chassis.f*``, ``chassis.m*``: ΣF and Σ(M + p × F) about the body origin, in body axes = inertia. Drive and brake
+  torques are internal to the car and do not appear.
+- ``suspension.{c}``: F·∂p/∂s + M·∂φ/∂s + T_shaft n·∂φ/∂s = inertia_s + k s + c ṡ + offset. The slopes are those of the
+  bench tables. T_shaft is the torque of the half-shaft on the wheel, of the engine and of inboard brakes; it reacts on
+  the body. Outboard brakes act between wheel and carrier and do no work. Where T_shaft is not measured it is taken from
+  the spin row, T_shaft = I ω̇ + T_brake − n·M, which leaves
+  F·∂p/∂s + M·ψ + T_brake n·∂φ/∂s = inertia_s with ψ for ∂φ/∂s in the wheel's part + k s + c ṡ + offset,
+  ψ = ∂φ/∂s − n (n·∂φ/∂s): the virtual motion in which the wheel does not turn about its axis.
+- ``tyre.{c}``: F·e = kt δ (``contact``), F·e = kt δ − m_out a·e (``hub``), δ = R0 − h/√(1 − (n·e)²).
+- ``spin.{c}``: n·M + T_shaft − T_brake = I ω̇, ω̇ in space: that of the wheel on its carrier and of the carrier.
+
+Torques are positive when they drive (shaft) and when they slow (brake) a wheel that rolls forward. Docs: rows.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container
+from dataclasses import dataclass
 
 import numpy as np
 
 from daq.channels import CORNERS
 from daq.vehicle import Corner, Vehicle
-from identify.vectors import Array
 
 CHASSIS_ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
 SUSPENSION_ROWS = tuple(f"suspension.{c}" for c in CORNERS)
@@ -16,6 +34,16 @@ TYRE_ROWS = tuple(f"tyre.{c}" for c in CORNERS)
 SPIN_ROWS = tuple(f"spin.{c}" for c in CORNERS)
 ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
 """Every row of the equations, in the order of all reports."""
+
+PRESSURE = "brake.pressure"
+"""Channel that tells when the brakes are applied."""
+RELEASED = 1e5
+"""Brake line pressure below which the brakes count as released [Pa]."""
+SMALL_SLOPE = 0.01
+"""A half-shaft that turns with the travel by less than this is neglected while outboard brakes act [rad/m]: an
+engine's braking torque of 300 N·m at the wheel works 3 N."""
+_LARGE_CAMBER = 0.1
+"""Camber with which a carrier's toe change counts as turning about the spin axis, where its size matters [rad]."""
 
 
 def row_unit(row: str) -> str:
@@ -26,7 +54,7 @@ def row_unit(row: str) -> str:
 def needs(
     row: str, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
 ) -> tuple[str, ...]:
-    """Channels without which a row does not exist.
+    """Channels without which a row does not exist, torques apart (`torque_in`).
 
     `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with it, what only a bench table brings
     in is not asked for where there is none.
@@ -58,28 +86,112 @@ def _turns(corner: Corner) -> bool:
     return table is not None and any(np.any(np.diff(column)) for column in (table.toe, table.camber, table.pitch))
 
 
+@dataclass(frozen=True)
+class Torque:
+    """How the torques on a wheel enter one row.
+
+    Attributes
+    ----------
+    shaft, brake : channel of the torque that enters, or empty where it is zero or not in the row.
+    eliminated : a suspension row from which the half-shaft's torque was eliminated with the spin row.
+    released : the row holds only while the brakes are released, which `PRESSURE` tells.
+    missing : why the row cannot be formed, or empty.
+    """
+
+    shaft: str = ""
+    brake: str = ""
+    eliminated: bool = False
+    released: bool = False
+    missing: str = ""
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels the row needs for its torques."""
+        return tuple(name for name in (self.shaft, self.brake, PRESSURE if self.released else "") if name)
+
+
+def torque_in(row: str, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
+    """How the torques on the wheel enter `row`, with the channels `measured` and the run's brakes as declared."""
+    kind, _, name = row.partition(".")
+    if kind == "suspension":
+        return _suspension_torque(vehicle.corners[name], measured, brakes)
+    if kind == "spin":
+        return _spin_torque(vehicle.corners[name], measured, brakes)
+    return Torque()
+
+
+def _suspension_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
+    shaft, brake = f"shaft.{corner.name}.torque", f"brake.{corner.name}.torque"
+    inboard, slope = corner.brakes == "inboard", _shaft_slope(corner)
+    if slope == 0.0:
+        return Torque()
+    if shaft in measured:
+        return Torque(shaft=shaft)
+    if not (corner.driven or inboard):
+        return Torque()
+    if inboard:
+        return Torque(eliminated=True)
+    if brakes == "off":
+        return Torque(eliminated=True, released=PRESSURE in measured)
+    if brake in measured:
+        return Torque(brake=brake, eliminated=True)
+    if slope < SMALL_SLOPE:
+        return Torque()
+    if PRESSURE in measured:
+        return Torque(eliminated=True, released=True)
+    return Torque(
+        missing=f"the half-shaft torque acts on this travel (the bench table turns the carrier) and neither it "
+        f"({shaft}) nor the brake torque ({brake}) nor when the brakes act ({PRESSURE}) is measured; "
+        f"{_declared(brakes)}"
+    )
+
+
+def _spin_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
+    shaft, brake = f"shaft.{corner.name}.torque", f"brake.{corner.name}.torque"
+    if shaft not in measured:
+        if corner.driven:
+            return Torque(missing=f"the drive torque of this wheel is not measured ({shaft})")
+        shaft = ""
+    elif corner.brakes == "inboard":  # the brake's torque is in the half-shaft's
+        return Torque(shaft=shaft)
+    if brakes == "off":
+        return Torque(shaft=shaft, released=PRESSURE in measured)
+    if brake in measured:
+        return Torque(shaft=shaft, brake=brake)
+    if PRESSURE in measured:
+        return Torque(shaft=shaft, released=True)
+    return Torque(
+        missing=f"neither the brake torque of this wheel ({brake}) nor when the brakes act ({PRESSURE}) is measured; "
+        f"{_declared(brakes)}"
+    )
+
+
+def _declared(brakes: str) -> str:
+    return f"the run's brakes are '{brakes}' (say brakes = 'off' where they were not touched)"
+
+
+def _shaft_slope(corner: Corner) -> float:
+    """How far the carrier at most turns about the spin axis per unit of travel, n·∂φ/∂s [rad/m], by its table."""
+    if corner.table is None:
+        return 0.0
+    travel = corner.table.travel
+    pitch, toe = (np.max(np.abs(np.gradient(column, travel))) for column in (corner.table.pitch, corner.table.toe))
+    return float(pitch + _LARGE_CAMBER * toe)
+
+
 def available(
-    values: Mapping[str, Array], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
-) -> tuple[tuple[str, ...], dict[str, str]]:
-    rows: list[str] = []
+    measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
+) -> tuple[dict[str, Torque], dict[str, str]]:
+    """The rows whose left side is measured, with how torques enter them, and why each other row is absent."""
+    rows: dict[str, Torque] = {}
     left_out: dict[str, str] = {}
     for row in ROWS:
-        kind, name = row.split(".")
-        absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in values]
+        absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in measured]
+        torque = torque_in(row, vehicle, measured, brakes)
         if absent:
             left_out[row] = f"not measured: {', '.join(absent)}"
-        elif kind == "spin" and vehicle.corners[name].driven:
-            left_out[row] = "the drive torque of this wheel is not measured"
-        elif kind == "spin" and brakes != "off":
-            left_out[row] = f"the brake torque is not measured and the run's brakes are '{brakes}' (say brakes = 'off')"
-        elif kind == "suspension" and _shaft_matters(vehicle.corners[name]):
-            left_out[row] = "the half-shaft torque acts on this travel (carrier pitch in the bench table) unmeasured"
+        elif torque.missing:
+            left_out[row] = torque.missing
         else:
-            rows.append(row)
-    return tuple(rows), left_out
-
-
-def _shaft_matters(corner: Corner) -> bool:
-    """Half-shaft or inboard-brake torque works on the travel when the carrier pitches with it."""
-    pitches = corner.table is not None and bool(np.any(corner.table.pitch))
-    return pitches and (corner.driven or corner.brakes == "inboard")
+            rows[row] = torque
+    return rows, left_out

@@ -117,7 +117,7 @@ def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnin
             if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
         }
         drive = Drive.of(replace(run, signals=kept), vehicle, rig, filters)
-    warnings += [f"{run.name}: {note}" for note in drive.recording.notes]
+    warnings += [f"{run.name}: {note}" for note in drive.motion.notes]
     if not drive.rows:
         reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")

@@ -18,6 +18,9 @@ from simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_back
 
 Array = NDArray[np.float64]
 
+BRAKE_TORQUE_PER_PASCAL = 25.0 / 1e5
+"""A front brake's torque for its pressure [N·m/Pa]: 25 N·m a bar, usual for a disc of a passenger car."""
+
 DEFAULT_MOUNT = (0.0, 0.0, 0.30)
 """Laser mount from the design wheel centre [m] where a rig does not say."""
 
@@ -53,6 +56,8 @@ def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> di
         if any(family.startswith("camera.") for family in families):
             made |= {f"camera.{c}.steer": motion.steer[:, i : i + 1] for i, c in enumerate(CORNERS)}
             made |= {f"camera.{c}.camber": motion.camber[:, i : i + 1] for i, c in enumerate(CORNERS)}
+        if families & {"shaft.torque", "brake.torque", "brake.pressure"}:
+            made |= _torques(motion)
         if "correvit.speed" in families:
             made |= _correvit(motion, sensor, faults)
         out |= {name: made[name] for name in sensor.channels}
@@ -133,6 +138,13 @@ def _lasers(motion: SimulatedMotion, sensor: Sensor) -> dict[str, Array]:
         out[f"laser.{corner}.ground"] = distance[:, None]
         out[f"laser.{corner}.hub"] = (mount[2] - motion.wheel_centres[:, i, 2])[:, None]
     return out
+
+
+def _torques(motion: SimulatedMotion) -> dict[str, Array]:
+    out = {f"shaft.{c}.torque": motion.shaft[:, i : i + 1] for i, c in enumerate(CORNERS)}
+    out |= {f"brake.{c}.torque": motion.brake[:, i : i + 1] for i, c in enumerate(CORNERS)}
+    front = np.max(np.abs(motion.brake[:, :2]), axis=1)
+    return out | {"brake.pressure": (front / BRAKE_TORQUE_PER_PASCAL)[:, None]}
 
 
 def _correvit(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:

@@ -7,12 +7,12 @@ from typing import Self
 import numpy as np
 
 from daq.vehicle import Vehicle
-from identify.car import AXLE, CHASSIS, WHEEL, car_chain
+from identify.car import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
 from identify.chain import FrameMotion
 from identify.effect import Effect, Parameter
 from identify.motion import CornerMotion, Motion
 from identify.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
-from identify.vectors import Array, cross, dot, turn
+from identify.vectors import Array, cross, dot
 
 # Largest plausible values: a loaded light truck's chassis; an axle (hub, brake, knuckle, share of the arms) of at most
 # 100 kg within 0.2 m of its wheel centre; a wheel of at most 60 kg and 0.4 m.
@@ -26,8 +26,9 @@ _LARGEST = {
 class RigidBody(Effect):
     """Inertia of one body (Newton and Euler, through the modified DH chain).
 
-    Chassis and axles are given in body-like axes (x forward, y left, z up), axles about their wheel centre, as the
-    paper prints them; wheels in their joint frame, whose z is the spin axis (ZZ14), as bodies of revolution.
+    The chassis is given in body axes; axles in carrier axes (x forward, y left, z up) about their wheel centre: the
+    paper's C11 … C38, whose inertia turns with the carrier, its pitch included; wheels in their joint frame, whose z is
+    the spin axis (ZZ14), as bodies of revolution.
     """
 
     name = "body"
@@ -97,14 +98,13 @@ class RigidBody(Effect):
     def _rows(self, corner: CornerMotion, force: Array, moment: Array) -> dict[str, Array]:
         """Carry a wrench about the wheel centre, (3, …, N) in the body's frame, to the rows it acts on."""
         name = self.where.partition(".")[2]
-        spin, dphi_ds = None, corner.axle_dphi_ds
+        spin, dphi_ds = None, corner.dphi_ds
         if self.where.startswith("wheel"):
             to_carrier = car_chain().to_body[self.number - 1]
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
-            spin, dphi_ds = moment[1], corner.dphi_ds
-            force, moment = turn(1, corner.pitch, force), turn(1, corner.pitch, moment)
-        force = turn(2, corner.steer, turn(0, corner.camber, force))
-        moment = turn(2, corner.steer, turn(0, corner.camber, moment))
+            spin, dphi_ds = moment[1], corner.wheel_dphi_ds
+        attitude = (corner.steer, corner.camber, corner.pitch)
+        force, moment = carrier_to_body(*attitude, force), carrier_to_body(*attitude, moment)
         centre, dp_ds, dphi_ds = (v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, dphi_ds))
         about_origin = moment + cross(centre, force)
         out = {row: (*force, *about_origin)[k] for k, row in enumerate(_CHASSIS)}

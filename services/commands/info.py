@@ -57,7 +57,15 @@ def run(args: argparse.Namespace) -> int:
 
 def _channels() -> list[dict[str, Any]]:
     lines = [
-        [c.name, " ".join(c.components) or "-", c.unit, c.axes, f"{c.rate:g}", f"{c.noise:g}", c.about]
+        [
+            c.name,
+            " ".join(c.components) or "-",
+            c.unit,
+            c.axes,
+            f"{c.rate:g}",
+            f"{c.noise:g}",
+            c.about + c.optional * " (optional)",
+        ]
         for c in CHANNELS.values()
     ]
     print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, left=7))

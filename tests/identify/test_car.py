@@ -119,7 +119,7 @@ def test_branches_move_as_in_the_full_chain(case) -> None:
     motion, states = case
     frames = CHAIN.propagate(*(x.T for x in states))
     for c, corner in motion.corners.items():
-        axle, to_body = frames[AXLE[c] - 1], car_chain().to_body[AXLE[c] - 1]
+        axle, to_body = frames[CARRIER[c] - 1], car_chain().to_body[CARRIER[c] - 1]
         wheel = frames[WHEEL[c] - 1]
         assert axle is not None
         assert wheel is not None
@@ -153,6 +153,7 @@ def projected(motion: Motion, states: tuple[np.ndarray, np.ndarray, np.ndarray])
 def standard(effect: RigidBody) -> np.ndarray:
     """(420, p) standard parameters of the chain per parameter of a rigid body's effect."""
     number, p = effect.number, len(effect.parameters)
+    number += CARRIER["fl"] - AXLE["fl"] if effect.where.startswith("axle") else 0  # the carrier pitches
     to_body = car_chain().to_body[number - 1]
     out = np.zeros((420, p))
     for k in range(p):

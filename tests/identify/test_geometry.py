@@ -284,17 +284,6 @@ def test_driven_and_braked_wheels_have_no_spin_row() -> None:
     assert "brake torque" in unknown.left_out["spin.rl"]
 
 
-def test_shaft_torque_on_a_pitching_carrier_takes_the_row_out() -> None:
-    """A driven corner whose bench table pitches the carrier: half-shaft torque works on the travel, unmeasured."""
-    run, _ = made_run()
-    driven = {c: replace(k, driven=True) for c, k in VEHICLE_T.corners.items()}
-    motion = reconstruct(run, replace(VEHICLE_T, corners=driven), RIG)
-    assert "half-shaft" in motion.left_out["suspension.fl"]
-    free = cars.with_tables(VEHICLE, pitch=False)
-    driven = {c: replace(k, driven=True) for c, k in free.corners.items()}
-    assert "suspension.fl" in reconstruct(run, replace(free, corners=driven), RIG).rows
-
-
 def test_nothing_measured_is_said() -> None:
     """A run with speed alone has no row: the error gives the reasons."""
     run, _ = made_run()

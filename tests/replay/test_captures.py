@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from daq.blocks import Block
-from daq.channels import CHANNELS
+from daq.channels import CHANNELS, STANDARD
 from daq.log import LogReader
 from daq.rig import Rig
 from daq.run import Run
@@ -95,7 +95,7 @@ def test_a_capture_is_whole(capture: Path, decoded: dict[Path, Path]):
     for source, rate in FRAMES.items():
         assert len(raw.frames(source)) == stop.counts[source] == pytest.approx(rate * DURATION, abs=12)
     blocks = log.blocks()
-    assert set(blocks) == set(CHANNELS)
+    assert set(blocks) == set(STANDARD)
     for name, block in blocks.items():
         assert len(block) == pytest.approx(CHANNELS[name].rate * DURATION, abs=1)
         assert not np.any(block.flags)

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from daq.blocks import Block, Flag
-from daq.channels import CHANNELS, CORNERS
+from daq.channels import CHANNELS, CORNERS, STANDARD
 from daq.frames import Frames
 from daq.log import LogReader, LogWriter, StartRecord, StopRecord
 from daq.rig import Rig
@@ -120,7 +120,7 @@ def test_decode_gives_what_was_sent(capture: Path, tmp_path: Path, frames: list[
     reader = LogReader(out)
     assert reader.damage == []
     blocks = reader.blocks()
-    assert set(blocks) == set(CHANNELS)
+    assert set(blocks) == set(STANDARD)
     for channel, block in blocks.items():
         sent = measured(channel)
         assert (block.flags == 0).all(), channel

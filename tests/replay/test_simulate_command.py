@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from daq.channels import CHANNELS
+from daq.channels import CHANNELS, STANDARD
 from daq.log import LogReader
 from daq.rig import Rig
 from daq.run import Run
@@ -86,7 +86,7 @@ def test_tables_can_be_identified_with_what_lies_beside_them(tmp_path: Path, rig
     words = ["simulate", "--rig", rig, "--manoeuvre", "sinus", "--manoeuvre", "sinus", *SHORT, "--format", "parquet"]
     assert lacet(*words, "--hide", "anti_roll_bar.front=19780", "-o", out, "--truth", truth, "--json", result) == 0
     run = Run.open(out / "sinus-1.parquet")
-    assert set(run.signals) == set(CHANNELS)
+    assert set(run.signals) == set(STANDARD)
     assert (run.vehicle, run.rig, run.wheel_reference, run.brakes) == ("peugeot-406", "trial", "hub", "off")
     vehicle = Vehicle.load(out / "peugeot-406.toml")
     centres = find_car("peugeot-406").wheel_centres
@@ -115,7 +115,7 @@ def test_a_capture_decodes_to_what_the_sensors_delivered(tmp_path: Path, rig: Pa
     motion = drive(find_car("peugeot-406"), make_manoeuvre("liftoff", duration=2), seed=4)
     blocks = measure(motion, Rig.load(rig), 4, sheet=Sheet(seed=4))
     decoded = LogReader(tmp_path / "log.mcap").blocks()
-    assert set(decoded) == set(CHANNELS)
+    assert set(decoded) == set(STANDARD)
     for name, block in blocks.items():
         assert np.array_equal(decoded[name].t_ns, block.t_ns)
         assert not np.any(decoded[name].flags)
@@ -124,7 +124,7 @@ def test_a_capture_decodes_to_what_the_sensors_delivered(tmp_path: Path, rig: Pa
             step = np.mod(step + np.pi, 2 * np.pi) - np.pi
         assert np.max(np.abs(step)) < CHANNELS[name].noise  # quantisation lies below the noise
     run = Run.open(tmp_path / "log.mcap")
-    assert set(run.signals) == set(CHANNELS)
+    assert set(run.signals) == set(STANDARD)
     assert run.signals["wheel.fl.force"].t[-1] == pytest.approx(2.0, abs=0.1)
 
 

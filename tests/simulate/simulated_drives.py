@@ -58,6 +58,10 @@ channels = ["correvit.speed"]
 axes = "heading"
 position = [-3.2, 0.0, 0.01]
 latency = 0.012
+[[sensor]]
+name = "torques"
+channels = ["shaft.*", "brake.*"]
+latency = 0.003
 """
 
 

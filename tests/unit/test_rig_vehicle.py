@@ -241,6 +241,16 @@ def test_every_fault_of_a_vehicle_at_once() -> None:
     assert len(faults) == len(set(faults)), "a fault of an axle is said once, not once a corner"
 
 
+def test_a_wheel_may_stand_behind_its_axle() -> None:
+    """Setback moves one wheel centre rearwards, and may be negative; lasers mounted from it move along."""
+    row = 'setback = {{ value = {}, unit = "mm", source = "a car with another wheelbase on each side" }}\n'
+    plain = Vehicle.parse(CAR_TEXT)
+    car = Vehicle.parse(CAR_TEXT + "\n[corner.rl]\n" + row.format(48) + "[corner.fr]\n" + row.format(-3))
+    moved = {c: car.corners[c].position[0] - plain.corners[c].position[0] for c in CORNERS}
+    assert moved == pytest.approx({"fl": 0.0, "fr": 0.003, "rl": -0.048, "rr": 0.0})
+    assert [k.position[1:] for k in car.corners.values()] == [k.position[1:] for k in plain.corners.values()]
+
+
 def test_lengths_are_above_zero() -> None:
     """A negative track is a slip of the pen, not a car."""
     assert has(car_faults(CAR_TEXT.replace("value = 1.48", "value = -1.48")), "axle.rear.track", "above zero")

@@ -1,0 +1,79 @@
+"""The road under the car, from the ground lasers: its normal, and the wheel centres' heights above it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from daq.channels import CORNERS
+from daq.rig import Rig
+from daq.vehicle import Corner, Vehicle
+from identify.reconstruct import Signals
+from identify.vectors import Array, cross, dot, turn, unit
+
+
+class Road:
+    """Laser mounts, wheel-centre heights and the plane through the points the ground lasers see.
+
+    Parameters
+    ----------
+    signals : N samples of all channels.
+    """
+
+    def __init__(self, signals: Signals, rig: Rig, vehicle: Vehicle, n: int):
+        self.signals, self.vehicle, self.n = signals, vehicle, n
+        self.mount = {c: laser_mount(rig, vehicle.corners[c]) for c in CORNERS}
+        self.grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in signals.value)
+
+    def centre_z(self, c: str) -> tuple[Array, Array, Array]:
+        """Wheel-centre height in body axes [m] and its derivatives, (N,); at design where it is not measured."""
+        hub, rate, accel = self.signals.scalar(f"laser.{c}.hub", self.n)
+        if f"laser.{c}.hub" not in self.signals.value:
+            return hub + self.vehicle.corners[c].position[2], rate, accel
+        return self.mount[c][2] - hub, -rate, -accel
+
+    def point(self, c: str) -> Array:
+        """(3, N) point of the road under a ground laser, body axes."""
+        mount = self.mount[c]
+        z = mount[2] - self.signals.value[f"laser.{c}.ground"][0]
+        return np.stack([np.full(self.n, mount[0]), np.full(self.n, mount[1]), z])
+
+    def normal(self, attitude: Array | None, omega: Array) -> tuple[Array, Array, bool]:
+        """(3, N) unit normal of the plane through the ground-laser points, its rate, and whether a flat road was taken.
+
+        `attitude`, `omega` : of the body, for a flat road where fewer than three lasers look at it.
+        """
+        if len(self.grounds) >= 3:
+            xy = np.array([[1.0, self.mount[c][0], self.mount[c][1]] for c in self.grounds])
+            z = np.stack([self.point(c)[2] for c in self.grounds])
+            z_rate = -np.stack([self.signals.scalar(f"laser.{c}.ground", self.n)[1] for c in self.grounds])
+            fit = np.linalg.pinv(xy)[1:]
+            up = np.concatenate([-fit @ z, np.ones((1, self.n))])
+            size = np.linalg.norm(up, axis=0)
+            normal, swing = up / size, np.concatenate([-fit @ z_rate, np.zeros((1, self.n))]) / size
+            return normal, swing - normal * dot(normal, swing), False
+        normal = unit(2) * np.ones(self.n)
+        if attitude is not None:
+            roll, pitch, _ = attitude
+            normal = turn(0, -roll, turn(1, -pitch, normal))
+        return normal, cross(normal, omega), True
+
+    def height(self, c: str, normal: Array, normal_rate: Array, centre: Array, velocity: Array) -> tuple[Array, Array]:
+        """(N,) wheel centre above the road along its normal [m], and its rate [m/s].
+
+        `normal`, `centre` and their rates `normal_rate`, `velocity` : (3, N), relative to the body.
+        """
+        if c not in self.grounds:
+            return np.full(self.n, self.vehicle.corners[c].height), np.zeros(self.n)
+        ground_rate = self.signals.scalar(f"laser.{c}.ground", self.n)[1]
+        gap = centre - self.point(c)
+        return dot(gap, normal), dot(velocity + unit(2) * ground_rate, normal) + dot(gap, normal_rate)
+
+
+def laser_mount(rig: Rig, corner: Corner) -> Array:
+    """(3,) where a corner's lasers are mounted, body axes [m]; 0.3 m above the wheel centre where the rig is silent."""
+    sensor = rig.sensor_of(f"laser.{corner.name}.hub") or rig.sensor_of(f"laser.{corner.name}.ground")
+    centre = np.asarray(corner.position)
+    if sensor is not None and corner.name in sensor.position:
+        return np.asarray(sensor.position[corner.name])
+    offset = (0.0, 0.0, 0.3) if sensor is None or sensor.from_wheel_centre is None else sensor.from_wheel_centre
+    return centre + np.asarray(offset)
