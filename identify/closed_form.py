@@ -1,0 +1,260 @@
+"""Relations between base parameters as formulas: polynomials of the table's lengths, and of sines of its angles.
+
+The regrouping relations of Khalil and Dombre (2002, chapter 9) are polynomials of this kind. They are found here without
+a case for every kind of joint: the relations are computed for several random tables of the same structure, and each is
+fitted by few monomials of the right unit. What the fit gives must hold for tables it has not seen, and for the chain's
+own numbers; where it does not, the number stands.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from identify.base import combine
+from identify.expression import Expression
+from identify.symbolic_table import ANGLES, LENGTHS
+from identify.vectors import Array
+
+if TYPE_CHECKING:
+    from identify.chain_base import ChainBase
+
+_MOST = 60
+"""Monomials tried for one relation at most; a longer formula helps nobody."""
+_SPARE = 4
+"""Tables beyond the number of monomials: those the fit must foretell."""
+_SAME = 1e-8
+
+
+def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
+    """Formulas of `base.relations`: text, a number where there is no formula, nothing where it is 0."""
+    study = base.study
+    b, d = len(base.independent), len(base.dependent)
+    if not b or not d:
+        return ((),) * b
+    rng = np.random.default_rng(5)
+    tables: list[dict[str, float]] = []
+    draws: list[Array] = []
+    shared = False
+
+    def draw(count: int) -> None:
+        while len(draws) < count:
+            numbers, values = study.varied(rng, shared)
+            found, left = combine(study.matrix(numbers), base.independent, base.dependent)
+            if left > 1e-7:  # lengths that were equal may have to stay so
+                raise _OtherStructure
+            tables.append(values)
+            draws.append(found)
+
+    for shared in (False, True):
+        tables.clear()
+        draws.clear()
+        try:
+            draw(3)
+            break
+        except _OtherStructure:
+            continue
+    else:
+        return tuple(tuple(_number(float(x)) for x in row) for row in base.relations)
+    needed = np.full((b, d), 0)
+    spread = np.ptp(np.stack(draws), axis=0)
+    moving = [(i, k) for i in range(b) for k in range(d) if spread[i, k] > _SAME]
+    bases = {cell: _monomials(base, *cell) for cell in moving}
+    for (i, k), monomials in bases.items():
+        needed[i, k] = len(monomials)
+    try:
+        draw(int(np.max(needed, initial=0)) + _SPARE)
+    except _OtherStructure:  # met with so late: cannot be told, and the numbers stand
+        return tuple(tuple(_number(float(x)) for x in row) for row in base.relations)
+    stacked = np.stack(draws)
+    out = [[""] * d for _ in range(b)]
+    actual = study.actual_values()
+    for i, k in itertools.product(range(b), range(d)):
+        series = stacked[:, i, k]
+        if np.max(np.abs(series)) < _SAME:
+            continue
+        monomials = bases.get((i, k), ["1"])
+        text = _fitted(series, tables, monomials, _angles(base, i, k))
+        number = float(base.relations[i, k])
+        if text and not math.isnan(number):
+            value = Expression.parse(text).value({**study.chain.values, **actual})
+            unit = study.size ** float(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
+            text = text if abs(value - number) <= 1e-9 * max(unit, abs(value)) else ""
+        out[i][k] = text or ("?" if math.isnan(number) else _number(number))
+    return tuple(tuple(row) for row in out)
+
+
+class _OtherStructure(Exception):
+    """A varied table has other base parameters."""
+
+
+def join(terms: Sequence[tuple[str, str]]) -> str:
+    """A sum of coefficient × name as one expression."""
+    parts: list[str] = []
+    for text, name in terms:
+        sign, size = ("-", text[1:]) if text.startswith("-") and not _sum(text[1:]) else ("+", text)
+        if size == "1":
+            term = name
+        else:
+            term = f"({size})*{name}" if _sum(size) else f"{size}*{name}"
+        parts.append(f"{sign} {term}")
+    joined = " ".join(parts)
+    return joined[2:] if joined.startswith("+ ") else "-" + joined[2:]
+
+
+def _sum(text: str) -> bool:
+    """Whether an expression has a sum outside its brackets."""
+    depth = 0
+    for place, sign in enumerate(text):
+        depth += (sign == "(") - (sign == ")")
+        if depth == 0 and sign in "+-" and place and text[place - 1] not in "e*/(":
+            return True
+    return False
+
+
+def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
+    """Rows of the table from one parameter's body to another's."""
+    table, columns = base.study.chain.table, base.study.columns
+    n = base.study.chain.n
+
+    def body(place: int) -> int:
+        column = int(columns[place])
+        return (column // 10 if column < 10 * n else (column - 10 * n) // 3) + 1
+
+    ours, theirs = table.path(body(int(base.independent[i]))), table.path(body(int(base.dependent[k])))
+    return sorted(set(ours) ^ set(theirs))
+
+
+def _monomials(base: ChainBase, i: int, k: int) -> list[str]:
+    """Products of lengths of the rows between, of the unit the relation has, times sines and cosines of symbols."""
+    study = base.study
+    table = study.chain.table
+    lengths: list[str] = []
+    angles: list[str] = []
+    pure = True
+    for j in _rows_between(base, i, k):
+        row = table.rows[j - 1]
+        for key in LENGTHS:
+            entry = row.entries[key]
+            if not entry.symbols and study.numbers[j - 1][key] != 0.0:
+                lengths.append(f"{key}{j}")
+            free = [s for s in sorted(entry.symbols) if s not in table.variables]
+            lengths += [s for s in free if s not in table.angle_symbols]
+            angles += [a.text for a in entry.angles]
+            # A number beside a symbol (L1 + 0.1) has a unit that the monomials do not show.
+            pure &= not free or _homogeneous(entry, table.angle_symbols)
+        for key in ANGLES:
+            entry = row.entries[key]
+            if entry.symbols - table.variables:
+                angles.append(entry.text if not entry.symbols & table.variables else "")
+    lengths, angles = list(dict.fromkeys(lengths)), list(dict.fromkeys(a for a in angles if a))
+    degree = int(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
+    degrees = [degree] if pure else list(range(0, max(degree, 0) + 1))
+    turns = [f"{f}({a})" for a in angles for f in ("cos", "sin")]
+    turning = [" ", *turns, *(_product(pair) for pair in itertools.combinations_with_replacement(turns, 2))]
+    turning += [f"tan({a})" for a in angles]
+    whole = [m for n in degrees for m in _of_degree(lengths, n)]
+    out = [_product([m, t]) for m in whole for t in turning]
+    if len(out) > _MOST:
+        out = [_product([m, t]) for m in whole for t in [" ", *turns]]
+    return list(dict.fromkeys(out)) if len(out) <= _MOST else []
+
+
+def _homogeneous(entry: Expression, angle_symbols: frozenset[str]) -> bool:
+    """Whether an entry is a length without constants beside its symbols."""
+    values = {s: 0.6 for s in entry.symbols}
+    twice = {s: v if s in angle_symbols else 2.0 * v for s, v in values.items()}
+    try:
+        return abs(entry.value(twice) - 2.0 * entry.value(values)) < 1e-9
+    except ValueError:
+        return False
+
+
+def _of_degree(lengths: Sequence[str], degree: int) -> list[str]:
+    if degree == 0 and not lengths:
+        return [" "]
+    if degree >= 0:
+        whole = [_product(c) for c in itertools.combinations_with_replacement(lengths, degree)]
+        ratios = [f"{a}/{b}" for a, b in itertools.permutations(lengths, 2)] if degree == 0 and len(lengths) < 5 else []
+        cubic = [f"{_product(c)}/{a}" for a in lengths for c in itertools.combinations_with_replacement(lengths, 2)
+                 if a not in c] if degree == 1 and len(lengths) < 4 else []  # fmt: skip
+        return [w or " " for w in (*whole, *ratios, *cubic)]
+    return [f"1/{a}" if degree == -1 else f"1/{a}**{-degree}" for a in lengths]
+
+
+def _product(factors: Sequence[str]) -> str:
+    """Factors with powers, ``D3**2*cos(A)``; blanks are 1."""
+    present = [f for f in factors if f.strip()]
+    parts = [f"{f}**{n}" if (n := present.count(f)) > 1 else f for f in dict.fromkeys(present)]
+    return "*".join(sorted(parts, key=lambda f: "(" in f)) or "1"
+
+
+def _angles(base: ChainBase, i: int, k: int) -> list[float]:
+    """Angles of the rows between that are numbers."""
+    table = base.study.chain.table
+    rows = _rows_between(base, i, k)
+    found = (base.study.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols)
+    return [a for a in dict.fromkeys(found) if abs(a) > 1e-12]
+
+
+def _fitted(series: Array, tables: Sequence[dict[str, float]], monomials: Sequence[str], angles: Sequence[float]) -> str:
+    """The sum of monomials that a series of values is, or nothing."""
+    if not monomials:
+        return ""
+    columns = [[Expression.parse(m).value(t) for t in tables] for m in monomials]
+    A = np.array(columns).T
+    fit = len(monomials) + 1
+    solution = np.linalg.lstsq(A[:fit], series[:fit], rcond=None)[0]
+    scale = float(np.max(np.abs(series)))
+    kept = np.flatnonzero(np.abs(solution) > 1e-6 * np.max(np.abs(solution)))
+    if not kept.size:
+        return ""
+    solution = np.linalg.lstsq(A[:, kept], series, rcond=None)[0]  # again with those that count
+    recognised = [_recognised(float(c), angles) for c in solution]
+    values = np.array([Expression.parse(text).value({}) for text in recognised])
+    if np.max(np.abs(A[:, kept] @ values - series)) > _SAME * max(scale, 1.0):
+        return ""
+    terms = [(text, monomials[m]) for text, m in zip(recognised, kept, strict=True)]
+    return join([(text, m) if m != "1" else ("1", text) for text, m in terms]).replace("+ -", "- ")
+
+
+def _recognised(c: float, angles: Sequence[float]) -> str:
+    """A number as a fraction or a product of sines and cosines of the table's angles; else as it is."""
+    for below in (1, 2, 3, 4):
+        if abs(c * below - round(c * below)) < 1e-8 and round(c * below):
+            whole = round(c * below)
+            return str(whole) if below == 1 else f"{whole}/{below}"
+    parts = [(f, f"{name}({_angle(a)})") for a in angles for name, f in (("cos", math.cos(a)), ("sin", math.sin(a)))]
+    parts = [(f, text) for f, text in parts if 1e-9 < abs(f) < 1 - 1e-9]
+    for count in (1, 2, 3):
+        for chosen in itertools.combinations_with_replacement(parts, count):
+            product = math.prod(f for f, _ in chosen)
+            for times in (1, -1, 2, -2):
+                if abs(times * product - c) < 1e-8 * max(1.0, abs(c)):
+                    text = _product([t for _, t in chosen])
+                    return {1: text, -1: f"-{text}"}.get(times, f"{times}*{text}")
+    for a in angles:
+        for text, f in ((f"tan({_angle(a)})", math.tan(a)), (f"1/tan({_angle(a)})", 1.0 / math.tan(a))):
+            if abs(abs(f) - abs(c)) < 1e-8 * abs(c):
+                return text if f * c > 0 else f"-{text}"
+    return _number(c)
+
+
+def _angle(a: float) -> str:
+    """An angle as a fraction of π where it is one."""
+    twelfths = a * 12.0 / math.pi
+    if abs(twelfths - round(twelfths)) < 1e-12:
+        whole, below = round(twelfths), 12
+        common = math.gcd(whole, below)
+        whole, below = whole // common, below // common
+        times = {1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi")
+        return times if below == 1 else f"{times}/{below}"
+    return repr(a)
+
+
+def _number(c: float) -> str:
+    return "" if c == 0.0 else repr(c) if not math.isnan(c) else "?"
