@@ -111,7 +111,9 @@ def combine(W: Array, kept: NDArray[np.int64], dropped: NDArray[np.int64]) -> tu
     """Columns `dropped` as combinations of columns `kept`, (b, d), and what is left of the worst, per its length."""
     lengths = np.linalg.norm(W, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
-    ours, theirs = W[:, kept] / lengths[kept], W[:, dropped] / lengths[dropped]
-    solution = np.asarray(np.linalg.lstsq(ours, theirs, rcond=None)[0], float)
-    left = float(np.max(np.linalg.norm(theirs - ours @ solution, axis=0), initial=0.0))
+    both = np.concatenate([kept, dropped])
+    b = len(kept)
+    triangle = np.asarray(scipy.linalg.qr(W[:, both] / lengths[both], mode="r")[0], float)
+    solution = np.asarray(scipy.linalg.solve_triangular(triangle[:b, :b], triangle[:b, b:]), float)
+    left = float(np.max(np.linalg.norm(triangle[b:, b:], axis=0), initial=0.0))
     return solution * lengths[dropped] / lengths[kept][:, None], left

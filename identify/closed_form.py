@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
     from identify.chain_base import ChainBase
 
 _MOST = 60
-"""Monomials tried for one relation at most; a longer formula helps nobody."""
+"""Monomials tried for one relation at most."""
+_LONGEST = 120
+"""Characters: a longer formula helps nobody either."""
+_REACH = (1, 2, 3, 99)
+"""Rows of the table whose lengths are tried in a relation, one after the other."""
 _SPARE = 4
 """Tables beyond the number of monomials: those the fit must foretell."""
 _SAME = 1e-8
@@ -32,64 +37,81 @@ _SAME = 1e-8
 
 def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
     """Formulas of `base.relations`: text, a number where there is no formula, nothing where it is 0."""
-    study = base.study
-    b, d = len(base.independent), len(base.dependent)
-    if not b or not d:
-        return ((),) * b
-    rng = np.random.default_rng(5)
-    tables: list[dict[str, float]] = []
-    draws: list[Array] = []
-    shared = False
-
-    def draw(count: int) -> None:
-        while len(draws) < count:
-            numbers, values = study.varied(rng, shared)
-            found, left = combine(study.matrix(numbers), base.independent, base.dependent)
-            if left > 1e-7:  # lengths that were equal may have to stay so
-                raise _OtherStructure
-            tables.append(values)
-            draws.append(found)
-
-    for shared in (False, True):
-        tables.clear()
-        draws.clear()
-        try:
-            draw(3)
+    numbers = [[_number(float(x)) for x in row] for row in base.relations]
+    if not base.relations.size:
+        return tuple(tuple(row) for row in numbers)
+    tables = _start(base)
+    if tables is None:
+        return tuple(tuple(row) for row in numbers)
+    series = tables.series
+    largest, spread = np.max(np.abs(series), axis=0), np.ptp(series, axis=0)
+    out = [[""] * base.relations.shape[1] for _ in numbers]
+    open_cells: list[tuple[int, int]] = []
+    for i, k in np.argwhere(largest > _SAME):
+        text = _recognised(float(series[0, i, k]), _angles(base, i, k)) if spread[i, k] <= _SAME else ""
+        out[i][k] = text or numbers[i][k]
+        if spread[i, k] > _SAME:
+            open_cells.append((int(i), int(k)))
+    for reach in _REACH:  # a relation mostly holds the lengths just below the body it is grouped into
+        trials = {cell: _monomials(base, *cell, reach) for cell in open_cells}
+        most = max((len(m) for m in trials.values()), default=0)
+        if not most or not tables.draw(most + _SPARE):
             break
-        except _OtherStructure:
-            continue
-    else:
-        return tuple(tuple(_number(float(x)) for x in row) for row in base.relations)
-    needed = np.full((b, d), 0)
-    spread = np.ptp(np.stack(draws), axis=0)
-    moving = [(i, k) for i in range(b) for k in range(d) if spread[i, k] > _SAME]
-    bases = {cell: _monomials(base, *cell) for cell in moving}
-    for (i, k), monomials in bases.items():
-        needed[i, k] = len(monomials)
-    try:
-        draw(int(np.max(needed, initial=0)) + _SPARE)
-    except _OtherStructure:  # met with so late: cannot be told, and the numbers stand
-        return tuple(tuple(_number(float(x)) for x in row) for row in base.relations)
-    stacked = np.stack(draws)
-    out = [[""] * d for _ in range(b)]
-    actual = study.actual_values()
-    for i, k in itertools.product(range(b), range(d)):
-        series = stacked[:, i, k]
-        if np.max(np.abs(series)) < _SAME:
-            continue
-        monomials = bases.get((i, k), ["1"])
-        text = _fitted(series, tables, monomials, _angles(base, i, k))
-        number = float(base.relations[i, k])
-        if text and not math.isnan(number):
-            value = Expression.parse(text).value({**study.chain.values, **actual})
-            unit = study.size ** float(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
-            text = text if abs(value - number) <= 1e-9 * max(unit, abs(value)) else ""
-        out[i][k] = text or ("?" if math.isnan(number) else _number(number))
+        series = tables.series
+        open_cells = []
+        for (i, k), monomials in trials.items():
+            text = _fitted(series[:, i, k], tables.values, monomials, _angles(base, i, k))
+            if text is None:
+                open_cells.append((i, k))
+            elif text and _holds(base, i, k, text):
+                out[i][k] = text
     return tuple(tuple(row) for row in out)
 
 
-class _OtherStructure(Exception):
-    """A varied table has other base parameters."""
+class _Tables:
+    """Random tables of a chain's structure and the relations they have."""
+
+    def __init__(self, base: ChainBase, shared: bool):
+        self.base, self.shared = base, shared
+        self.rng = np.random.default_rng(5)
+        self.values: list[dict[str, float]] = []
+        self.found: list[Array] = []
+
+    @property
+    def series(self) -> Array:
+        """(tables, b, d)."""
+        return np.stack(self.found)
+
+    def draw(self, count: int) -> bool:
+        """Have that many tables; false when one has other base parameters."""
+        while len(self.found) < count:
+            numbers, values = self.base.study.varied(self.rng, self.shared)
+            W = self.base.study.matrix(numbers)
+            found, left = combine(W, self.base.independent, self.base.dependent)
+            if left > 1e-7:
+                return False
+            self.values.append(values)
+            self.found.append(found)
+        return True
+
+
+def _start(base: ChainBase) -> _Tables | None:
+    """The first tables. Lengths that are equal are let go apart, unless the structure hangs on it."""
+    for shared in (False, True):
+        tables = _Tables(base, shared)
+        if tables.draw(3):
+            return tables
+    return None
+
+
+def _holds(base: ChainBase, i: int, k: int, text: str) -> bool:
+    """Whether a formula gives the chain's own relation."""
+    study, number = base.study, float(base.relations[i, k])
+    if math.isnan(number):
+        return True
+    value = Expression.parse(text).value({**study.chain.values, **study.actual_values()})
+    unit = study.size ** float(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
+    return abs(value - number) <= 1e-9 * max(unit, abs(value))
 
 
 def join(terms: Sequence[tuple[str, str]]) -> str:
@@ -117,9 +139,8 @@ def _sum(text: str) -> bool:
 
 
 def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
-    """Rows of the table from one parameter's body to another's."""
-    table, columns = base.study.chain.table, base.study.columns
-    n = base.study.chain.n
+    """Rows of the table from the body a parameter is grouped into to the body it is of, the former's side first."""
+    table, columns, n = base.study.chain.table, base.study.columns, base.study.chain.n
 
     def body(place: int) -> int:
         column = int(columns[place])
@@ -129,14 +150,14 @@ def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
     return sorted(set(ours) ^ set(theirs))
 
 
-def _monomials(base: ChainBase, i: int, k: int) -> list[str]:
-    """Products of lengths of the rows between, of the unit the relation has, times sines and cosines of symbols."""
+def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
+    """Products of lengths of the first rows between, of the unit the relation has, times sines and cosines of symbols."""
     study = base.study
     table = study.chain.table
     lengths: list[str] = []
     angles: list[str] = []
     pure = True
-    for j in _rows_between(base, i, k):
+    for j in _rows_between(base, i, k)[:reach]:
         row = table.rows[j - 1]
         for key in LENGTHS:
             entry = row.entries[key]
@@ -201,10 +222,12 @@ def _angles(base: ChainBase, i: int, k: int) -> list[float]:
     return [a for a in dict.fromkeys(found) if abs(a) > 1e-12]
 
 
-def _fitted(series: Array, tables: Sequence[dict[str, float]], monomials: Sequence[str], angles: Sequence[float]) -> str:
-    """The sum of monomials that a series of values is, or nothing."""
+def _fitted(
+    series: Array, tables: Sequence[dict[str, float]], monomials: Sequence[str], angles: Sequence[float]
+) -> str | None:
+    """The sum of monomials that a series of values is; None when it is none, nothing when no reader would know it."""
     if not monomials:
-        return ""
+        return None
     columns = [[Expression.parse(m).value(t) for t in tables] for m in monomials]
     A = np.array(columns).T
     fit = len(monomials) + 1
@@ -212,36 +235,49 @@ def _fitted(series: Array, tables: Sequence[dict[str, float]], monomials: Sequen
     scale = float(np.max(np.abs(series)))
     kept = np.flatnonzero(np.abs(solution) > 1e-6 * np.max(np.abs(solution)))
     if not kept.size:
-        return ""
+        return None
     solution = np.linalg.lstsq(A[:, kept], series, rcond=None)[0]  # again with those that count
+    if np.max(np.abs(A[:, kept] @ solution - series)) > _SAME * max(scale, 1.0):
+        return None
     recognised = [_recognised(float(c), angles) for c in solution]
+    if not all(recognised):
+        return ""
     values = np.array([Expression.parse(text).value({}) for text in recognised])
     if np.max(np.abs(A[:, kept] @ values - series)) > _SAME * max(scale, 1.0):
         return ""
     terms = [(text, monomials[m]) for text, m in zip(recognised, kept, strict=True)]
-    return join([(text, m) if m != "1" else ("1", text) for text, m in terms]).replace("+ -", "- ")
+    out = join([(text, m) if m != "1" else ("1", text) for text, m in terms]).replace("+ -", "- ")
+    return out if len(out) <= _LONGEST else ""
 
 
 def _recognised(c: float, angles: Sequence[float]) -> str:
-    """A number as a fraction or a product of sines and cosines of the table's angles; else as it is."""
+    """A number as a fraction or a product of sines and cosines of the table's angles; nothing when it is neither."""
     for below in (1, 2, 3, 4):
         if abs(c * below - round(c * below)) < 1e-8 and round(c * below):
             whole = round(c * below)
             return str(whole) if below == 1 else f"{whole}/{below}"
-    parts = [(f, f"{name}({_angle(a)})") for a in angles for name, f in (("cos", math.cos(a)), ("sin", math.sin(a)))]
-    parts = [(f, text) for f, text in parts if 1e-9 < abs(f) < 1 - 1e-9]
-    for count in (1, 2, 3):
-        for chosen in itertools.combinations_with_replacement(parts, count):
-            product = math.prod(f for f, _ in chosen)
-            for times in (1, -1, 2, -2):
-                if abs(times * product - c) < 1e-8 * max(1.0, abs(c)):
-                    text = _product([t for _, t in chosen])
-                    return {1: text, -1: f"-{text}"}.get(times, f"{times}*{text}")
-    for a in angles:
-        for text, f in ((f"tan({_angle(a)})", math.tan(a)), (f"1/tan({_angle(a)})", 1.0 / math.tan(a))):
-            if abs(abs(f) - abs(c)) < 1e-8 * abs(c):
-                return text if f * c > 0 else f"-{text}"
-    return _number(c)
+    values, texts = _turns(tuple(angles))
+    for times in (1, -1, 2, -2):
+        near = np.flatnonzero(np.abs(times * values - c) < 1e-8 * max(1.0, abs(c)))
+        if near.size:
+            text = texts[int(near[0])]
+            return {1: text, -1: f"-{text}"}.get(times, f"{times}*{text}")
+    return ""
+
+
+@cache
+def _turns(angles: tuple[float, ...]) -> tuple[Array, tuple[str, ...]]:
+    """Products of sines and cosines, and tangents, of a few angles that are no quarter turns; simple ones first."""
+    named = [(f(a), f"{f.__name__}({_angle(a)})") for a in angles for f in (math.cos, math.sin)]
+    named = [(value, text) for value, text in named if 1e-9 < abs(value) < 1 - 1e-9]
+    out: list[tuple[float, str]] = []
+    for count in (1, 2, 3) if len(named) <= 8 else (1, 2):
+        for chosen in itertools.combinations_with_replacement(named, count):
+            out.append((math.prod(value for value, _ in chosen), _product([text for _, text in chosen])))
+        if count == 1:
+            slopes = [(math.tan(a), f"tan({_angle(a)})") for a in angles if abs(math.cos(a)) > 1e-9]
+            out += [one for t, text in slopes if t for one in ((t, text), (1.0 / t, f"1/{text}"))]
+    return np.array([value for value, _ in out]), tuple(text for _, text in out)
 
 
 def _angle(a: float) -> str:

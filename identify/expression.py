@@ -19,7 +19,7 @@ _OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: math.pow,
 }  # fmt: skip
-_LONGEST = 400
+_LONGEST = 4000
 """Characters: a longer text is no entry of a table (and would only try the parser's depth)."""
 
 
@@ -41,8 +41,11 @@ class Expression:
         try:
             tree = ast.parse(written.replace("^", "**"), mode="eval").body
         except (SyntaxError, ValueError, MemoryError, RecursionError):
-            raise ValueError(f"'{written}' is no arithmetic expression") from None
-        _vet(tree, written)
+            raise ValueError(f"'{written[:60]}' is no arithmetic expression") from None
+        try:
+            _vet(tree, written[:60])
+        except RecursionError:
+            raise ValueError(f"'{written[:60]}' is nested too deeply") from None
         return cls(written, tree)
 
     @classmethod

@@ -130,7 +130,7 @@ def test_puma(which: str) -> None:
 
 def test_a_table_that_is_no_tree_is_refused() -> None:
     """An antecedent that comes later, a missing row number, a sigma that is neither."""
-    for bad in ([{"j": 1, "ant": 1}], [{"j": 2, "ant": 0}], [{"j": 1, "ant": 0, "sigma": 2}]):
+    for bad in ([{"j": 1, "ant": 1}], [{"j": 2, "ant": 0}], [{"j": 1, "ant": 0, "sigma": 3}]):
         with pytest.raises(ValueError, match="row 1"):
             Chain.from_table(bad)
 
