@@ -1,9 +1,9 @@
 """Trees of rigid bodies in the modified Denavit–Hartenberg description of Khalil and Kleinfinger (1986).
 
 T(antecedent → j) = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r), with θ = q_j + offset for a revolute joint (σ = 0) and
-r = q_j + offset for a prismatic one (σ = 1); σ = 2 is a frame fixed in its antecedent. The parameters of body j are given
-in frame j at its origin: the inertia about the origin XX XY XZ YY YZ ZZ, the first moments MX MY MZ, the mass M. A joint
-may also have a rotor inertia and friction: IA q̈ + FV q̇ + FS sign(q̇), as in SYMORO.
+r = q_j + offset for a prismatic one (σ = 1); σ = 2 is a frame fixed in its antecedent. The parameters of body j are
+given in frame j at its origin: the inertia about the origin XX XY XZ YY YZ ZZ, the first moments MX MY MZ, the mass M.
+A joint may have a rotor inertia and friction: IA q̈ + FV q̇ + FS sign(q̇), as in SYMORO.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.errors import nearest
 from identify.chain_base import ChainBase, chain_base
-from identify.par_file import FRICTION, read_par
-from identify.rigid_body import PARAMETERS, wrench, wrench_regressor
+from identify.joint_states import absent_names, all_parameters, chosen, joint_states
+from identify.par_file import read_par
+from identify.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
 from identify.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
 from identify.vectors import Array, cross, rotation, unit
 
@@ -108,16 +108,17 @@ class Chain:
 
         Parameters
         ----------
-        rows : lengths [m] and angles [rad] as numbers, or as expressions with symbols (``"2*L1"``, ``"pi/2"``). A row may
-            name its parameters that do not exist, which `base_parameters` then leaves out: ``"absent": ["XX", "M"]``, or
-            ``"absent": "all"`` for a body without mass. Other keys are ignored.
+        rows : lengths [m] and angles [rad] as numbers, or as expressions with symbols (``"2*L1"``, ``"pi/2"``). A row
+            may name parameters that do not exist, which `base_parameters` then leaves out: ``"absent": ["XX", "M"]``,
+            or ``"absent": "all"`` for a body without mass. Other keys are ignored.
         gravity : acceleration of gravity in the ground frame [m/s²].
         values : the symbols' values.
 
         Raises ValueError with every fault of the table.
         """
         table = SymbolicTable.read(rows)
-        return cls._of(table, gravity, values or {}, absent=_absent(rows))
+        known = {str(name): float(value) for name, value in (values or {}).items()}
+        return cls._of(table, gravity, known, absent_names(rows))
 
     @classmethod
     def from_par(
@@ -127,30 +128,22 @@ class Chain:
 
         Parameters
         ----------
-        values : numbers of the file's symbols, lengths [m] and angles [rad]. Without them base parameters can be had, and
-            whatever needs numbers says which symbols lack one.
+        values : numbers of the file's symbols, lengths [m] and angles [rad]. Without them base parameters can be had,
+            and whatever needs numbers says which symbols lack one.
         gravity : acceleration of gravity in the ground frame [m/s²]; by default the file's G, and when its third entry
-            has no value (``G3``) −9.81 along z.
+            has no value (``G3``) −9.81 along z, as `notes` then says.
 
         Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.
         Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
         """
         known = {str(name): float(value) for name, value in (values or {}).items()}
         par = read_par(Path(path).read_text(encoding="utf-8", errors="replace"), str(path))
-        notes = list(par.notes)
-        if spare := [name for name in known if name not in par.symbols]:
-            notes.append(f"values without use in this file: {', '.join(spare)}")
-        field = gravity
-        if field is None and par.gravity is not None:
-            lacks = sorted({s for e in par.gravity for s in e.symbols if s not in known})
-            if not lacks:
-                field = [e.value(known) for e in par.gravity]
-            elif any(e.symbols or e.value({}) for e in par.gravity[:2]):
-                raise ValueError(f"{path}: G needs the values of {', '.join(lacks)}: values={{'{lacks[0]}': …}}")
-            else:
-                notes.append(f"{', '.join(lacks)} has no value: gravity is {GRAVITY[2]} m/s² along z of the ground frame")
+        field, note = (gravity, "") if gravity is not None else par.field(known, GRAVITY)
+        spare = [name for name in known if name not in par.symbols]
+        unused = f"values that this file has no use for: {', '.join(spare)}" if spare else ""
         given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
-        return cls._of(par.table, field or GRAVITY, known, par.absent, True, given, notes)
+        notes = [*par.notes, *(n for n in (note, unused) if n)]
+        return cls._of(par.table, field, known, par.absent, True, given, notes)
 
     @classmethod
     def _of(
@@ -257,7 +250,8 @@ class Chain:
         Returns (N, n) [N, N·m], 0 for fixed frames. Raises KeyError for an unknown name, ValueError for wrong shapes,
         values that are not finite, or symbols without a value.
         """
-        values = self._parameters(parameters)
+        self._need_numbers()
+        values = all_parameters(self.n, (*self.parameter_names, *self.friction_names), parameters)
         Q, Qd, Qdd = self._states(q=q, qd=qd, qdd=qdd)
         frames = self.propagate(Q, Qd, Qdd)
         force = np.zeros((self.n, 3, Q.shape[1]))
@@ -279,9 +273,7 @@ class Chain:
                 moment[joint.ant - 1] += self.from_frame(k, Q[k], moment[k]) + cross(self.origin(k, Q[k]), up)
         return tau.T
 
-    def regressor(
-        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, friction: bool = False
-    ) -> NDArray[np.float64]:
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, friction: bool = False) -> NDArray[np.float64]:
         """Joint torques as a linear map of the parameters: ``regressor @ X == inverse_dynamics(X)``.
 
         Returns (N, n, 10 n), columns in the order of `parameter_names`; with `friction` (N, n, 13 n), those of
@@ -310,8 +302,8 @@ class Chain:
     def jacobian(self, body: int, q: ArrayLike, axes: str = "body") -> NDArray[np.float64]:
         """How a body's frame moves with the joints, (N, 6, n).
 
-        Rows 0–2 are the velocity of the frame's origin over the ground, 3–5 the angular velocity, per unit of each joint
-        rate, in the axes of the body's frame (`axes` = ``body``) or of the ground (``ground``).
+        Rows 0–2 are the velocity of the frame's origin over the ground, 3–5 the angular velocity, per unit of each
+        joint rate, in the axes of the body's frame (`axes` = ``body``) or of the ground (``ground``).
 
         Raises ValueError for a body that does not exist, other axes, or states as in `inverse_dynamics`.
         """
@@ -355,25 +347,21 @@ class Chain:
 
         Parameters
         ----------
-        friction : with rotor inertia, viscous and Coulomb friction of every joint. Without it rotor inertias still count
-            where a ``.par`` file lists them: SYMORO has them among the inertial parameters.
+        friction : with rotor inertia, viscous and Coulomb friction of every joint. Without it rotor inertias still
+            count where a ``.par`` file lists them: SYMORO has them among the inertial parameters.
         parameters : the names this robot has, the others being 0; by default all that are not `absent`.
         seed : of the random states.
 
         Raises ValueError for an unknown name.
         """
         names = [*self.parameter_names, *self.friction_names]
-        if parameters is None:
-            wanted = [
-                name for i, name in enumerate(names)
-                if name not in self.absent and (i < 10 * self.n or friction or (self.rotors and name.startswith("IA")))
-            ]  # fmt: skip
-        else:
-            asked = set(parameters)
-            if unknown := sorted(asked - set(names)):
-                raise ValueError(f"no parameter of this chain: {', '.join(unknown)}{nearest(unknown[0], names)}")
-            wanted = [name for name in names if name in asked]
-        return chain_base(self, wanted, seed)
+        if parameters is not None:
+            return chain_base(self, chosen(names, parameters), seed)
+        counted = [
+            name for i, name in enumerate(names)
+            if i < 10 * self.n or friction or (self.rotors and name.startswith("IA"))
+        ]  # fmt: skip
+        return chain_base(self, [name for name in counted if name not in self.absent], seed)
 
     def with_geometry(self, numbers: Sequence[Mapping[str, float]], gravity: Array) -> Chain:
         """The same tree with other lengths [m], angles [rad] and gravity [m/s²], one mapping a row."""
@@ -408,56 +396,5 @@ class Chain:
             raise ValueError(lacking(self.missing, self.values))
 
     def _states(self, **states: ArrayLike) -> list[Array]:
-        """Joint states as (n, N), checked."""
-        out: list[Array] = []
-        for name, given in states.items():
-            try:
-                array = np.asarray(given, float)
-            except (TypeError, ValueError):
-                raise ValueError(f"{name} must be numbers of shape (N, {self.n})") from None
-            if array.ndim != 2 or array.shape[1] != self.n:
-                hint = "; one sample is q[None]" if array.ndim == 1 else ""
-                fixed = "; fixed frames have a column too" if any(k.sigma == FIXED for k in self.joints) else ""
-                raise ValueError(f"{name} must have the shape (N, {self.n}), found {array.shape}{hint}{fixed}")
-            if out and array.shape[0] != out[0].shape[1]:
-                raise ValueError(f"{name} has {array.shape[0]} samples, {next(iter(states))} {out[0].shape[1]}")
-            bad = np.argwhere(~np.isfinite(array))
-            if bad.size:
-                where = f"the first at sample {bad[0, 0]}, joint {bad[0, 1] + 1}"
-                raise ValueError(f"{name} has {len(bad)} values that are not finite, {where}")
-            out.append(np.ascontiguousarray(array.T))
-        return out
-
-    def _parameters(self, parameters: ArrayLike | Mapping[str, float]) -> NDArray[np.float64]:
-        """(13 n,) rigid bodies, then friction."""
-        self._need_numbers()
-        out = np.zeros(13 * self.n)
-        if isinstance(parameters, Mapping):
-            index = {name: i for i, name in enumerate((*self.parameter_names, *self.friction_names))}
-            for name, value in parameters.items():
-                if name not in index:
-                    raise KeyError(f"'{name}' is no parameter of this chain{nearest(str(name), index)}")
-                out[index[name]] = value
-        else:
-            values = np.asarray(parameters, float)
-            if values.shape not in ((10 * self.n,), (13 * self.n,)):
-                raise ValueError(
-                    f"{10 * self.n} parameters expected ({13 * self.n} with friction), found an array of shape "
-                    f"{values.shape}"
-                )
-            out[: values.size] = values
-        if not np.all(np.isfinite(out)):
-            raise ValueError("a parameter is not finite")
-        return out
-
-
-def _absent(rows: Sequence[Mapping[str, Any]]) -> set[str]:
-    """Names that rows call absent."""
-    out: set[str] = set()
-    for j, row in enumerate(rows, start=1):
-        kinds = row.get("absent", ())
-        kinds = PARAMETERS if kinds == "all" else (kinds,) if isinstance(kinds, str) else kinds
-        if unknown := [str(k) for k in kinds if k not in (*PARAMETERS, *FRICTION)]:
-            raise ValueError(f"row {j}: absent names what is no parameter of a body: {', '.join(unknown)}")
-        out |= {f"{kind}{j}" for kind in kinds}
-    return out
+        fixed = any(joint.sigma == FIXED for joint in self.joints)
+        return joint_states(self.n, "; fixed frames have a column too" if fixed else "", **states)

@@ -38,13 +38,13 @@ class ChainBase(BaseParameters):
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """What stands in the relations in symbols: the table's symbols, else lengths by place (``d3``: d of joint 3)."""
+        """What the relations hold: the table's symbols, and lengths given as numbers by place (``d3``: d of joint 3)."""
         return tuple(self.study.scale_free_values())
 
     @property
     def symbol_values(self) -> dict[str, float]:
         """Their values, lengths [m], angles [rad]; those without one are left out."""
-        return self.study.actual_values()
+        return self.study.actual_values
 
     @cached_property
     def formulas(self) -> tuple[tuple[str, ...], ...]:
@@ -75,8 +75,8 @@ class ChainBase(BaseParameters):
 class ChainStudy:
     """A chain in units of its own size, so that millimetres and a hundred metres are the same to the arithmetic.
 
-    Lengths are divided by their root mean square, and gravity is as strong as the random accelerations. The relations do
-    not depend on either, but for the unit of each parameter.
+    Lengths are divided by their root mean square, and gravity is as strong as the random accelerations. The relations
+    do not depend on either, but for the unit of each parameter.
     """
 
     def __init__(self, chain: Chain, columns: NDArray[np.int64], seed: int):
@@ -84,9 +84,11 @@ class ChainStudy:
         self.numbers = chain.table.numbers({**chain.table.any_values(np.random.default_rng(1)), **chain.values})
         lengths = np.array([row[key] for row in self.numbers for key in LENGTHS])
         lengths = lengths[lengths != 0.0]
-        self.size = float(np.max(np.abs(lengths)) * np.sqrt(np.mean((lengths / np.max(np.abs(lengths))) ** 2))) if (
-            lengths.size
-        ) else 1.0
+        self.size = (
+            float(np.max(np.abs(lengths)) * np.sqrt(np.mean((lengths / np.max(np.abs(lengths))) ** 2)))
+            if (lengths.size)
+            else 1.0
+        )
         strength = float(np.linalg.norm(chain.gravity))
         self.gravity = chain.gravity * (2.0 / strength) if strength else chain.gravity
         rng = np.random.default_rng(seed)
@@ -133,6 +135,7 @@ class ChainStudy:
         """Symbols of the relations with any values."""
         return self.varied(np.random.default_rng(0))[1]
 
+    @cached_property
     def actual_values(self) -> dict[str, float]:
         """Symbols of the relations with their values [m, rad]."""
         out: dict[str, float] = {}
@@ -162,7 +165,7 @@ def chain_base(chain: Chain, names: Sequence[str], seed: int = 0) -> ChainBase:
     relations = study.to_metres(relations, base.independent, base.dependent)
     if chain.missing:  # what depends on a symbol without value has none
         again = study.matrix(study.varied(np.random.default_rng([seed, 7]))[0])
-        moved, left = combine(again, base.independent, base.dependent)
+        moved, _ = combine(again, base.independent, base.dependent)
         moved = study.to_metres(moved, base.independent, base.dependent)
         relations = np.where(np.abs(moved - relations) < 1e-8, relations, np.nan)
     return ChainBase(base.names, base.independent, base.dependent, base.absent, relations, base.gap, study)

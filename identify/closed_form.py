@@ -1,9 +1,9 @@
 """Relations between base parameters as formulas: polynomials of the table's lengths, and of sines of its angles.
 
-The regrouping relations of Khalil and Dombre (2002, chapter 9) are polynomials of this kind. They are found here without
-a case for every kind of joint: the relations are computed for several random tables of the same structure, and each is
-fitted by few monomials of the right unit. What the fit gives must hold for tables it has not seen, and for the chain's
-own numbers; where it does not, the number stands.
+The regrouping relations of Khalil and Dombre (2002, chapter 9) are polynomials of this kind. They are found here
+without a case for every kind of joint: the relations are computed for several random tables of the same structure, and
+each is fitted by few monomials of the right unit. What the fit gives must hold for tables it has not seen, and for the
+chain's own numbers; where it does not, the number stands.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
         series = tables.series
         open_cells = []
         for (i, k), monomials in trials.items():
-            text = _fitted(series[:, i, k], tables.values, monomials, _angles(base, i, k))
+            text = _fitted(series[:, i, k], tables.columns(monomials), monomials, _angles(base, i, k))
             if text is None:
                 open_cells.append((i, k))
             elif text and _holds(base, i, k, text):
@@ -76,6 +76,16 @@ class _Tables:
         self.rng = np.random.default_rng(5)
         self.values: list[dict[str, float]] = []
         self.found: list[Array] = []
+        self._columns: dict[str, Array] = {}
+
+    def columns(self, monomials: Sequence[str]) -> Array:
+        """(tables, monomials) what they are in each table."""
+        count = len(self.values)
+        series = {name: np.array([v[name] for v in self.values]) for name in self.values[0]}
+        for m in monomials:
+            if self._columns.get(m, np.empty(0)).size != count:
+                self._columns[m] = Expression.parse(m).series(series, count)
+        return np.stack([self._columns[m] for m in monomials], axis=1) if monomials else np.empty((count, 0))
 
     @property
     def series(self) -> Array:
@@ -109,7 +119,7 @@ def _holds(base: ChainBase, i: int, k: int, text: str) -> bool:
     study, number = base.study, float(base.relations[i, k])
     if math.isnan(number):
         return True
-    value = Expression.parse(text).value({**study.chain.values, **study.actual_values()})
+    value = Expression.parse(text).value({**study.chain.values, **study.actual_values})
     unit = study.size ** float(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
     return abs(value - number) <= 1e-9 * max(unit, abs(value))
 
@@ -119,11 +129,8 @@ def join(terms: Sequence[tuple[str, str]]) -> str:
     parts: list[str] = []
     for text, name in terms:
         sign, size = ("-", text[1:]) if text.startswith("-") and not _sum(text[1:]) else ("+", text)
-        if size == "1":
-            term = name
-        else:
-            term = f"({size})*{name}" if _sum(size) else f"{size}*{name}"
-        parts.append(f"{sign} {term}")
+        bracketed = f"({size})" if _sum(size) else size
+        parts.append(f"{sign} {name if size == '1' else f'{bracketed}*{name}'}")
     joined = " ".join(parts)
     return joined[2:] if joined.startswith("+ ") else "-" + joined[2:]
 
@@ -151,7 +158,7 @@ def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
 
 
 def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
-    """Products of lengths of the first rows between, of the unit the relation has, times sines and cosines of symbols."""
+    """Products of lengths of the first rows between, of the relation's unit, times sines and cosines of symbols."""
     study = base.study
     table = study.chain.table
     lengths: list[str] = []
@@ -187,7 +194,7 @@ def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
 
 def _homogeneous(entry: Expression, angle_symbols: frozenset[str]) -> bool:
     """Whether an entry is a length without constants beside its symbols."""
-    values = {s: 0.6 for s in entry.symbols}
+    values = dict.fromkeys(entry.symbols, 0.6)
     twice = {s: v if s in angle_symbols else 2.0 * v for s, v in values.items()}
     try:
         return abs(entry.value(twice) - 2.0 * entry.value(values)) < 1e-9
@@ -218,18 +225,16 @@ def _angles(base: ChainBase, i: int, k: int) -> list[float]:
     """Angles of the rows between that are numbers."""
     table = base.study.chain.table
     rows = _rows_between(base, i, k)
-    found = (base.study.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols)
+    found = (
+        base.study.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols
+    )
     return [a for a in dict.fromkeys(found) if abs(a) > 1e-12]
 
 
-def _fitted(
-    series: Array, tables: Sequence[dict[str, float]], monomials: Sequence[str], angles: Sequence[float]
-) -> str | None:
+def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[float]) -> str | None:
     """The sum of monomials that a series of values is; None when it is none, nothing when no reader would know it."""
     if not monomials:
         return None
-    columns = [[Expression.parse(m).value(t) for t in tables] for m in monomials]
-    A = np.array(columns).T
     fit = len(monomials) + 1
     solution = np.linalg.lstsq(A[:fit], series[:fit], rcond=None)[0]
     scale = float(np.max(np.abs(series)))
@@ -273,7 +278,8 @@ def _turns(angles: tuple[float, ...]) -> tuple[Array, tuple[str, ...]]:
     out: list[tuple[float, str]] = []
     for count in (1, 2, 3) if len(named) <= 8 else (1, 2):
         for chosen in itertools.combinations_with_replacement(named, count):
-            out.append((math.prod(value for value, _ in chosen), _product([text for _, text in chosen])))
+            product = math.prod(value for value, _ in chosen)
+            out += [(product, _product([text for _, text in chosen]))]
         if count == 1:
             slopes = [(math.tan(a), f"tan({_angle(a)})") for a in angles if abs(math.cos(a)) > 1e-9]
             out += [one for t, text in slopes if t for one in ((t, text), (1.0 / t, f"1/{text}"))]

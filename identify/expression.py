@@ -1,4 +1,4 @@
-"""Arithmetic expressions of a robot's table, such as ``-EF``, ``pi/2`` or ``2*L1*cos(A)``: read without running them."""
+"""Arithmetic expressions of a robot's table, ``-EF``, ``pi/2`` or ``2*L1*cos(A)``: read without running them."""
 
 from __future__ import annotations
 
@@ -8,16 +8,20 @@ import operator
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 CONSTANTS = {"pi": math.pi, "Pi": math.pi, "PI": math.pi}
-FUNCTIONS: dict[str, Callable[..., float]] = {
-    "cos": math.cos, "sin": math.sin, "tan": math.tan, "sqrt": math.sqrt,
-    "acos": math.acos, "asin": math.asin, "atan": math.atan, "atan2": math.atan2,
+FUNCTIONS: dict[str, Callable[..., Any]] = {
+    "cos": np.cos, "sin": np.sin, "tan": np.tan, "sqrt": np.sqrt,
+    "acos": np.arccos, "asin": np.arcsin, "atan": np.arctan, "atan2": np.arctan2,
 }  # fmt: skip
 _ARGUMENTS = {"atan2": 2}
-_OPERATORS: dict[type[ast.operator], Callable[[float, float], float]] = {
+_OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
-    ast.Pow: math.pow,
+    ast.Pow: np.float_power,
 }  # fmt: skip
 _LONGEST = 4000
 """Characters: a longer text is no entry of a table (and would only try the parser's depth)."""
@@ -69,12 +73,17 @@ class Expression:
     def value(self, values: Mapping[str, float]) -> float:
         """Its number. Raises ValueError when that is not finite, KeyError for a symbol without value."""
         try:
-            out = float(_evaluate(self.tree, values))
+            with np.errstate(all="ignore"):
+                out = float(_evaluate(self.tree, values))
         except (ArithmeticError, ValueError) as error:
             raise ValueError(f"'{self.text}' has no value: {error}") from None
         if not math.isfinite(out):
             raise ValueError(f"'{self.text}' has no finite value")
         return out
+
+    def series(self, values: Mapping[str, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
+        """Its numbers (count,) for series of the symbols' values (count,)."""
+        return np.asarray(_evaluate(self.tree, values), float) * np.ones(count)
 
 
 def _vet(node: ast.expr, text: str) -> None:
@@ -100,11 +109,11 @@ def _vet(node: ast.expr, text: str) -> None:
         raise ValueError(f"'{text}': only numbers, names, + - * / **, brackets and {', '.join(FUNCTIONS)} are read")
 
 
-def _evaluate(node: ast.expr, values: Mapping[str, float]) -> float:
+def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         return float(node.value)
     if isinstance(node, ast.Name):
-        return CONSTANTS[node.id] if node.id in CONSTANTS else float(values[node.id])
+        return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
     if isinstance(node, ast.UnaryOp):
         operand = _evaluate(node.operand, values)
         return -operand if isinstance(node.op, ast.USub) else operand

@@ -1,23 +1,21 @@
 """SYMORO's ``.par`` files: the table of a robot and the inertial parameters it has, as text with symbols.
 
-Format: Khalil and Creusot (1997), "SYMORO+: a system for the symbolic modelling of robots"; OpenSYMORO's files. Keys are
-read in either case. A closed loop is given there as a tree of NL bodies, then NJ − NL cut joints and as many frames that
-close them: the tree is what is read.
+Format: Khalil and Creusot (1997), "SYMORO+: a system for the symbolic modelling of robots"; OpenSYMORO's files. Keys
+are read in either case. A closed loop is given there as a tree of NL bodies, then NJ − NL cut joints and as many frames
+that close them: the tree is what is read.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from daq.errors import FileFault
 from identify.expression import Expression
-from identify.rigid_body import PARAMETERS
+from identify.rigid_body import FRICTION, PARAMETERS
 from identify.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
 
-FRICTION = ("IA", "FV", "FS")
-"""Rotor inertia, viscous and Coulomb friction of a joint, in SYMORO's names."""
 _LOADS = ("FX", "FY", "FZ", "CX", "CY", "CZ")
 _BASE_MOTION = ("W0", "WP0", "V0", "VP0")
 _COUNTS = ("NL", "NJ", "NF")
@@ -51,6 +49,24 @@ class ParFile:
     given: Mapping[str, Expression]
     symbols: frozenset[str]
     notes: tuple[str, ...]
+
+    def field(self, values: Mapping[str, float], default: Sequence[float]) -> tuple[tuple[float, ...], str]:
+        """Gravity with the symbols' values, and a note where the third entry has none (``G3``): `default` then.
+
+        Raises ValueError when another entry has no value.
+        """
+        if self.gravity is None:
+            return tuple(default), "the file has no G: gravity is " + _vector(default)
+        lacks = sorted({s for e in self.gravity for s in e.symbols if s not in values})
+        if not lacks:
+            return tuple(e.value(values) for e in self.gravity), ""
+        if any(e.symbols or e.value({}) for e in self.gravity[:2]):
+            raise ValueError(f"G needs the values of {', '.join(lacks)}: values={{'{lacks[0]}': …}}, or gravity=(…)")
+        return tuple(default), f"{', '.join(lacks)} has no value: gravity is {_vector(default)}"
+
+
+def _vector(values: Sequence[float]) -> str:
+    return f"({', '.join(f'{v:g}' for v in values)}) m/s² in the ground frame"
 
 
 @dataclass(frozen=True)
@@ -141,9 +157,9 @@ class _Reader:
         if out["NJ"] > out["NL"]:
             loops = out["NJ"] - out["NL"]
             self.notes.append(
-                f"{loops} closed loop(s): the equivalent tree of bodies 1…{out['NL']} is taken, its loops cut at joint(s) "
-                f"{', '.join(str(j) for j in range(out['NL'] + 1, out['NJ'] + 1))}. Torques and base parameters are the "
-                "tree's: those of the closed robot follow with its constraints (a loop can only group more of them)"
+                f"{loops} closed loop(s): the equivalent tree of bodies 1…{out['NL']} is taken, cut at joint(s) "
+                f"{', '.join(str(j) for j in range(out['NL'] + 1, out['NJ'] + 1))}. Torques and base parameters are "
+                "the tree's: those of the closed robot follow with its constraints (a loop can only group more)"
             )
         return out
 

@@ -51,9 +51,9 @@ _INSTANTS = 200
 
 @dataclass(frozen=True)
 class TreeJoint:
-    """One joint of the car: `number`, the body it hangs on, what it does along or about which axis, and what it follows.
+    """One joint of the car: its number, the body it hangs on, what it does along or about which axis.
 
-    `follows` names the bench table and the channels that give its position; `body` is what it carries, if that has mass.
+    `follows` names the bench table and the channels that give its position; `body` is what it carries, if it has mass.
     """
 
     number: int
@@ -70,8 +70,8 @@ class TreeJoint:
 class Structure:
     """What the rows of a model depend on, whatever the run.
 
-    `base` groups the parameters `names`; `units` are theirs; `effects` the keys of the effects they belong to; `rows` were
-    formed, `left_out` says why others were not.
+    `base` groups the parameters `names`; `units` are theirs; `effects` the keys of the effects they belong to; `rows`
+    were formed, `left_out` says why others were not.
     """
 
     names: tuple[str, ...]
@@ -102,7 +102,11 @@ class Structure:
 def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
     """The 42 joints of the paper's car, and what each follows on this vehicle."""
     chain = car_chain().chain
-    bodies = {CHASSIS: "chassis", **{k: f"axle {c}" for c, k in AXLE.items()}, **{k: f"wheel {c}" for c, k in WHEEL.items()}}
+    bodies = {
+        CHASSIS: "chassis",
+        **{k: f"axle {c}" for c, k in AXLE.items()},
+        **{k: f"wheel {c}" for c, k in WHEEL.items()},
+    }
     out: list[TreeJoint] = []
     for joint in chain.joints:
         corner = ""
@@ -117,9 +121,14 @@ def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
 
 
 def structure(
-    vehicle: Vehicle, reference: str, effects: Sequence[Effect], brakes: str = "off", rig: Rig | None = None, seed: int = 0
+    vehicle: Vehicle,
+    reference: str,
+    effects: Sequence[Effect],
+    brakes: str = "off",
+    rig: Rig | None = None,
+    seed: int = 0,
 ) -> Structure:
-    """Base parameters of a model on a car, from instants whose positions, rates and accelerations are free of each other.
+    """Base parameters of a model on a car, from instants with positions, rates and accelerations free of each other.
 
     Parameters
     ----------
@@ -161,7 +170,9 @@ def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> str:
         return f"laser.{corner}.hub"
     if name == "kingpin":
         tilted = own.caster != 0.0 or own.kingpin_inclination != 0.0
-        return f"camera.{corner}.steer, caster and kingpin inclination" if tilted else "stays 0: no caster, no inclination"
+        return (
+            f"camera.{corner}.steer, caster and kingpin inclination" if tilted else "stays 0: no caster, no inclination"
+        )
     if name == "wheel rotation":
         what = "driven" if own.driven else "free"
         return f"wheel.{corner}.speed ({what}, {own.brakes} brakes)"

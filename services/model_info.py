@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -149,10 +149,10 @@ def _print_parameters(asked: Asked, found: Structure, lines: Sequence[dict[str, 
     if runs:
         told = sum(line["with_runs"] not in (None, "no") for line in lines)
         print(f"With {', '.join(drive.name for drive in runs)}: {told}.")
-    for why, rows in _alike({row: why for row, why in found.left_out.items()}).items():
+    for why, rows in _alike(found.left_out).items():
         print(_wrapped(f"  rows not formed: {', '.join(rows)}: {why}", 4))
     if asked.reference == "hub":
-        print("  Axles and wheels are the parts inboard of the dynamometers; the spin inertia of rim and tyre is not seen.")
+        print("  Axles and wheels are the parts inboard of the dynamometers: spin inertia of rim and tyre is not seen.")
     head = ["parameter", "unit", "effect", "in principle", *(["with runs"] if runs else []), "stands for"]
     body = [
         [
@@ -177,7 +177,7 @@ def _print_parameters(asked: Asked, found: Structure, lines: Sequence[dict[str, 
         print(_wrapped(f"! {warning}", 2))
 
 
-def _alike(reasons: dict[str, str]) -> dict[str, list[str]]:
+def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:
     """What has the same reason together."""
     out: dict[str, list[str]] = {}
     for name, why in reasons.items():

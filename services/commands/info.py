@@ -37,14 +37,18 @@ DESCRIPTION = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", nargs="*", type=Path, help="a run, log, rig or vehicle file; see --model")
+    parser.add_argument(
+        "file", metavar="FILE", nargs="*", type=Path, help="a run, log, rig or vehicle file; see --model"
+    )
     parser.add_argument("--model", action="store_true", help="the model of a vehicle, a study or runs (any number)")
     parser.add_argument("--channels", action="store_true", help="list the vocabulary")
     parser.add_argument("--effects", action="store_true", help="list the catalogue of effects")
     parser.add_argument("--rows", action="store_true", help="list the rows of the equations")
     parser.add_argument("--vehicle", help="vehicle file of --effects and --model (default: the shipped peugeot-406)")
     parser.add_argument("--rig", help="--model: rig file of the runs; default: the one in the first run")
-    parser.add_argument("--reference", choices=("contact", "hub"), help="wheel loads (default: of the runs, else contact)")
+    parser.add_argument(
+        "--reference", choices=("contact", "hub"), help="wheel loads (default: of the runs, else contact)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
