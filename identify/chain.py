@@ -143,7 +143,7 @@ class Chain:
         unused = f"values that this file has no use for: {', '.join(spare)}" if spare else ""
         given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
         notes = [*par.notes, *(n for n in (note, unused) if n)]
-        return cls._of(par.table, field, known, par.absent, True, given, notes)
+        return cls._of(par.table, field, known, par.absent, par.rotors, given, notes)
 
     @classmethod
     def _of(
@@ -281,7 +281,8 @@ class Chain:
         Newton–Euler recursion. Raises ValueError as `inverse_dynamics` does.
         """
         self._need_numbers()
-        return self.structure(*self._states(q=q, qd=qd, qdd=qdd), friction)
+        Q, Qd, Qdd = self._states(q=q, qd=qd, qdd=qdd)
+        return self.structure(Q, Qd, Qdd, friction)
 
     def structure(self, q: Array, qd: Array, qdd: Array, friction: bool = False) -> NDArray[np.float64]:
         """The regressor at states (n, N), also of a chain whose symbols lack values (they then have any)."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -38,7 +39,7 @@ class ChainBase(BaseParameters):
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """What the relations hold: the table's symbols, and lengths given as numbers by place (``d3``: d of joint 3)."""
+        """What the relations hold: the table's symbols, and lengths given as numbers by place (``d3``)."""
         return tuple(self.study.scale_free_values())
 
     @property
@@ -61,8 +62,9 @@ class ChainBase(BaseParameters):
         """Base parameter `i` in symbols, ``ZZ1 + YY2 + D3**2*M3``: an expression that can be evaluated."""
         from identify.closed_form import join
 
-        terms = zip(self.formulas[i], self.dependent, strict=True)
-        return join([("1", self.names[self.independent[i]]), *((text, self.names[k]) for text, k in terms if text)])
+        terms = [("1", self.names[int(self.independent[i])])]
+        terms += [(text, self.names[int(k)]) for text, k in zip(self.formulas[i], self.dependent, strict=True) if text]
+        return join(terms)
 
     def table(self) -> str:
         """Every relation in symbols, one line each, and what they stand for."""
@@ -82,13 +84,9 @@ class ChainStudy:
     def __init__(self, chain: Chain, columns: NDArray[np.int64], seed: int):
         self.chain, self.columns = chain, columns
         self.numbers = chain.table.numbers({**chain.table.any_values(np.random.default_rng(1)), **chain.values})
-        lengths = np.array([row[key] for row in self.numbers for key in LENGTHS])
-        lengths = lengths[lengths != 0.0]
-        self.size = (
-            float(np.max(np.abs(lengths)) * np.sqrt(np.mean((lengths / np.max(np.abs(lengths))) ** 2)))
-            if (lengths.size)
-            else 1.0
-        )
+        lengths = [abs(row[key]) for row in self.numbers for key in LENGTHS if row[key] != 0.0]
+        largest = max(lengths, default=1.0)
+        self.size = largest * math.sqrt(sum((x / largest) ** 2 for x in lengths) / len(lengths)) if lengths else 1.0
         strength = float(np.linalg.norm(chain.gravity))
         self.gravity = chain.gravity * (2.0 / strength) if strength else chain.gravity
         rng = np.random.default_rng(seed)

@@ -250,7 +250,7 @@ def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[
     values = np.array([Expression.parse(text).value({}) for text in recognised])
     if np.max(np.abs(A[:, kept] @ values - series)) > _SAME * max(scale, 1.0):
         return ""
-    terms = [(text, monomials[m]) for text, m in zip(recognised, kept, strict=True)]
+    terms = [(text, monomials[int(m)]) for text, m in zip(recognised, kept, strict=True)]
     out = join([(text, m) if m != "1" else ("1", text) for text, m in terms]).replace("+ -", "- ")
     return out if len(out) <= _LONGEST else ""
 

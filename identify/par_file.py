@@ -37,6 +37,7 @@ class ParFile:
     table : the tree.
     gravity : acceleration of gravity in the ground frame, three entries; None when the file is silent.
     absent : standard, rotor and friction parameters that the file gives as 0: the body or joint has none.
+    rotors : whether the file lists rotor inertias, which SYMORO counts among the inertial parameters.
     given : parameters that the file gives as something else than their own symbol.
     symbols : every symbol of the file.
     notes : what a reader must know, one line each.
@@ -46,6 +47,7 @@ class ParFile:
     table: SymbolicTable
     gravity: tuple[Expression, ...] | None
     absent: frozenset[str]
+    rotors: bool
     given: Mapping[str, Expression]
     symbols: frozenset[str]
     notes: tuple[str, ...]
@@ -104,7 +106,7 @@ class _Reader:
         found = re.search(r"\(\*[^*]*Robotname\s*=\s*'([^']*)'", self.text)
         table = SymbolicTable(tuple(rows), frozenset(variables))
         return ParFile(
-            found.group(1).strip() if found else "", table, gravity, absent, given, frozenset(self.symbols - variables),
+            found.group(1).strip() if found else "", table, gravity, absent, "ia" in self.lists, given, frozenset(self.symbols - variables),
             tuple(self.notes),
         )  # fmt: skip
 
@@ -115,7 +117,7 @@ class _Reader:
             self.fault(text.count("\n", 0, start) + 1, "a comment (* that is never closed")
             text = text[:start]
         place = 0
-        statement = re.compile(r"[\s;]*([A-Za-z_]\w*)[ \t]*=\s*(\{[^{}=]*\}|[^{}=\n;]+)")
+        statement = re.compile(r"[\s;]*([A-Za-z_]\w*)[ \t]*=(?:\s*(\{[^{}=]*\})|[ \t]*([^{}=\n;\s][^{}=\n;]*))")
         while place < len(text) and text[place:].strip(" \t\r\n;\ufeff"):
             match = statement.match(text, place) or statement.match(text, place + (text[place] == "\ufeff"))
             if match is None:
@@ -125,12 +127,12 @@ class _Reader:
                 self.fault(text.count("\n", 0, here) + 1, f"'{words[:60]}' cannot be read: {why}")
                 place = text.find("\n", here) + 1 or len(text)
                 continue
-            key, value = match.group(1).casefold(), match.group(2)
+            key, value = match.group(1).casefold(), match.group(2) or match.group(3)
             line = text.count("\n", 0, match.start(1)) + 1
             if key in self.lists:
                 self.fault(line, f"{match.group(1)} is given twice, first in line {self.lines[key]}")
             inside = value.startswith("{")
-            first = text.count("\n", 0, match.start(2)) + 1
+            first = text.count("\n", 0, match.start(2) if inside else match.start(3)) + 1
             self.lines[key] = line
             self.lists[key] = _split(value[1:-1], first) if inside else [_Entry(value.strip(), first)]
             place = match.end()
@@ -286,7 +288,7 @@ class _Reader:
         if silent:
             self.notes.append(f"the file has no {', '.join(silent)}: every body is taken to have them")
         for kind in (*PARAMETERS, *FRICTION):
-            if kind in silent:
+            if kind.casefold() not in self.lists:
                 continue
             for j, entry in enumerate(self._list(kind, counts), start=1):
                 name = f"{kind}{j}"
