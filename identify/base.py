@@ -53,7 +53,7 @@ class BaseParameters:
         terms = [self.names[int(self.independent[i])]]
         for k, factor in enumerate(self.relations[i]):
             if abs(factor) > tolerance:
-                size = "" if abs(abs(factor) - 1) < tolerance else f"{abs(factor):.6g} "
+                size = f"{abs(factor):.6g} ".removeprefix("1 ")
                 terms.append(f"{'+' if factor > 0 else '-'} {size}{self.names[int(self.dependent[k])]}")
         return " ".join(terms)
 

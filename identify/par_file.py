@@ -105,10 +105,9 @@ class _Reader:
             raise ParError(self.name, [text for _, text in sorted(self.faults, key=lambda item: item[0])])
         found = re.search(r"\(\*[^*]*Robotname\s*=\s*'([^']*)'", self.text)
         table = SymbolicTable(tuple(rows), frozenset(variables))
-        return ParFile(
-            found.group(1).strip() if found else "", table, gravity, absent, "ia" in self.lists, given, frozenset(self.symbols - variables),
-            tuple(self.notes),
-        )  # fmt: skip
+        notes, symbols = tuple(self.notes), frozenset(self.symbols - variables)
+        name = found.group(1).strip() if found else ""
+        return ParFile(name, table, gravity, absent, "ia" in self.lists, given, symbols, notes)
 
     def _statements(self) -> None:
         """``key = {…}`` and ``key = value``, comments taken out and lines counted."""
