@@ -92,7 +92,7 @@ def moved(ours: np.ndarray, place: pin.SE3) -> np.ndarray:
     )
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 9))
 def test_torques_regressor_and_jacobians_are_pinocchios(seed: int, n: int) -> None:
     """Random trees under random gravity, to 1e-10."""

@@ -208,7 +208,7 @@ def test_every_fault_of_a_table_at_once() -> None:
     with pytest.raises(ValueError, match=r"(?s)row 1: d.*row 3: sigma must be a whole.*row 2: .*ant=5"):
         Chain.from_table(rows)  # type: ignore[arg-type]
     for bad in ({"r": np.nan}, {"alpha": None}, {"d": "L", "gamma": "1/0"}):
-        with pytest.raises(ValueError, match="row 1|joint 1"):
+        with pytest.raises(ValueError, match=r"row 1|joint 1"):
             Chain.from_table([{"j": 1, **bad}])
     with pytest.raises(ValueError, match="at least one joint"):
         Chain.from_table([])
