@@ -38,6 +38,9 @@ class BaseParameters:
         """Number of base parameters."""
         return len(self.independent)
 
+    def __len__(self) -> int:
+        return self.rank
+
     def grouping(self) -> Array:
         """(b, p) matrix that turns standard parameters into base parameters."""
         out = np.zeros((self.rank, len(self.names)))
@@ -46,11 +49,11 @@ class BaseParameters:
         return out
 
     def describe(self, i: int, tolerance: float = 1e-7) -> str:
-        """Base parameter `i` in symbols, e.g. ``XX6 + YY7 - 0.45 MX8``."""
+        """Base parameter `i` in numbers, e.g. ``XX6 + YY7 - 0.45 MX8``."""
         terms = [self.names[int(self.independent[i])]]
         for k, factor in enumerate(self.relations[i]):
             if abs(factor) > tolerance:
-                size = "" if abs(abs(factor) - 1) < tolerance else f"{abs(factor):.6g} "
+                size = f"{abs(factor):.6g} ".removeprefix("1 ")
                 terms.append(f"{'+' if factor > 0 else '-'} {size}{self.names[int(self.dependent[k])]}")
         return " ".join(terms)
 
@@ -75,24 +78,24 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
     present = np.flatnonzero(lengths > 1e-12 * largest)
     unit_columns = table[:, present] / lengths[present]
     kept: list[int] = []
-    basis = np.empty((table.shape[0], 0))
+    basis = np.empty((table.shape[0], len(present)))
     kept_pivot, dropped_pivot = np.inf, 0.0
     for k in range(len(present)):
         left = unit_columns[:, k]
+        known = basis[:, : len(kept)]
         for _ in range(2):  # twice is enough (Kahan and Parlett)
-            left = left - basis @ (basis.T @ left)
+            left = left - known @ (known.T @ left)
         pivot = float(np.linalg.norm(left))
         if pivot > tolerance:
+            basis[:, len(kept)] = left / pivot
             kept.append(k)
             kept_pivot = min(kept_pivot, pivot)
-            basis = np.column_stack([basis, left / pivot])
         else:
             dropped_pivot = max(dropped_pivot, pivot)
     dropped = [k for k in range(len(present)) if k not in set(kept)]
     relations = np.zeros((len(kept), len(dropped)))
     if kept and dropped:
-        solution = np.asarray(np.linalg.lstsq(unit_columns[:, kept], unit_columns[:, dropped], rcond=None)[0], float)
-        relations = solution * lengths[present[dropped]] / lengths[present[kept]][:, None]
+        relations, _ = combine(table, present[kept], present[dropped])
         relations[np.abs(relations) < 1e-9] = 0.0
     return BaseParameters(
         tuple(names),
@@ -102,3 +105,15 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
         relations,
         kept_pivot / dropped_pivot if dropped_pivot > 0 else np.inf,
     )
+
+
+def combine(W: Array, kept: NDArray[np.int64], dropped: NDArray[np.int64]) -> tuple[Array, float]:
+    """Columns `dropped` as combinations of columns `kept`, (b, d), and what is left of the worst, per its length."""
+    lengths = np.linalg.norm(W, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    both = np.concatenate([kept, dropped])
+    b = len(kept)
+    triangle = np.asarray(scipy.linalg.qr(W[:, both] / lengths[both], mode="r")[0], float)
+    solution = np.asarray(scipy.linalg.solve_triangular(triangle[:b, :b], triangle[:b, b:]), float)
+    left = float(np.max(np.linalg.norm(triangle[b:, b:], axis=0), initial=0.0))
+    return solution * lengths[dropped] / lengths[kept][:, None], left

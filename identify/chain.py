@@ -1,23 +1,31 @@
 """Trees of rigid bodies in the modified Denavit–Hartenberg description of Khalil and Kleinfinger (1986).
 
 T(antecedent → j) = Rz(γ) Tz(b) Rx(α) Tx(d) Rz(θ) Tz(r), with θ = q_j + offset for a revolute joint (σ = 0) and
-r = q_j + offset for a prismatic one (σ = 1). The parameters of body j are given in frame j at its origin: the inertia
-about the origin XX XY XZ YY YZ ZZ, the first moments MX MY MZ, the mass M.
+r = q_j + offset for a prismatic one (σ = 1); σ = 2 is a frame fixed in its antecedent. The parameters of body j are
+given in frame j at its origin: the inertia about the origin XX XY XZ YY YZ ZZ, the first moments MX MY MZ, the mass M.
+A joint may have a rotor inertia and friction: IA q̈ + FV q̇ + FS sign(q̇), as in SYMORO.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from identify.base import BaseParameters, find_base
-from identify.rigid_body import PARAMETERS, wrench, wrench_regressor
+from identify.chain_base import ChainBase, chain_base
+from identify.joint_states import absent_names, all_parameters, chosen, joint_states
+from identify.par_file import read_par
+from identify.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
+from identify.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
 from identify.vectors import Array, cross, rotation, unit
 
 _Z = unit(2)
+GRAVITY = (0.0, 0.0, -9.81)
 
 
 @dataclass(frozen=True)
@@ -54,61 +62,136 @@ class Chain:
     ----------
     joints : numbered 1…n in order, each after its antecedent (0 is the ground).
     gravity : acceleration of gravity in the ground frame [m/s²].
+    absent : parameters that this robot has not (``YY3``, ``IA2``): `base_parameters` leaves them out.
+    rotors : whether rotor inertias count among the inertial parameters, as SYMORO has it.
+    table : the same rows with symbols, `values` theirs; without `values` for all of them only `base_parameters` works.
+    given : values of parameters that the robot's file holds.
+    notes : what a reader must know of how the chain was made, one line each.
 
     Raises ValueError when the table is no tree.
     """
 
-    def __init__(self, joints: Sequence[Joint], gravity: Sequence[float] = (0.0, 0.0, -9.81)):
+    def __init__(
+        self,
+        joints: Sequence[Joint],
+        gravity: Sequence[float] = GRAVITY,
+        absent: Collection[str] = (),
+        rotors: bool = False,
+        table: SymbolicTable | None = None,
+        values: Mapping[str, float] | None = None,
+        given: Mapping[str, float] | None = None,
+        notes: Sequence[str] = (),
+    ):
         self.joints = tuple(joints)
         self.gravity = np.asarray(gravity, float)
-        for place, joint in enumerate(self.joints, start=1):
-            if joint.j != place or not 0 <= joint.ant < place or joint.sigma not in (0, 1):
-                raise ValueError(
-                    f"row {place}: joints are numbered 1, 2, … in order, each after its antecedent, with sigma 0 or 1; "
-                    f"found j={joint.j}, ant={joint.ant}, sigma={joint.sigma}"
-                )
+        if self.gravity.shape != (3,) or not np.all(np.isfinite(self.gravity)):
+            raise ValueError(f"gravity must be three finite numbers, found {gravity!r}")
+        if not self.joints:
+            raise ValueError("a chain needs at least one joint")
+        self.table = table or SymbolicTable.read([vars(joint) for joint in self.joints])
+        self.values = dict(values or {})
+        self.missing = self.table.missing(self.values)
+        self.absent, self.rotors = frozenset(absent), rotors
+        self.given, self.notes = dict(given or {}), tuple(notes)
+        if unknown := self.absent - {*self.parameter_names, *self.friction_names}:
+            raise ValueError(f"absent names what is no parameter of this chain: {', '.join(sorted(unknown))}")
         # Rz(γ) Rx(α) and the constant part of the origin are fixed per joint.
         self._turn = [rotation(2, k.gamma) @ rotation(0, k.alpha) for k in self.joints]
         self._step = [rotation(2, k.gamma) @ np.array([k.d, 0.0, k.b]) for k in self.joints]
 
     @classmethod
-    def from_table(cls, rows: Sequence[Mapping[str, float]], gravity: Sequence[float] = (0.0, 0.0, -9.81)) -> Chain:
-        """Build a chain from rows with ``j ant sigma gamma b alpha d theta r``; a missing key is 0."""
-        names = ("gamma", "b", "alpha", "d", "theta", "r")
-        joints = [
-            Joint(
-                int(row["j"]), int(row.get("ant", 0)), int(row.get("sigma", 0)), *(float(row.get(k, 0)) for k in names)
-            )
-            for row in rows
-        ]
-        return cls(joints, gravity)
+    def from_table(
+        cls, rows: Sequence[Mapping[str, Any]], gravity: Sequence[float] = GRAVITY,
+        values: Mapping[str, float] | None = None,
+    ) -> Chain:  # fmt: skip
+        """Build a chain from rows with ``j ant sigma gamma b alpha d theta r``; a missing key is 0.
+
+        Parameters
+        ----------
+        rows : lengths [m] and angles [rad] as numbers, or as expressions with symbols (``"2*L1"``, ``"pi/2"``). A row
+            may name parameters that do not exist, which `base_parameters` then leaves out: ``"absent": ["XX", "M"]``,
+            or ``"absent": "all"`` for a body without mass. Other keys are ignored.
+        gravity : acceleration of gravity in the ground frame [m/s²].
+        values : the symbols' values.
+
+        Raises ValueError with every fault of the table.
+        """
+        table = SymbolicTable.read(rows)
+        known = {str(name): float(value) for name, value in (values or {}).items()}
+        return cls._of(table, gravity, known, absent_names(rows))
+
+    @classmethod
+    def from_par(
+        cls, path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
+    ) -> Chain:
+        """Read a SYMORO ``.par`` file (a closed loop as its equivalent tree, which `notes` then says).
+
+        Parameters
+        ----------
+        values : numbers of the file's symbols, lengths [m] and angles [rad]. Without them base parameters can be had,
+            and whatever needs numbers says which symbols lack one.
+        gravity : acceleration of gravity in the ground frame [m/s²]; by default the file's G, and when its third entry
+            has no value (``G3``) −9.81 along z, as `notes` then says.
+
+        Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.
+        Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
+        """
+        known = {str(name): float(value) for name, value in (values or {}).items()}
+        par = read_par(Path(path).read_text(encoding="utf-8", errors="replace"), str(path))
+        field, note = (gravity, "") if gravity is not None else par.field(known, GRAVITY)
+        spare = [name for name in known if name not in par.symbols]
+        unused = f"values that this file has no use for: {', '.join(spare)}" if spare else ""
+        given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
+        notes = [*par.notes, *(n for n in (note, unused) if n)]
+        return cls._of(par.table, field, known, par.absent, par.rotors, given, notes)
+
+    @classmethod
+    def _of(
+        cls, table: SymbolicTable, gravity: Sequence[float], values: Mapping[str, float], absent: Collection[str],
+        rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[str] = (),
+    ) -> Chain:  # fmt: skip
+        # Symbols without a value get any, so that the structure can be studied; `missing` keeps it from being believed.
+        anything = table.any_values(np.random.default_rng(1))
+        numbers = table.numbers({**anything, **values})
+        joints = [Joint(row.j, row.ant, row.sigma, **n) for row, n in zip(table.rows, numbers, strict=True)]
+        return cls(joints, gravity, absent, rotors, table, values, given, notes)
+
+    def with_values(self, values: Mapping[str, float]) -> Chain:
+        """The same chain with values for (more of) the table's symbols."""
+        known = {**self.values, **values}
+        return self._of(self.table, tuple(self.gravity), known, self.absent, self.rotors, self.given, self.notes)
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """Number of joints (bodies), fixed frames included."""
         return len(self.joints)
 
-    @property
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names of the 10 n standard parameters, body by body: ``XX1 … M1, XX2 …``."""
         return tuple(f"{name}{joint.j}" for joint in self.joints for name in PARAMETERS)
 
+    @cached_property
+    def friction_names(self) -> tuple[str, ...]:
+        """Names of the 3 n joint parameters, joint by joint: ``IA1 FV1 FS1, IA2 …`` (rotor, viscous, Coulomb)."""
+        return tuple(f"{name}{joint.j}" for joint in self.joints for name in FRICTION)
+
     def to_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Turn `v` (3, N) from the axes of joint k's antecedent into frame k (k counts from 0)."""
+        """Turn `v` (3, …, N) from the axes of joint k's antecedent into frame k (k counts from 0)."""
         joint = self.joints[k]
-        v = self._turn[k].T @ v
-        if joint.sigma == 1 and joint.theta == 0.0:
+        v = np.tensordot(self._turn[k].T, v, 1)
+        if joint.sigma != 0 and joint.theta == 0.0:
             return v
         angle = joint.theta + (q if joint.sigma == 0 else 0.0)
         c, s = np.cos(angle), np.sin(angle)
-        return np.stack([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2] + 0.0 * c])
+        return np.stack([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
 
     def from_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Turn `v` (3, N) from frame k into the axes of its antecedent."""
+        """Turn `v` (3, …, N) from frame k into the axes of its antecedent."""
         joint = self.joints[k]
         angle = joint.theta + (q if joint.sigma == 0 else 0.0)
         c, s = np.cos(angle), np.sin(angle)
-        return self._turn[k] @ np.stack([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2] + 0.0 * c])
+        return np.tensordot(self._turn[k], np.stack([c * v[0] - s * v[1], s * v[0] + c * v[1], v[2]]), 1)
 
     def origin(self, k: int, q: Array) -> Array:
         """(3, N) origin of frame k in the axes of its antecedent [m]."""
@@ -143,6 +226,9 @@ class Chain:
             carried = self.to_frame(k, q[k], ant.omega)
             omega_dot = self.to_frame(k, q[k], ant.omega_dot)
             accel = self.to_frame(k, q[k], accel)
+            if joint.sigma == FIXED:
+                frames[k] = FrameMotion(carried, omega_dot, accel)
+                continue
             rate, rate_dot = _Z * qd[k], _Z * qdd[k]
             if joint.sigma == 0:
                 frames[k] = FrameMotion(carried + rate, omega_dot + rate_dot + cross(carried, rate), accel)
@@ -151,89 +237,165 @@ class Chain:
         return frames
 
     def inverse_dynamics(
-        self, q: Array, qd: Array, qdd: Array, parameters: Array | Mapping[str, float]
+        self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, parameters: ArrayLike | Mapping[str, float]
     ) -> NDArray[np.float64]:
         """Joint forces and torques by recursive Newton–Euler.
 
         Parameters
         ----------
-        q, qd, qdd : (N, n) joint states.
-        parameters : (10 n,) in the order of `parameter_names`, or a mapping name → value (missing: 0).
+        q, qd, qdd : (N, n) joint states [rad, m; s]; the columns of fixed frames are not read.
+        parameters : (10 n,) in the order of `parameter_names`, (13 n,) with `friction_names` appended, or a mapping
+            name → value of either kind (missing: 0).
 
-        Returns (N, n) [N, N·m]. Raises KeyError for an unknown name.
+        Returns (N, n) [N, N·m], 0 for fixed frames. Raises KeyError for an unknown name, ValueError for wrong shapes,
+        values that are not finite, or symbols without a value.
         """
-        values = self._parameters(parameters)
-        q, qd, qdd = (np.ascontiguousarray(np.asarray(a, float).T) for a in (q, qd, qdd))
-        frames = self.propagate(q, qd, qdd)
-        force = np.zeros((self.n, 3, q.shape[1]))
+        self._need_numbers()
+        values = all_parameters(self.n, (*self.parameter_names, *self.friction_names), parameters)
+        Q, Qd, Qdd = self._states(q=q, qd=qd, qdd=qdd)
+        frames = self.propagate(Q, Qd, Qdd)
+        force = np.zeros((self.n, 3, Q.shape[1]))
         moment = np.zeros_like(force)
-        tau = np.empty_like(q)
+        tau = np.zeros_like(Q)
         for k in reversed(range(self.n)):
             frame, joint = frames[k], self.joints[k]
             assert frame is not None
             own_force, own_moment = wrench(frame.omega, frame.omega_dot, frame.accel, values[10 * k : 10 * k + 10])
             force[k] += own_force
             moment[k] += own_moment
-            tau[k] = force[k, 2] if joint.sigma == 1 else moment[k, 2]
+            if joint.sigma != FIXED:
+                rotor, viscous, coulomb = values[10 * self.n + 3 * k :][:3]
+                tau[k] = force[k, 2] if joint.sigma == 1 else moment[k, 2]
+                tau[k] += rotor * Qdd[k] + viscous * Qd[k] + coulomb * np.sign(Qd[k])
             if joint.ant:
-                up = self.from_frame(k, q[k], force[k])
+                up = self.from_frame(k, Q[k], force[k])
                 force[joint.ant - 1] += up
-                moment[joint.ant - 1] += self.from_frame(k, q[k], moment[k]) + cross(self.origin(k, q[k]), up)
+                moment[joint.ant - 1] += self.from_frame(k, Q[k], moment[k]) + cross(self.origin(k, Q[k]), up)
         return tau.T
 
-    def regressor(self, q: Array, qd: Array, qdd: Array) -> NDArray[np.float64]:
-        """Joint torques as a linear map of the parameters, (N, n, 10 n): ``regressor @ X == inverse_dynamics(X)``.
+    def regressor(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, friction: bool = False) -> NDArray[np.float64]:
+        """Joint torques as a linear map of the parameters: ``regressor @ X == inverse_dynamics(X)``.
 
-        Each body's wrench regressor is carried to its ancestors with Jacobians, not by the Newton–Euler recursion.
+        Returns (N, n, 10 n), columns in the order of `parameter_names`; with `friction` (N, n, 13 n), those of
+        `friction_names` appended. Each body's wrench regressor is carried to its ancestors with Jacobians, not by the
+        Newton–Euler recursion. Raises ValueError as `inverse_dynamics` does.
         """
-        q, qd, qdd = (np.ascontiguousarray(np.asarray(a, float).T) for a in (q, qd, qdd))
+        self._need_numbers()
+        Q, Qd, Qdd = self._states(q=q, qd=qd, qdd=qdd)
+        return self.structure(Q, Qd, Qdd, friction)
+
+    def structure(self, q: Array, qd: Array, qdd: Array, friction: bool = False) -> NDArray[np.float64]:
+        """The regressor at states (n, N), also of a chain whose symbols lack values (they then have any)."""
         frames = self.propagate(q, qd, qdd)
-        out = np.zeros((q.shape[1], self.n, 10 * self.n))
-        for k in range(self.n):
+        width = 10 * self.n
+        out = np.zeros((q.shape[1], self.n, width + (3 * self.n if friction else 0)))
+        for k, path, jacobian in self._jacobians(q):
             frame = frames[k]
             assert frame is not None
             per_parameter = wrench_regressor(frame.omega, frame.omega_dot, frame.accel)  # (6, 10, N)
-            for ancestor, jacobian in self.jacobian_columns(k, q):
-                out[:, ancestor, 10 * k : 10 * k + 10] = np.einsum("cN,cpN->Np", jacobian, per_parameter)
+            rows = jacobian.transpose(2, 1, 0) @ per_parameter.transpose(2, 0, 1)
+            out[:, path, 10 * k : 10 * k + 10] = rows
+        for k, joint in enumerate(self.joints if friction else ()):
+            if joint.sigma != FIXED:
+                out[:, k, width + 3 * k : width + 3 * k + 3] = np.stack([qdd[k], qd[k], np.sign(qd[k])], axis=1)
         return out
 
-    def jacobian_columns(self, k: int, q: Array) -> list[tuple[int, Array]]:
-        """How body k's frame moves with each joint above it, in frame k.
+    def jacobian(self, body: int, q: ArrayLike, axes: str = "body") -> NDArray[np.float64]:
+        """How a body's frame moves with the joints, (N, 6, n).
 
-        Returns (joint index from 0, (6, N) velocity of the origin and angular velocity per unit joint rate).
+        Rows 0–2 are the velocity of the frame's origin over the ground, 3–5 the angular velocity, per unit of each
+        joint rate, in the axes of the body's frame (`axes` = ``body``) or of the ground (``ground``).
+
+        Raises ValueError for a body that does not exist, other axes, or states as in `inverse_dynamics`.
         """
-        out: list[tuple[int, Array]] = []
-        samples = q.shape[1]
-        path = [k]
-        while self.joints[path[-1]].ant:
-            path.append(self.joints[path[-1]].ant - 1)
-        for ancestor in path:
-            linear, angular = np.zeros((3, samples)), np.zeros((3, samples))
-            (linear if self.joints[ancestor].sigma == 1 else angular)[2] = 1.0
-            for step in reversed(path[: path.index(ancestor)]):  # carry it down to body k
-                linear = self.to_frame(step, q[step], linear + cross(angular, self.origin(step, q[step])))
-                angular = self.to_frame(step, q[step], angular)
-            out.append((ancestor, np.concatenate([linear, angular])))
+        if axes not in ("body", "ground"):
+            raise ValueError(f"axes must be 'body' or 'ground', found {axes!r}")
+        pose = self.pose(body, q)
+        (Q,) = self._states(q=q)
+        out = np.zeros((Q.shape[1], 6, self.n))
+        for k, path, jacobian in self._jacobians(Q):
+            if k + 1 == body:
+                out[:, :, path] = jacobian.transpose(2, 0, 1)
+        if axes == "ground":
+            R = pose[:, :3, :3]
+            out = np.concatenate([R @ out[:, :3], R @ out[:, 3:]], axis=1)
         return out
 
-    def base_parameters(self, seed: int = 0) -> BaseParameters:
+    def pose(self, body: int, q: ArrayLike) -> NDArray[np.float64]:
+        """Where a body's frame stands: (N, 4, 4) transforms from its axes to those of the ground [m].
+
+        Raises ValueError as `jacobian` does.
+        """
+        if not 1 <= body <= self.n:
+            raise ValueError(f"bodies are numbered 1 to {self.n}, found {body}")
+        self._need_numbers()
+        (Q,) = self._states(q=q)
+        samples = Q.shape[1]
+        columns = np.concatenate([np.repeat(np.eye(3)[:, :, None], samples, axis=2), np.zeros((3, 1, samples))], axis=1)
+        for j in self.table.path(body):
+            columns = self.from_frame(j - 1, Q[j - 1], columns)
+            columns[:, 3] += self.origin(j - 1, Q[j - 1])
+        out = np.zeros((samples, 4, 4))
+        out[:, :3], out[:, 3, 3] = columns.transpose(2, 0, 1), 1.0
+        return out
+
+    def base_parameters(
+        self, friction: bool = False, parameters: Collection[str] | None = None, seed: int = 0
+    ) -> ChainBase:
         """The base (minimal) parameters: which combinations of the standard ones the joint torques depend on.
 
         Found by rank-revealing QR of the regressor at random states; earlier parameters are kept before later ones.
-        """
-        rng = np.random.default_rng(seed)
-        count = 30 + 5 * self.n
-        q, qd, qdd = rng.uniform(-2, 2, (3, count, self.n))
-        return find_base(self.regressor(q, qd, qdd).reshape(count * self.n, -1), self.parameter_names)
 
-    def _parameters(self, parameters: Array | Mapping[str, float]) -> NDArray[np.float64]:
-        if isinstance(parameters, Mapping):
-            index = {name: i for i, name in enumerate(self.parameter_names)}
-            values = np.zeros(10 * self.n)
-            for name, value in parameters.items():
-                values[index[name]] = value
-            return values
-        values = np.asarray(parameters, float)
-        if values.shape != (10 * self.n,):
-            raise ValueError(f"{10 * self.n} parameters expected, found an array of shape {values.shape}")
-        return values
+        Parameters
+        ----------
+        friction : with rotor inertia, viscous and Coulomb friction of every joint. Without it rotor inertias still
+            count where a ``.par`` file lists them: SYMORO has them among the inertial parameters.
+        parameters : the names this robot has, the others being 0; by default all that are not `absent`.
+        seed : of the random states.
+
+        Raises ValueError for an unknown name.
+        """
+        names = [*self.parameter_names, *self.friction_names]
+        if parameters is not None:
+            return chain_base(self, chosen(names, parameters), seed)
+        counted = [
+            name for i, name in enumerate(names)
+            if i < 10 * self.n or friction or (self.rotors and name.startswith("IA"))
+        ]  # fmt: skip
+        return chain_base(self, [name for name in counted if name not in self.absent], seed)
+
+    def with_geometry(self, numbers: Sequence[Mapping[str, float]], gravity: Array) -> Chain:
+        """The same tree with other lengths [m], angles [rad] and gravity [m/s²], one mapping a row."""
+        joints = [
+            Joint(k.j, k.ant, k.sigma, **{key: row[key] for key in GEOMETRY})
+            for k, row in zip(self.joints, numbers, strict=True)
+        ]
+        return Chain(joints, tuple(gravity))
+
+    def _jacobians(self, q: Array) -> Generator[tuple[int, list[int], Array]]:
+        """Body by body, from 0: the joints above it, itself last, and how its frame moves with each, (6, joints, N)."""
+        kept: dict[int, tuple[list[int], Array]] = {}
+        children = [sum(1 for other in self.joints if other.ant == k.j) for k in self.joints]
+        for k, joint in enumerate(self.joints):
+            path, above = kept[joint.ant - 1] if joint.ant else ([], np.zeros((6, 0, q.shape[1])))
+            own = np.zeros((6, 1, q.shape[1]))
+            if joint.sigma != FIXED:
+                own[2 if joint.sigma == 1 else 5] = 1.0
+            linear = above[:3] + cross(above[3:], self.origin(k, q[k])[:, None])
+            carried = np.concatenate([self.to_frame(k, q[k], linear), self.to_frame(k, q[k], above[3:])])
+            found = [*path, k], np.concatenate([carried, own], axis=1)
+            if children[k]:
+                kept[k] = found
+            if joint.ant:
+                children[joint.ant - 1] -= 1
+                if not children[joint.ant - 1]:
+                    del kept[joint.ant - 1]
+            yield k, *found
+
+    def _need_numbers(self) -> None:
+        if self.missing:
+            raise ValueError(lacking(self.missing, self.values))
+
+    def _states(self, **states: ArrayLike) -> list[Array]:
+        fixed = any(joint.sigma == FIXED for joint in self.joints)
+        return joint_states(self.n, "; fixed frames have a column too" if fixed else "", **states)

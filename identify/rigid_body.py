@@ -12,6 +12,9 @@ from identify.vectors import Array, cross
 PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Inertia tensor about the frame's origin, first moments, mass."""
 
+FRICTION = ("IA", "FV", "FS")
+"""What a joint adds to a body's ten: rotor inertia, viscous and Coulomb friction, in SYMORO's names."""
+
 UNITS = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 
 

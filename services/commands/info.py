@@ -15,26 +15,40 @@ from daq.vehicle import Vehicle
 from identify.catalogue import catalogue
 from identify.rows import ROWS, needs, row_unit
 from services import tables
+from services.model_info import find_model, model_info
+from services.progress import Line
 from services.result import DONE, WITH_LOSSES, write_result
 
-HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows"
+HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
 DESCRIPTION = """\
   lacet info run.mcap            channels, rates, gaps and losses of a run; what cannot be formed from it
   lacet info rig.toml            sensors, latencies, tolerances
   lacet info vehicle.toml        geometry, with the source of every number
   lacet info --channels          the vocabulary of measurements
   lacet info --effects           the catalogue of physical effects and sensor faults
-  lacet info --rows              the rows of the equations and what each needs measured"""
+  lacet info --rows              the rows of the equations and what each needs measured
+
+  lacet info --model vehicle.toml                  the car's tree of 42 bodies, the parameters of its model, which of
+                                                   them the equations can tell at all, and why not the others
+  lacet info --model vehicle.toml --reference hub  the same for wheel loads between wheel and hub
+  lacet info --model sine.mcap brake.mcap          the same, and which of them these runs tell
+  lacet info --model STUDY                         the same for the present version of a study and its runs"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("file", metavar="FILE", nargs="?", type=Path, help="a run, log, rig or vehicle file")
+    parser.add_argument(
+        "file", metavar="FILE", nargs="*", type=Path, help="a run, log, rig or vehicle file; see --model"
+    )
+    parser.add_argument("--model", action="store_true", help="the model of a vehicle, a study or runs (any number)")
     parser.add_argument("--channels", action="store_true", help="list the vocabulary")
     parser.add_argument("--effects", action="store_true", help="list the catalogue of effects")
     parser.add_argument("--rows", action="store_true", help="list the rows of the equations")
-    parser.add_argument("--vehicle", default="peugeot-406", help="vehicle the effects are listed for")
-    parser.add_argument("--reference", choices=("contact", "hub"), default="contact", help="wheel loads")
+    parser.add_argument("--vehicle", help="vehicle file of --effects and --model (default: the shipped peugeot-406)")
+    parser.add_argument("--rig", help="--model: rig file of the runs; default: the one in the first run")
+    parser.add_argument(
+        "--reference", choices=("contact", "hub"), help="wheel loads (default: of the runs, else contact)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -43,14 +57,21 @@ def run(args: argparse.Namespace) -> int:
     if args.channels:
         result["channels"] = _channels()
     if args.effects:
-        result["effects"] = _effects(Vehicle.load(args.vehicle), args.reference)
+        result["effects"] = _effects(Vehicle.load(args.vehicle or "peugeot-406"), args.reference or "contact")
     if args.rows:
-        result["rows"] = _rows(args.reference)
-    if args.file is not None:
-        status, found = _file(args.file)
+        result["rows"] = _rows(args.reference or "contact")
+    if args.model:
+        with Line() as line:
+            asked = find_model(args.file, args.reference, args.rig, args.vehicle, line.show)
+            result |= model_info(asked, line.show)
+        status = WITH_LOSSES if result["model"]["warnings"] else DONE
+    elif len(args.file) > 1:
+        raise UsageError("one file at a time (several runs go with --model)")
+    elif args.file:
+        status, found = _file(args.file[0])
         result |= found
     elif not result:
-        raise UsageError("name a file, or one of --channels, --effects, --rows")
+        raise UsageError("name a file, or one of --channels, --effects, --rows, --model")
     write_result(args.json, "info", result)
     return status
 

@@ -135,8 +135,8 @@ def test_branches_move_as_in_the_full_chain(case) -> None:
 def projected(motion: Motion, states: tuple[np.ndarray, np.ndarray, np.ndarray]) -> dict[str, np.ndarray]:
     """Rows of the equations (N, 420) from the joint torques of the full chain."""
     W = CHAIN.regressor(*states)
-    posture = [column for ancestor, column in sorted(CHAIN.jacobian_columns(CHASSIS - 1, states[0].T))]
-    J = np.stack(posture).transpose(2, 0, 1)  # (N, 6 joints, 6): τ = J (force, moment) in frame 6
+    # (N, 6 joints, 6): τ = J (force, moment) in frame 6
+    J = CHAIN.jacobian(CHASSIS, states[0])[:, :, :6].transpose(0, 2, 1)
     base = np.linalg.solve(J, W[:, :6])
     T = car_chain().to_body[CHASSIS - 1]
     wrench = np.concatenate([T @ base[:, :3], T @ base[:, 3:]], axis=1)

@@ -56,6 +56,22 @@ def test_torques_agree(robot: dict[str, Any]) -> None:
     np.testing.assert_allclose(mine, tau, rtol=0, atol=1e-9 * np.max(np.abs(tau)))
 
 
+def test_torques_with_friction_agree(robot: dict[str, Any]) -> None:
+    """Friction and rotors by name: the stored torques whole, from a mapping, from an array and from the regressor."""
+    chain = chain_of(robot)
+    q, qd, qdd = states(robot)
+    tau = np.array([state["tau"] for state in robot["states"]])
+    values = dict(zip(robot["param_names"], robot["param_values"], strict=True))
+    X = np.array([values.get(name, 0.0) for name in (*chain.parameter_names, *chain.friction_names)])
+    W = chain.regressor(q, qd, qdd, friction=True)
+    assert W.shape == (len(q), chain.n, 13 * chain.n)
+    near = {"rtol": 0, "atol": 1e-9 * np.max(np.abs(tau))}
+    np.testing.assert_allclose(chain.inverse_dynamics(q, qd, qdd, values), tau, **near)
+    np.testing.assert_allclose(chain.inverse_dynamics(q, qd, qdd, X), tau, **near)
+    np.testing.assert_allclose(W @ X, tau, **near)
+    np.testing.assert_array_equal(W[:, :, : 10 * chain.n], chain.regressor(q, qd, qdd))
+
+
 def test_regressor_rows_agree(robot: dict[str, Any]) -> None:
     """Every stored entry is there, and the entries stored as zero are zero."""
     chain = chain_of(robot)
@@ -130,7 +146,7 @@ def test_puma(which: str) -> None:
 
 def test_a_table_that_is_no_tree_is_refused() -> None:
     """An antecedent that comes later, a missing row number, a sigma that is neither."""
-    for bad in ([{"j": 1, "ant": 1}], [{"j": 2, "ant": 0}], [{"j": 1, "ant": 0, "sigma": 2}]):
+    for bad in ([{"j": 1, "ant": 1}], [{"j": 2, "ant": 0}], [{"j": 1, "ant": 0, "sigma": 3}]):
         with pytest.raises(ValueError, match="row 1"):
             Chain.from_table(bad)
 
@@ -139,7 +155,62 @@ def test_unknown_parameter_is_refused() -> None:
     """A wrong name or a wrong number of values never passes silently."""
     chain = Chain.from_table([{"j": 1}])
     one = np.zeros((1, 1))
-    with pytest.raises(KeyError):
+    with pytest.raises(KeyError, match="did you mean 'XX1'"):
         chain.inverse_dynamics(one, one, one, {"XX2": 1.0})
+    with pytest.raises(ValueError, match="parameter M1 is not finite"):
+        chain.inverse_dynamics(one, one, one, {"M1": np.nan})
     with pytest.raises(ValueError, match="10 parameters"):
         chain.inverse_dynamics(one, one, one, np.zeros(9))
+
+
+def test_states_of_wrong_shape_or_value_are_refused() -> None:
+    """Each says what was expected, what was found, and where."""
+    chain = Chain.from_table([{"j": 1}, {"j": 2, "ant": 1, "alpha": 1.0, "d": 0.3}])
+    good = np.zeros((3, 2))
+    bad = good.copy()
+    bad[1, 1] = np.nan
+    for states_, says in (
+        ((np.zeros(2), good, good), r"q must have the shape \(N, 2\), found \(2,\); one sample is q\[None\]"),
+        ((good, np.zeros((3, 3)), good), r"qd must have the shape \(N, 2\), found \(3, 3\)"),
+        ((good, good, np.zeros((4, 2))), "qdd has 4 samples, q 3"),
+        ((good, good, bad), "qdd has 1 values that are not finite, the first at sample 1, joint 2"),
+        ((good, good + np.inf, good), "qd has 6 values that are not finite"),
+        (("ab", good, good), "q must be numbers"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            chain.regressor(*states_)  # type: ignore[arg-type]
+        with pytest.raises(ValueError, match=says):
+            chain.inverse_dynamics(*states_, np.zeros(20))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="bodies are numbered 1 to 2, found 3"):
+        chain.pose(3, good)
+    with pytest.raises(ValueError, match="axes must be 'body' or 'ground'"):
+        chain.jacobian(1, good, axes="world")
+
+
+def test_lists_single_precision_and_no_samples() -> None:
+    """What NumPy can turn into numbers is taken; no sample gives no torque."""
+    chain = Chain.from_table([{"j": 1, "alpha": 1.0}, {"j": 2, "ant": 1, "sigma": 1, "alpha": 1.0, "d": 0.3}])
+    rng = np.random.default_rng(4)
+    single, X = rng.uniform(-1, 1, (1, 2)).astype(np.float32), rng.normal(size=20).astype(np.float32)
+    tau = chain.inverse_dynamics(single, single, single, X)
+    assert tau.dtype == np.float64
+    double, listed = single.astype(float), single.tolist()
+    np.testing.assert_array_equal(tau, chain.inverse_dynamics(double, double, double, X.astype(float)))
+    np.testing.assert_array_equal(tau, chain.inverse_dynamics(listed, listed, listed, X.tolist()))
+    none = np.zeros((0, 2))
+    assert chain.inverse_dynamics(none, none, none, X).shape == (0, 2)
+    assert chain.regressor(none, none, none).shape == (0, 2, 20)
+
+
+def test_every_fault_of_a_table_at_once() -> None:
+    """Three rows, three faults."""
+    rows = [{"j": 1, "d": "1 +"}, {"j": 2, "ant": 5}, {"j": 3, "sigma": 0.5}]
+    with pytest.raises(ValueError, match=r"(?s)row 1: d.*row 3: sigma must be a whole.*row 2: .*ant=5"):
+        Chain.from_table(rows)  # type: ignore[arg-type]
+    for bad in ({"r": np.nan}, {"alpha": None}, {"d": "L", "gamma": "1/0"}):
+        with pytest.raises(ValueError, match=r"row 1|joint 1"):
+            Chain.from_table([{"j": 1, **bad}])
+    with pytest.raises(ValueError, match="at least one joint"):
+        Chain.from_table([])
+    with pytest.raises(ValueError, match="gravity must be three"):
+        Chain.from_table([{"j": 1}], (0.0, 9.81))

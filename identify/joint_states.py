@@ -1,0 +1,78 @@
+"""What a user hands a chain: joint states and parameters, checked before anything is computed from them."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from daq.errors import nearest
+from identify.rigid_body import FRICTION, PARAMETERS
+from identify.vectors import Array
+
+
+def joint_states(n: int, hint: str = "", **states: ArrayLike) -> list[Array]:
+    """States given as (N, n), each turned to (n, N). Raises ValueError that names the one at fault and the remedy."""
+    out: list[Array] = []
+    for name, given in states.items():
+        try:
+            array = np.asarray(given, float)
+        except (TypeError, ValueError):
+            raise ValueError(f"{name} must be numbers of shape (N, {n})") from None
+        if array.ndim != 2 or array.shape[1] != n:
+            one = "; one sample is q[None]" if array.ndim == 1 else ""
+            raise ValueError(f"{name} must have the shape (N, {n}), found {array.shape}{one}{hint}")
+        if out and array.shape[0] != out[0].shape[1]:
+            raise ValueError(f"{name} has {array.shape[0]} samples, {next(iter(states))} {out[0].shape[1]}")
+        bad = np.argwhere(~np.isfinite(array))
+        if bad.size:
+            where = f"the first at sample {bad[0, 0]}, joint {bad[0, 1] + 1}"
+            raise ValueError(f"{name} has {len(bad)} values that are not finite, {where}")
+        out.append(np.ascontiguousarray(array.T))
+    return out
+
+
+def all_parameters(n: int, names: Sequence[str], given: ArrayLike | Mapping[str, float]) -> NDArray[np.float64]:
+    """Parameters as (13 n,) in the order of `names`, from 10 n or 13 n of them or a mapping (missing: 0).
+
+    Raises KeyError for an unknown name, ValueError for a wrong number of values or one that is not finite.
+    """
+    out = np.zeros(13 * n)
+    if isinstance(given, Mapping):
+        index = {name: i for i, name in enumerate(names)}
+        for name, value in given.items():
+            if name not in index:
+                raise KeyError(f"'{name}' is no parameter of this chain{nearest(str(name), index)}")
+            out[index[name]] = value
+    else:
+        values = np.asarray(given, float)
+        if values.shape not in ((10 * n,), (13 * n,)):
+            raise ValueError(
+                f"{10 * n} parameters expected ({13 * n} with friction), found an array of shape {values.shape}"
+            )
+        out[: values.size] = values
+    if not np.all(np.isfinite(out)):
+        raise ValueError(f"parameter {names[int(np.flatnonzero(~np.isfinite(out))[0])]} is not finite")
+    return out
+
+
+def chosen(names: Sequence[str], asked: Collection[str]) -> list[str]:
+    """The names asked for, in order. Raises ValueError for one there is not."""
+    wanted = {asked} if isinstance(asked, str) else set(asked)
+    if unknown := sorted(wanted - set(names)):
+        raise ValueError(f"no parameter of this chain: {', '.join(unknown)}{nearest(unknown[0], names)}")
+    return [name for name in names if name in wanted]
+
+
+def absent_names(rows: Sequence[Mapping[str, Any]]) -> set[str]:
+    """Names of the parameters that rows of a table call absent. Raises ValueError for kinds there are not."""
+    out: set[str] = set()
+    for j, row in enumerate(rows, start=1):
+        kinds = row.get("absent", ())
+        kinds = PARAMETERS if kinds == "all" else (kinds,) if isinstance(kinds, str) else tuple(kinds)
+        if unknown := [str(k) for k in kinds if k not in (*PARAMETERS, *FRICTION)]:
+            raise ValueError(f"row {j}: absent names what is no parameter of a body: {', '.join(unknown)}")
+        out |= {f"{kind}{j}" for kind in kinds}
+    return out

@@ -1,0 +1,203 @@
+"""What a car's equations can tell at all: its tree, and its base parameters for a motion that leaves nothing out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.channels import CHANNELS, CORNERS
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from identify.base import BaseParameters, find_base
+from identify.car import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
+from identify.effect import Effect
+from identify.filters import Filters
+from identify.geometry import build_motion
+from identify.reconstruct import Recording, Signals
+from identify.vectors import Array
+
+_POSTURE = (
+    ("lateral", "slides", "y", "left free: no row is about the ground's axes"),
+    ("longitudinal", "slides", "x", "left free: no row is about the ground's axes"),
+    ("vertical", "slides", "z", "left free: no row is about the ground's axes"),
+    ("yaw", "turns", "z", "imu.rate, imu.accel"),
+    ("pitch", "turns", "y", "imu.rate, imu.accel"),
+    ("roll", "turns", "x", "imu.rate, imu.accel"),
+)
+_BRANCH = (
+    ("half track", "slides", "y", "half_track"),
+    ("half wheelbase", "slides", "x", "half_wheelbase"),
+    ("damper clearance", "slides", "z", ""),
+    ("steering", "turns", "z", "toe"),
+    ("camber", "turns", "x", "camber"),
+    ("caster with travel", "turns", "y", "pitch"),
+    ("kingpin", "turns", "y", ""),
+    ("wheel rotation", "turns", "y", ""),
+    ("tyre deflection", "slides", "z", ""),
+)
+# Centre and half width of what a lively drive holds, for values, rates and accelerations of channels.
+_RANGES: Mapping[str, tuple[tuple[float, float], ...]] = {
+    "imu.accel": ((0.0, 6.0),), "imu.rate": ((0.0, 0.8), (0.0, 4.0)), "imu.attitude": ((0.0, 0.1),),
+    "laser.ground": ((0.6, 0.02), (0.0, 0.5)), "laser.hub": ((0.3, 0.06), (0.0, 1.0), (0.0, 20.0)),
+    "camera.steer": ((0.0, 0.3), (0.0, 1.0), (0.0, 10.0)), "camera.camber": ((0.0, 0.05), (0.0, 0.3), (0.0, 5.0)),
+    "wheel.speed": ((70.0, 40.0), (0.0, 20.0)), "wheel.force": ((0.0, 3000.0),), "wheel.moment": ((0.0, 300.0),),
+    "correvit.speed": ((20.0, 10.0),),
+}  # fmt: skip
+_INSTANTS = 200
+"""Independent instants: with 18 rows some thirty times more equations than parameters."""
+
+
+@dataclass(frozen=True)
+class TreeJoint:
+    """One joint of the car: its number, the body it hangs on, what it does along or about which axis.
+
+    `follows` names the bench table and the channels that give its position; `body` is what it carries, if it has mass.
+    """
+
+    number: int
+    antecedent: int
+    name: str
+    corner: str
+    kind: str
+    axis: str
+    follows: str
+    body: str
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What the rows of a model depend on, whatever the run.
+
+    `base` groups the parameters `names`; `units` are theirs; `effects` the keys of the effects they belong to; `rows`
+    were formed, `left_out` says why others were not.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    effects: tuple[str, ...]
+    base: BaseParameters
+    rows: tuple[str, ...]
+    left_out: Mapping[str, str]
+
+    def group(self, i: int) -> str:
+        """Parameter `i` with what is grouped into it; nothing when it is no base parameter."""
+        place = np.flatnonzero(self.base.independent == i)
+        return self.base.describe(int(place[0])) if place.size else ""
+
+    def why(self, i: int) -> str:
+        """Why parameter `i` has no value of its own; nothing when it has one, alone or with others."""
+        if i in self.base.independent:
+            return ""
+        if i in self.base.absent:
+            rows = {"ZZ": "its spin row is not formed", "kt": "its tyre row is not formed"}
+            kind = self.names[i].rsplit(".", 1)[-1].rstrip("0123456789")
+            return f"no row depends on it: {rows.get(kind, 'the rows it acts on are not formed')}"
+        column = int(np.flatnonzero(self.base.dependent == i)[0])
+        holders = [self.names[int(k)] for k in self.base.independent[self.base.relations[:, column] != 0.0]]
+        return f"every row holds it only together with {_some(holders)}, and it is counted there"
+
+
+def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
+    """The 42 joints of the paper's car, and what each follows on this vehicle."""
+    chain = car_chain().chain
+    bodies = {
+        CHASSIS: "chassis",
+        **{k: f"axle {c}" for c, k in AXLE.items()},
+        **{k: f"wheel {c}" for c, k in WHEEL.items()},
+    }
+    out: list[TreeJoint] = []
+    for joint in chain.joints:
+        corner = ""
+        if joint.j <= CHASSIS:
+            name, kind, axis, follows = _POSTURE[joint.j - 1]
+        else:
+            corner = CORNER_OF_BRANCH[(joint.j - 1 - CHASSIS) // len(_BRANCH)]
+            name, kind, axis, column = _BRANCH[joint.j - FIRST_JOINT[corner]]
+            follows = _follows(vehicle, corner, name, column)
+        out.append(TreeJoint(joint.j, joint.ant, name, corner, kind, axis, follows, bodies.get(joint.j, "")))
+    return out
+
+
+def structure(
+    vehicle: Vehicle,
+    reference: str,
+    effects: Sequence[Effect],
+    brakes: str = "off",
+    rig: Rig | None = None,
+    seed: int = 0,
+) -> Structure:
+    """Base parameters of a model on a car, from instants with positions, rates and accelerations free of each other.
+
+    Parameters
+    ----------
+    reference : ``contact`` or ``hub``.
+    effects : the model's physics.
+    brakes : ``off``, or what a run says of them; spin rows need ``off``.
+    rig : where instruments stand and what axes they have; by default all in body or carrier axes.
+    """
+    recording = _free_instants(vehicle, rig or Rig("generic", reference, {}, (), ""), reference, brakes, seed)
+    motion = build_motion(recording)
+    parameters = [p for effect in effects for p in effect.parameters]
+    owners = [effect.key for effect in effects for _ in effect.parameters]
+    blocks: list[Array] = []
+    columns = [effect.columns(motion) for effect in effects]
+    for row in motion.rows:
+        parts = [
+            found[row] if row in found else np.zeros((len(effect.parameters), motion.t.size))
+            for effect, found in zip(effects, columns, strict=True)
+        ]
+        blocks.append(np.concatenate(parts).T)
+    W = np.concatenate(blocks) if blocks else np.zeros((1, len(parameters)))
+    return Structure(
+        tuple(p.name for p in parameters), tuple(p.unit for p in parameters), tuple(owners),
+        find_base(W, [p.name for p in parameters]), motion.rows, dict(motion.left_out),
+    )  # fmt: skip
+
+
+def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> str:
+    table = vehicle.corners[corner].table
+    values = None if table is None or not column else np.asarray(getattr(table, column), float)
+    driven = values is not None and bool(np.any(values))
+    bench = f"bench table {column}" if driven else ""
+    own = vehicle.corners[corner]
+    if name == "steering":
+        return f"camera.{corner}.steer" + (f" (slope: {bench})" if bench else "")
+    if name == "camber":
+        return f"camera.{corner}.camber" + (f" (slope: {bench})" if bench else "")
+    if name == "damper clearance":
+        return f"laser.{corner}.hub"
+    if name == "kingpin":
+        tilted = own.caster != 0.0 or own.kingpin_inclination != 0.0
+        return (
+            f"camera.{corner}.steer, caster and kingpin inclination" if tilted else "stays 0: no caster, no inclination"
+        )
+    if name == "wheel rotation":
+        what = "driven" if own.driven else "free"
+        return f"wheel.{corner}.speed ({what}, {own.brakes} brakes)"
+    if name == "tyre deflection":
+        return f"laser.{corner}.ground, laser.{corner}.hub"
+    return bench or "stays at design: no bench table"
+
+
+def _free_instants(vehicle: Vehicle, rig: Rig, reference: str, brakes: str, seed: int) -> Recording:
+    rng = np.random.default_rng(seed)
+    parts: list[dict[str, Array]] = [{}, {}, {}]
+    for name, channel in CHANNELS.items():
+        ranges = _RANGES.get(channel.family)
+        if ranges is None:
+            continue
+        for part, (centre, half) in zip(parts, ranges, strict=False):
+            part[name] = centre + half * rng.uniform(-1.0, 1.0, (channel.width, _INSTANTS))
+    grounds = {f"laser.{c}.ground" for c in CORNERS}
+    assert grounds <= parts[0].keys()
+    filters = Filters()
+    usable = {name: np.ones(_INSTANTS, bool) for name in parts[0]}
+    rates = {name: CHANNELS[name].rate for name in parts[0]}
+    t = np.arange(_INSTANTS) / filters.rate
+    return Recording("generic", t, Signals(*parts), usable, rates, vehicle, rig, filters, reference, brakes)
+
+
+def _some(names: Sequence[str], most: int = 6) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,159 @@
+"""A robot's table with symbols in it: what each length and angle is, before it has a value."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from identify.expression import Expression
+
+LENGTHS = ("b", "d", "r")
+ANGLES = ("gamma", "alpha", "theta")
+GEOMETRY = ("gamma", "b", "alpha", "d", "theta", "r")
+FIXED = 2
+"""σ of a frame that does not move in its antecedent."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: numbers of the frame and its antecedent, σ, and the constant parts of the six lengths and angles."""
+
+    j: int
+    ant: int
+    sigma: int
+    entries: Mapping[str, Expression]
+
+
+@dataclass(frozen=True)
+class SymbolicTable:
+    """Rows of a tree in order.
+
+    Attributes
+    ----------
+    rows : the tree.
+    variables : names of joint positions where they stand in the entries; their value in a table is 0.
+    """
+
+    rows: tuple[Row, ...]
+    variables: frozenset[str] = field(default_factory=frozenset[str])
+
+    @classmethod
+    def read(cls, rows: Iterable[Mapping[str, Any]]) -> SymbolicTable:
+        """From rows with ``j ant sigma gamma b alpha d theta r``; entries are numbers or expressions.
+
+        Raises ValueError with every fault.
+        """
+        faults: list[str] = []
+        out: list[Row] = []
+        for place, row in enumerate(rows, start=1):
+
+            def fault(text: str, place: int = place) -> None:
+                faults.append(f"row {place}: {text}")
+
+            numbers = {key: _whole(row.get(key, default), key, fault) for key, default in _WHOLE(place)}
+            entries = {key: _entry(row.get(key, 0.0), key, fault) for key in GEOMETRY}
+            out.append(Row(numbers["j"], numbers["ant"], numbers["sigma"], entries))
+        faults += _no_tree(out)
+        if faults:
+            raise ValueError("\n".join(faults))
+        return cls(tuple(out))
+
+    @cached_property
+    def symbols(self) -> tuple[str, ...]:
+        """Symbols that need a value, in the order of the rows."""
+        found = (s for row in self.rows for key in GEOMETRY for s in sorted(row.entries[key].symbols))
+        return tuple(dict.fromkeys(s for s in found if s not in self.variables))
+
+    @cached_property
+    def angle_symbols(self) -> frozenset[str]:
+        """Those of them that are angles, or stand in a function."""
+        entries = [(key, row.entries[key]) for row in self.rows for key in GEOMETRY]
+        found = {s for key, e in entries if key in ANGLES for s in e.symbols}
+        return frozenset(found | {s for _, e in entries for a in e.angles for s in a.symbols})
+
+    def missing(self, values: Mapping[str, float]) -> tuple[str, ...]:
+        """Symbols without a value."""
+        return tuple(s for s in self.symbols if s not in values)
+
+    def numbers(self, values: Mapping[str, float]) -> list[dict[str, float]]:
+        """The six lengths [m] and angles [rad] of every row. Raises ValueError with every entry that has no number."""
+        given = {**values, **dict.fromkeys(self.variables, 0.0)}
+        faults: list[str] = []
+        out: list[dict[str, float]] = []
+        for row in self.rows:
+            numbers: dict[str, float] = {}
+            for key in GEOMETRY:
+                try:
+                    numbers[key] = row.entries[key].value(given)
+                except ValueError as error:
+                    faults.append(f"joint {row.j}, {key}: {error}")
+            out.append(numbers)
+        if faults:
+            raise ValueError("\n".join(faults))
+        return out
+
+    def any_values(self, rng: np.random.Generator) -> dict[str, float]:
+        """Values without any coincidence, lengths and angles of order one."""
+        return {s: rng.uniform(0.3, 1.2) if s in self.angle_symbols else rng.uniform(0.5, 1.5) for s in self.symbols}
+
+    def path(self, j: int) -> tuple[int, ...]:
+        """Numbers of the rows from `j` to the ground, `j` first."""
+        out: list[int] = []
+        while j:
+            out.append(j)
+            j = self.rows[j - 1].ant
+        return tuple(out)
+
+
+def lacking(missing: Sequence[str], given: Iterable[str]) -> str:
+    """What to tell a user whose table has symbols without a value."""
+    known = list(given)
+    near = [(s, difflib.get_close_matches(s, known, n=1)) for s in missing]
+    hints = [f"'{match[0]}' was given: is '{s}' meant?" for s, match in near if match]
+    example = ", ".join(f"'{s}': …" for s in missing[:3])
+    return " ".join(
+        [f"this needs numbers, and these symbols of the table have none: {', '.join(missing)}.",
+         f"Give values={{{example}}} when the chain is made, or chain.with_values(…).", *hints]
+    )  # fmt: skip
+
+
+def _WHOLE(place: int) -> tuple[tuple[str, int], ...]:
+    return (("j", place), ("ant", 0), ("sigma", 0))
+
+
+def _whole(value: Any, key: str, fault: Callable[[str], None]) -> int:
+    try:
+        number = float(value)
+        if number == int(number):
+            return int(number)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    fault(f"{key} must be a whole number, found {value!r}")
+    return -1
+
+
+def _entry(value: Any, key: str, fault: Callable[[str], None]) -> Expression:
+    try:
+        if isinstance(value, str):
+            return Expression.parse(value)
+        number = float(value)
+        if np.isfinite(number):
+            return Expression.of(number)
+        fault(f"{key} is {number}")
+    except (TypeError, ValueError) as error:
+        fault(f"{key}: {error}")
+    return Expression.of(0.0)
+
+
+def _no_tree(rows: Sequence[Row]) -> list[str]:
+    return [
+        f"row {place}: joints are numbered 1, 2, … in order, each after its antecedent, with sigma 0 (revolute), "
+        f"1 (prismatic) or 2 (fixed); found j={row.j}, ant={row.ant}, sigma={row.sigma}"
+        for place, row in enumerate(rows, start=1)
+        if row.j != place or not 0 <= row.ant < place or row.sigma not in (0, 1, FIXED)
+    ]
