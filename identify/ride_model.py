@@ -206,15 +206,15 @@ def _roll(n: CornerNumbers, vehicle: Vehicle) -> Values:
     heights = np.array([vehicle.corners[c].height for c in CORNERS])
     ground = float(np.mean([vehicle.corners[c].position[2] - vehicle.corners[c].height for c in CORNERS]))
     cog, mass, share = _cog(n), float(n.chassis[9]), _sprung_shares(n, vehicle)
-    K, per_degree = _stiffness(n), np.pi / 180.0
+    stiffness, per_degree = _stiffness(n), np.pi / 180.0
     out: Values = {}
     suspension, tyre, centre, unsprung, track = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
     for a, (axle, (left, right)) in enumerate(_AXLES.items()):
         ends = [left, right]
         pair, lever = np.ix_(ends, ends), y[ends] - y[ends].mean()
         springs = float(lever @ np.diag(n.stiffness[ends]) @ lever)
-        bars = float(lever @ n.coupled_stiffness[pair] @ lever)
-        suspension[a] = springs + bars
+        suspension[a] = float(lever @ stiffness[pair] @ lever)
+        bars = suspension[a] - springs
         tyre[a] = float(n.tyre[ends] @ lever**2)
         track[a] = float(np.ptp(y[ends]))
         centre[a] = float(np.mean([roll_centre(vehicle.corners[CORNERS[i]]) for i in ends]))

@@ -57,8 +57,8 @@ class RowScore:
 class Comparison:
     """A model against one run: measured and modelled rows after filter and decimation, with scores.
 
-    `t` row → (n,) s; `measured`, `modelled` row → (n,); `modelled` includes the run's sensor zeros, given in `zeros`. `used` says whether the
-    model was fitted to this run; `whiteness` row → the residual's colour.
+    `t` row → (n,) s; `measured`, `modelled` row → (n,); `modelled` includes the run's sensor zeros, given in `zeros`.
+    `used` says whether the model was fitted to this run; `whiteness` row → the residual's colour.
     """
 
     name: str

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -48,7 +47,7 @@ def spectrum_figure(part: Comparison) -> Figure:
         axes.set_yscale("log")
         low, high = axes.get_ylim()
         axes.set_ylim(low, max(high, 20 * low))
-        _label(axes, part, row, "frequency [Hz]", f"{part.scores[row].unit}²/Hz")
+        _label(axes, part, row, "frequency [Hz]", f"({part.scores[row].unit})²/Hz")
         axes.set_xticks([0.2, 0.5, 1, 2, 5], ["0.2", "0.5", "1", "2", "5"])
         axes.minorticks_off()
     _legend(figure, grid[0])
@@ -87,7 +86,8 @@ def damper_figure(curves: Mapping[str, DamperCurve]) -> Figure:
         axes.plot(1e3 * curve.rate, curve.force, color=MODEL, lw=1.5, label="damper force")
         axes.axhline(0.0, color=MEASURED, lw=0.6)
         axes.axvline(0.0, color=MEASURED, lw=0.6)
-        axes.set_title(f"{corner}, at {1e3 * curve.travel:.0f} mm of travel", fontsize=9, loc="left")
+        band = f"± {float(curve.half.max()):.2g} N at most"
+        axes.set_title(f"{corner}, at {1e3 * curve.travel:+.0f} mm of travel; {band}", fontsize=9, loc="left")
         axes.grid(alpha=0.25)
         axes.tick_params(labelsize=8, labelbottom=True, labelleft=True)
         axes.set_xlabel("travel rate [mm/s], compression positive", fontsize=8)

@@ -17,8 +17,8 @@ from services.consistency_report import left_open, mend
 from services.fitting import FLOOR_DRAWS, default_filters, fit_result
 from services.loading import load
 from services.progress import Line
-from services.validation_plots import draw_comparison, draw_dampers
 from services.result import DONE, WITH_LOSSES, write_result
+from services.validation_plots import draw_comparison, draw_dampers
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\
