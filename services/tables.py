@@ -83,6 +83,8 @@ _PLACES = ("fl", "fr", "rl", "rr", "front", "rear")
 def _derived(d: Mapping[str, Any]) -> str:
     if not d["identifiable"]:
         return "not determined"
+    if d["value"] == 0.0 == d["half95"]:
+        return "none"
     return f"{number(d['value'], d['half95'])} ± {number(d['half95'], d['half95'])}"
 
 

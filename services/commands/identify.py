@@ -99,6 +99,7 @@ def run(args: argparse.Namespace) -> int:
     where, ratio = tables.worst(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
     if ratio > 1.2:
+        print("Values that stand on a failing row are off by more than their intervals say.")
         print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))

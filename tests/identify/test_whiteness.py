@@ -40,10 +40,10 @@ def test_noise_is_called_noise_at_the_stated_rate() -> None:
 
 @pytest.mark.parametrize("frequency", [0.3, 1.2, 4.0])
 def test_a_tone_is_found_at_its_frequency(frequency: float) -> None:
-    """A tone of a third of the floor's variance is coloured, at its frequency."""
+    """A tone of two thirds of the floor's variance is coloured, at its frequency."""
     rng = np.random.default_rng(2)
     draws = floor(rng, 20)
-    tone = 0.8 * np.std(draws) * np.sin(2 * np.pi * frequency * SPACING * PLACE)
+    tone = 1.15 * np.std(draws) * np.sin(2 * np.pi * frequency * SPACING * PLACE)
     found = whiteness(floor(rng, 1)[0] + tone, draws, PLACE, SPACING)
     assert found is not None and found.word.startswith("coloured")
     assert found.peak == pytest.approx(frequency, rel=0.15, abs=0.1)
