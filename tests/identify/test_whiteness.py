@@ -45,7 +45,8 @@ def test_a_tone_is_found_at_its_frequency(frequency: float) -> None:
     draws = floor(rng, 20)
     tone = 1.15 * np.std(draws) * np.sin(2 * np.pi * frequency * SPACING * PLACE)
     found = whiteness(floor(rng, 1)[0] + tone, draws, PLACE, SPACING)
-    assert found is not None and found.word.startswith("coloured")
+    assert found is not None
+    assert found.word.startswith("coloured")
     assert found.peak == pytest.approx(frequency, rel=0.15, abs=0.1)
 
 
@@ -63,8 +64,10 @@ def test_scale_and_mean_do_not_matter_and_short_rows_say_so() -> None:
     rng = np.random.default_rng(4)
     draws, fresh = floor(rng, 20), floor(rng, 1)[0]
     one, other = whiteness(fresh, draws, PLACE, SPACING), whiteness(1e3 * fresh + 7.0, 1e3 * draws, PLACE, SPACING)
-    assert one is not None and other is not None
-    assert other.p == pytest.approx(one.p) and other.ljung_box == pytest.approx(one.ljung_box)
+    assert one is not None
+    assert other is not None
+    assert other.p == pytest.approx(one.p)
+    assert other.ljung_box == pytest.approx(one.ljung_box)
     np.testing.assert_allclose(other.spectrum, 1e6 * one.spectrum)
     assert whiteness(fresh[:31], draws[:, :31], PLACE[:31], SPACING) is None
 
