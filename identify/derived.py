@@ -72,7 +72,7 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
             which: tuple[int, ...] = ()
             if usable[k]:
                 enough = (WIDE * abs(float(values[k])) / 1.96) ** 2
-                which = knowledge.responsible(np.outer(slopes[k], slopes[k]), enough)
+                which = knowledge.responsible(np.asarray(np.outer(slopes[k], slopes[k]), float), enough)
                 why = knowledge.reason(which)
             else:
                 why = (
@@ -152,13 +152,15 @@ def ranges(fitted: Fit) -> list[Range]:
     out: list[Range] = []
     for corner in CORNERS:
         row = f"suspension.{corner}"
-        for name, unit, pick in (
-            ("travel", "m", lambda d, c=corner: d.motion.corners[c].travel),
-            ("rate", "m/s", lambda d, c=corner: d.motion.corners[c].rate),
-            ("load", "N", lambda d, c=corner: d.motion.corners[c].force[2]),
-        ):
-            if any(row in drive.index for drive in fitted.drives):
-                out.append(Range(f"{name}.{corner}", *seen(fitted, row, pick), unit))
+        if not any(row in drive.index for drive in fitted.drives):
+            continue
+
+        def series(part: str, c: str = corner) -> Callable[[Drive], Array]:
+            return lambda run: getattr(run.motion.corners[c], part)
+
+        out.append(Range(f"travel.{corner}", *seen(fitted, row, series("travel")), "m"))
+        out.append(Range(f"rate.{corner}", *seen(fitted, row, series("rate")), "m/s"))
+        out.append(Range(f"load.{corner}", *seen(fitted, row, lambda drive, c=corner: _load(drive, c)), "N"))
     if any("chassis.fx" in drive.index for drive in fitted.drives):
         if all(drive.motion.velocity is not None for drive in fitted.drives):
             out.append(Range("speed", *seen(fitted, "chassis.fx", _speed), "m/s"))
@@ -182,3 +184,8 @@ def _speed(drive: Drive) -> Array:
     velocity = drive.motion.velocity
     assert velocity is not None
     return np.hypot(velocity[0], velocity[1])
+
+
+def _load(drive: Drive, corner: str) -> Array:
+    """Vertical load of a wheel, body axes."""
+    return drive.motion.corners[corner].force[2]

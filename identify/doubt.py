@@ -66,18 +66,18 @@ class Knowledge:
         One after the other, each time the one that would take most away, of those whose own column (or slope) matters:
         a static load can be as uncertain as the mass it was confused with and still move nothing.
         """
-        P = self.covariance
+        left = self.covariance
         found: list[int] = []
-        while len(found) < most and float(np.sum(gram * P)) > enough:
-            own = np.diag(P)
-            total = float(np.sum(gram * P))
+        while len(found) < most and float(np.sum(gram * left)) > enough:
+            own = np.diag(left)
+            total = float(np.sum(gram * left))
             moves = (own > 1e-12 * np.diag(self.covariance)) & (np.diag(gram) * own > 0.05 * total)
-            effect = np.where(moves, np.einsum("ij,jk,ki->i", P, gram, P) / np.where(moves, own, 1.0), 0.0)
+            effect = np.where(moves, np.einsum("ij,jk,ki->i", left, gram, left) / np.where(moves, own, 1.0), 0.0)
             best = int(np.argmax(effect))
             if effect[best] < 0.02 * total:
                 break
             found.append(best)
-            P = P - np.outer(P[best], P[best]) / own[best]
+            left = left - np.outer(left[best], left[best]) / own[best]
         return tuple(found)
 
     def prediction(
@@ -90,8 +90,9 @@ class Knowledge:
         weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in drive.rows}
         W = {row: weight[row] * drive.matrix(effects, row) for row in drive.rows}
         Z = {row: weight[row] * zeros.columns[row] for row in drive.rows}
-        normal = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
-        taken = np.linalg.solve(normal, np.sum([Z[row].T @ W[row] for row in drive.rows], axis=0))
+        normal: Array = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
+        moments: Array = np.sum([Z[row].T @ W[row] for row in drive.rows], axis=0)
+        taken = np.linalg.solve(normal, moments)
         out: dict[str, tuple[float, str]] = {}
         for row in drive.rows:
             left = W[row] - Z[row] @ taken

@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.channels import CORNERS
 from daq.vehicle import Corner, Vehicle
@@ -54,7 +55,9 @@ def modes(mass: Array, damping: Array, stiffness: Array) -> list[Mode]:
     if not np.all(np.isfinite(whole)) or np.any(np.linalg.eigvalsh(0.5 * (mass + mass.T)) <= 0.0):
         return []
     lower = -np.linalg.solve(mass, np.concatenate([stiffness, damping], axis=1))
-    roots, vectors = np.linalg.eig(np.concatenate([np.eye(2 * n)[n:], lower]))
+    solution = np.linalg.eig(np.concatenate([np.eye(2 * n)[n:], lower]))
+    roots: NDArray[np.complex128] = np.asarray(solution[0], np.complex128)
+    vectors: NDArray[np.complex128] = np.asarray(solution[1], np.complex128)
     turning = np.abs(roots.imag) > 1e-9 * np.abs(roots)
     found: list[Mode] = []
     for k in np.flatnonzero(turning & (roots.imag > 0)):
@@ -96,14 +99,15 @@ def _static(n: CornerNumbers, vehicle: Vehicle) -> Values:
     x, y = _places(vehicle)
     plane = np.stack([np.ones(4), x, y], axis=1)
     cog = _cog(n)
-    weight = G * (n.chassis[9] * np.array([1.0, cog[0], cog[1]]) + plane.T @ n.unsprung)
+    weight: Array = G * (n.chassis[9] * np.array([1.0, cog[0], cog[1]]) + plane.T @ n.unsprung)
     design = n.static + G * n.unsprung
     total = _stiffness(n) + np.diag(n.tyre)
     if not np.all(np.isfinite(total)) or np.linalg.cond(total) > 1e12:
-        load = np.full(4, np.nan)
+        load: Array = np.full(4, np.nan)
     else:
         ride = np.diag(n.tyre) @ np.linalg.solve(total, _stiffness(n))
-        load = design + ride @ plane @ np.linalg.solve(plane.T @ ride @ plane, weight - plane.T @ design)
+        lacking: Array = weight - plane.T @ design
+        load = design + ride @ plane @ np.linalg.solve(plane.T @ ride @ plane, lacking)
     out: Values = {f"static_load.{c}": (float(load[i]), "N") for i, c in enumerate(CORNERS)}
     xf, xr = x[:2].mean(), x[2:].mean()
     out["static_share.front"] = (100.0 * float((weight[1] / weight[0] - xr) / (xf - xr)), "%")
@@ -144,7 +148,7 @@ def _quarter(sprung: float, unsprung: float, k: float, c: float, tyre: float) ->
     coupling = np.array([[1.0, -1.0], [-1.0, 1.0]])
     found = modes(np.diag([sprung, unsprung]), c * coupling, k * coupling + np.diag([0.0, tyre]))
     if len(found) < 2:
-        return (float("nan"),) * 4
+        return float("nan"), float("nan"), float("nan"), float("nan")
     return found[0].frequency, found[0].damping, found[1].frequency, found[1].damping
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc, fdtri
 
 from identify.vectors import Array
 
@@ -82,10 +82,10 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     means, bins, own, floors = means[:, alive], bins[alive], own[alive], floors[alive]
     freedom = _freedom(bins, means[1:])
     count = len(draws)
-    each = np.asarray(scipy.stats.f.sf(own / floors, freedom, freedom * count), float)
+    each = np.asarray(fdtrc(freedom, freedom * count, own / floors), float)
     p = float(-np.expm1(len(bands) * np.log1p(-min(float(each.min()), 1 - 1e-12))))
     limit = -np.expm1(np.log1p(-SIGNIFICANCE) / len(bands))
-    high = np.maximum(LEAST_EXCESS, scipy.stats.f.isf(limit, freedom, freedom * count)) * floors
+    high = np.maximum(LEAST_EXCESS, np.asarray(fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
     shape = _ljung_box(series, usable, power)
     peak, word = float("nan"), "like noise"
     above = own > high
@@ -104,7 +104,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     return Whiteness(
         frequency=np.array([float(frequency[part].mean()) for part in bands]),
         spectrum=own, floor=floors, high=np.asarray(high, float),
-        lag=spacing * np.arange(lags + 1), acf=acf[0], acf_low=centre - spread, acf_high=centre + spread,
+        lag=np.asarray(spacing * np.arange(lags + 1), float), acf=acf[0], acf_low=centre - spread, acf_high=centre + spread,
         p=p, ljung_box=shape, peak=peak, word=word,
     )  # fmt: skip
 
@@ -122,9 +122,9 @@ def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> t
     """Frequencies [Hz] and one-sided power densities (k, F), Hann-tapered, without the mean."""
     n = series.shape[1]
     taper = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
-    spectrum = np.fft.rfft(series * taper, axis=1)
+    spectrum: NDArray[np.complex128] = np.fft.rfft(series * taper, axis=1)
     power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
-    return np.fft.rfftfreq(n, spacing)[1:], power[:, 1:]
+    return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]
 
 
 def _bands(frequency: Array, length: float) -> list[NDArray[np.intp]]:
@@ -164,8 +164,10 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
     count = len(series) - 1
     total = power[1:].sum(axis=0)
     others = np.vstack([total / count, (total - power[1:]) / (count - 1)]) if count > 1 else np.vstack([total] * 2)
-    kernel = np.hanning(9)[1:-1]
-    smooth = np.apply_along_axis(np.convolve, 1, np.pad(others, ((0, 0), (3, 3)), mode="edge"), kernel, mode="valid")
+    kernel = np.asarray(np.hanning(9)[1:-1], float)
+    # Smoothed over seven bins, so that the draws' own scatter does not ripple what is whitened.
+    padded = np.pad(others, ((0, 0), (3, 3)), mode="edge")
+    smooth = np.asarray(np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel, float)
     spectrum = np.fft.rfft(series, axis=1)
     spectrum[:, 1:] /= np.sqrt(np.maximum(smooth, 1e-6 * smooth.max(axis=1, keepdims=True)))
     spectrum[:, 0] = 0.0
@@ -174,10 +176,10 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
     lags = min(_LAGS, n // 5)
     q = n * (n + 2.0) * np.sum(_acf(white, usable, lags)[:, 1:] ** 2 / (n - np.arange(1, lags + 1)), axis=1)
     if count < 10:
-        return float(scipy.stats.chi2.sf(q[0], lags))
+        return float(np.asarray(chdtrc(lags, q[0]), float))
     usual, spread = float(q[1:].mean()), float(q[1:].var(ddof=1))
     freedom = min(float(lags), 2.0 * usual**2 / spread) if spread > 0 else float(lags)
-    return float(scipy.stats.chi2.sf(q[0] * freedom / usual, freedom))
+    return float(np.asarray(chdtrc(freedom, q[0] * freedom / usual), float))
 
 
 def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:
