@@ -104,7 +104,8 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     return Whiteness(
         frequency=np.array([float(frequency[part].mean()) for part in bands]),
         spectrum=own, floor=floors, high=np.asarray(high, float),
-        lag=np.asarray(spacing * np.arange(lags + 1), float), acf=acf[0], acf_low=centre - spread, acf_high=centre + spread,
+        lag=np.asarray(spacing * np.arange(lags + 1), float), acf=acf[0],
+        acf_low=centre - spread, acf_high=centre + spread,
         p=p, ljung_box=shape, peak=peak, word=word,
     )  # fmt: skip
 
@@ -147,11 +148,13 @@ def _freedom(bins: NDArray[np.int64], draws: Array) -> Array:
     Fewer than two a bin: a taper ties neighbours, and a floor that swells and fades with the motion scatters more than
     steady noise does; how much more is seen from the draws.
     """
-    tied = np.array([1.0 + 2.0 * sum(max(0.0, 1.0 - (k + 1) / m) * r for k, r in enumerate(_RHO2)) for m in bins])
-    freedom = 2.0 * bins / tied
+    tied: Array = np.array(
+        [1.0 + 2.0 * sum(max(0.0, 1.0 - (k + 1) / m) * r for k, r in enumerate(_RHO2)) for m in bins]
+    )
+    freedom: Array = np.asarray(np.divide(2.0 * bins, tied), float)
     if len(draws) >= 10:
-        seen = draws.var(axis=0, ddof=1) / draws.mean(axis=0) ** 2
-        freedom = freedom / max(1.0, float(np.mean(seen * freedom / 2.0)))
+        seen: Array = np.asarray(draws.var(axis=0, ddof=1) / draws.mean(axis=0) ** 2, float)
+        freedom = freedom / max(1.0, float(np.mean(0.5 * seen * freedom)))
     return freedom
 
 
