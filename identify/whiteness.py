@@ -123,7 +123,7 @@ def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> t
     """Frequencies [Hz] and one-sided power densities (k, F), Hann-tapered, without the mean."""
     n = series.shape[1]
     taper = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
-    spectrum: NDArray[np.complex128] = np.fft.rfft(series * taper, axis=1)
+    spectrum = np.asarray(np.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
     power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
     return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]
 
