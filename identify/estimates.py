@@ -30,13 +30,15 @@ class Estimate:
     why: str
 
 
-_PITCH = "a run with braking, a sudden lift-off or bumps shows it"
+_PITCH = "braking, a sudden lift-off or bumps (pitch)"
 _HINTS = {
-    "XX6": "a run with roll shows it (sinus steering)",
-    "YY6": f"it needs pitch: {_PITCH}",
-    "ZZ6": "a run with yaw shows it (sinus steering)",
-    "XZ6": "a run with roll and yaw shows it (sinus steering, sweep)",
-    "MZ6": f"it needs pitch or roll: {_PITCH}, or sinus steering",
+    "XX6": "sinus steering (roll)",
+    "YY6": _PITCH,
+    "ZZ6": "sinus steering (yaw)",
+    "XZ6": "sinus steering or sweep (roll and yaw)",
+    "MX6": "bumps or a sudden lift-off (heave and pitch)",
+    "MZ6": f"{_PITCH}, or sinus steering (roll)",
+    "M6": "bumps (heave)",
 }
 _WIDE = 0.5
 """A parameter whose 1 σ is still this part of the prior's is not identified: the runs add next to nothing."""
@@ -58,10 +60,10 @@ def estimates(fitted: Fit) -> list[Estimate]:
             if plain[i] > _WIDE * parameter.prior:
                 why = (
                     f"the runs leave ± {1.96 * plain[i]:.3g} {parameter.unit}, hardly less than is plausible at all; "
-                    f"{_hint(parameter.name, effect)}"
+                    f"{hint(parameter.name, effect)}"
                 )
             elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
-                why = f"its 95 % interval (± {1.96 * sigma[i]:.3g} {parameter.unit}) is wider than the value; " + _hint(
+                why = f"its 95 % interval (± {1.96 * sigma[i]:.3g} {parameter.unit}) is wider than the value; " + hint(
                     parameter.name, effect
                 )
         elif i < physics:
@@ -82,15 +84,16 @@ def estimates(fitted: Fit) -> list[Estimate]:
     return out
 
 
-def _hint(name: str, effect: Effect) -> str:
-    return _HINTS.get(name, f"what shows it: {effect.shown_by}")
+def hint(name: str, effect: Effect) -> str:
+    """Which run shows a parameter."""
+    return f"what shows it: {_HINTS.get(name, effect.shown_by)}"
 
 
 def _grouped(fitted: Fit, i: int, effect: Effect) -> str:
     """Why a parameter has no value of its own."""
     name = fitted.model.names[i]
     if i in fitted.base.absent:
-        return f"nothing these runs measure depends on it; {_hint(name, effect)}"
+        return f"nothing these runs measure depends on it; {hint(name, effect)}"
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return f"acts only together with {', '.join(holders[:4])}, and is counted there"

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from identify.doubt import Knowledge, is_used
 from identify.drive import Drive
 from identify.fit import Fit, corrected_drive
 from identify.floor import simulate_floor
 from identify.rows import row_unit
 from identify.sensitivity import Sensitivity
 from identify.vectors import Array
+from identify.whiteness import Whiteness, whiteness
 from identify.zeros import Zeros, zeros_of
+
+FAILS = 1.2
+"""Residual ÷ floor above which a row is said to fail."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +27,14 @@ class RowScore:
 
     `rms` of the residual [unit]; `nrmse` % of the measured span; `vaf` % of the measured variance; `floor` RMS that
     noise alone would leave [unit]; `ratio` residual ÷ floor.
+
+    `colour` says what the residual looks like beside the floor (`identify.whiteness`): ``like noise``, ``louder than
+    noise``, ``coloured: 1.2 Hz``, ``too short to tell``; `p` is the probability that noise alone stands as far above
+    its floor in any band, `ljung_box` that of the whitened residual's autocorrelation, `peak` the frequency of the
+    largest excess [Hz] (NaN without).
+
+    `doubt` is what the runs used leave open in the prediction, 1 σ ÷ floor (0 for a run used); where it explains the
+    error the row cannot be `judged`, and `why` names the parameters and the run that would show them.
     """
 
     row: str
@@ -31,6 +44,13 @@ class RowScore:
     vaf: float
     floor: float
     ratio: float
+    colour: str = ""
+    p: float = float("nan")
+    ljung_box: float = float("nan")
+    peak: float = float("nan")
+    doubt: float = 0.0
+    judged: bool = True
+    why: str = ""
 
 
 @dataclass(frozen=True)
@@ -38,6 +58,7 @@ class Comparison:
     """A model against one run: measured and modelled rows after filter and decimation, with scores.
 
     `t` row → (n,) s; `measured`, `modelled` row → (n,); `modelled` includes the run's sensor zeros, given in `zeros`.
+    `used` says whether the model was fitted to this run; `whiteness` row → the residual's colour.
     """
 
     name: str
@@ -46,30 +67,67 @@ class Comparison:
     modelled: Mapping[str, Array]
     scores: Mapping[str, RowScore]
     zeros: tuple[Zeros, Array]
+    used: bool
+    whiteness: Mapping[str, Whiteness]
+
+    @property
+    def not_judged(self) -> list[str]:
+        """A sentence for each row whose error is what the runs used leave open, those with one reason together."""
+        alike: dict[str, list[str]] = {}
+        for row, score in self.scores.items():
+            if not score.judged:
+                alike.setdefault(score.why, []).append(row)
+        return [f"{', '.join(rows)} of run {self.name} cannot be judged: {why}" for why, rows in alike.items()]
 
     def residual(self, row: str) -> Array:
         """(n,) measured minus modelled."""
         return self.measured[row] - self.modelled[row]
 
 
-def compare(fitted: Fit, drive: Drive, draws: int = 20, seed: int = 1) -> Comparison:
+def compare(
+    fitted: Fit, drive: Drive, draws: int = 20, seed: int = 1, knowledge: Knowledge | None = None
+) -> Comparison:
     """Predict a run with a fitted model and score it.
 
     The run may be one of those used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
-    they belong to the run and not to the car.
+    they belong to the run and not to the car. `knowledge` of the fit spares working it out for each run held out.
     """
+    used = is_used(fitted, drive)
     drive = corrected_drive(drive, fitted)
     sensitivity = Sensitivity.of(drive.recording, fitted.model.physics, fitted.physics)
-    floor = simulate_floor([drive], [sensitivity], draws, seed).by_drive[0]
+    noise = simulate_floor([drive], [sensitivity], draws, seed)
+    floor = noise.by_drive[0]
     zeros = zeros_of(drive, sensitivity)
     plain = {row: drive.matrix(fitted.model.physics, row) @ fitted.physics for row in drive.rows}
     values = profile_zeros(drive, zeros, {row: drive.measured[row] - plain[row] for row in drive.rows}, floor)
     modelled = {row: plain[row] + zeros.columns[row] @ values for row in drive.rows}
-    scores = {
-        row: score_row(row, drive.measured[row], drive.measured[row] - modelled[row], floor[row]) for row in drive.rows
-    }
+    open_: Mapping[str, tuple[float, str]] = {}
+    if not used:
+        open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, drive, zeros, floor)
+    step, rate = drive.recording.filters.step, drive.recording.filters.rate
+    scores: dict[str, RowScore] = {}
+    colours: dict[str, Whiteness] = {}
+    for row in drive.rows:
+        residual = drive.measured[row] - modelled[row]
+        score = score_row(row, drive.measured[row], residual, floor[row])
+        colour = whiteness(residual, noise.draws[0][row], drive.index[row] // step, step / rate)
+        scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, "")))
+        if colour is not None:
+            colours[row] = colour
     t = {row: drive.motion.t[drive.index[row]] for row in drive.rows}
-    return Comparison(drive.name, t, drive.measured, modelled, scores, (zeros, values))
+    return Comparison(drive.name, t, drive.measured, modelled, scores, (zeros, values), used, colours)
+
+
+def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:
+    if colour is None:
+        return replace(score, colour="too short to tell")
+    return replace(score, colour=colour.word, p=colour.p, ljung_box=colour.ljung_box, peak=colour.peak)
+
+
+def _judged(score: RowScore, doubt: float, why: str) -> RowScore:
+    """A row that fails is judged when it fails by more than what the runs used leave open, at two σ."""
+    excused = bool(why) and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
+    return replace(score, doubt=doubt, judged=not excused, why=why)
 
 
 def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:

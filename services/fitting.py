@@ -11,7 +11,9 @@ import numpy as np
 
 from daq.errors import UsageError
 from identify.catalogue import base_model, find_effect
+from identify.derived import damper_curves, derived_values, ranges
 from identify.diagnose import Candidate, Diagnosis, diagnose
+from identify.doubt import Knowledge
 from identify.drive import Drive
 from identify.estimates import estimates
 from identify.filters import Filters
@@ -43,9 +45,11 @@ def fit_run(path: str | Path) -> dict[str, Any]:
 
 
 def fit_result(
-    fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = ()
-) -> dict[str, Any]:
+    fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = (),
+    knowledge: Knowledge | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """A fit as plain data (``docs/json.md``, ``identify``)."""
+    knowledge = knowledge or Knowledge.of(fitted)
     found = estimates(fitted)
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
@@ -80,7 +84,24 @@ def fit_result(
                 {"name": n, "value": v, "unit": u, "half95": h, "identifiable": d}
                 for n, v, u, h, d in zip(NAMES, whole.values, UNITS, whole.interval, whole.determined, strict=True)
             ],
+            "derived": [
+                {
+                    "name": d.name,
+                    "value": d.value,
+                    "unit": d.unit,
+                    "half95": d.half,
+                    "identifiable": d.determined,
+                    "why": d.why,
+                }
+                for d in derived_values(fitted, loaded.vehicle, knowledge)
+            ],
+            "damper_curves": {
+                corner: {"travel": c.travel, "rate": c.rate, "force": c.force, "half95": c.half}
+                for corner, c in damper_curves(fitted, knowledge).items()
+            },
+            "ranges": {r.name: {"low": r.low, "high": r.high, "unit": r.unit} for r in ranges(fitted)},
             "rows": {"used": scores(used), "held": scores(held)},
+            "not_judged": [line for part in held for line in part.not_judged],
             "rows_left_out": left_out,
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,
@@ -109,6 +130,7 @@ class Work:
         self.loaded = load(study.paths(), study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
         self._held: tuple[Drive, ...] | None = None
         self._fits: dict[int, Fit] = {}
+        self._knowledge: dict[int, Knowledge] = {}
         self._floors: dict[int, NoiseFloor] = {}
         self._compared: dict[tuple[int, bool], list[Comparison]] = {}
 
@@ -141,6 +163,12 @@ class Work:
             self._fits[version.number] = fit(model, self.loaded.drives)
         return self._fits[version.number]
 
+    def knowledge(self, version: Version) -> Knowledge:
+        """What the runs used tell of a version's parameters."""
+        if version.number not in self._knowledge:
+            self._knowledge[version.number] = Knowledge.of(self.fitted(version))
+        return self._knowledge[version.number]
+
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str) -> Version:
         """Fit a model, score it on all runs and keep it as the study's new version."""
         number = max((v.number for v in self.study.versions()), default=0) + 1
@@ -148,7 +176,8 @@ class Work:
         fitted = self.fitted(version)
         self.tell("scoring it on the runs used and held out")
         used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
-        self.study = self.study.record(effects, note, fit_result(fitted, self.loaded, used, held))
+        result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
+        self.study = self.study.record(effects, note, result)
         return self.study.version()
 
     def comparisons(self, version: Version, held: bool) -> list[Comparison]:
@@ -156,7 +185,9 @@ class Work:
         key = (version.number, held)
         if key not in self._compared:
             fitted = self.fitted(version)
-            self._compared[key] = [compare(fitted, d, FLOOR_DRAWS) for d in (self.held if held else self.loaded.drives)]
+            knowledge = self.knowledge(version) if held else None
+            drives = self.held if held else self.loaded.drives
+            self._compared[key] = [compare(fitted, d, FLOOR_DRAWS, knowledge=knowledge) for d in drives]
         return self._compared[key]
 
     def diagnose(self, progress: Callable[[int, int], None] | None = None) -> Diagnosis:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -18,21 +17,15 @@ from services.fitting import overall
 
 matplotlib.use("Agg")
 
-MEASURED, MODEL, ERROR, HELD = "#222222", "#d1495b", "#2e86ab", "#e09f3e"
-_COLUMNS = 3
-
-
-def plot_comparison(part: Comparison, file: Path) -> None:
-    """Every row of a run, measured, modelled and the error, as one picture file."""
-    file.parent.mkdir(parents=True, exist_ok=True)
-    _save(comparison_figure(part), file)
+MEASURED, MODEL, ERROR, HELD, FAULT = "#222222", "#d1495b", "#2e86ab", "#e09f3e", "#b3261e"
+_COLUMNS = 2
 
 
 def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Figure:
     """Measured, modelled and error of some rows (default: all) of a run."""
     names = list(rows or part.measured)
     lines = -(-len(names) // _COLUMNS)
-    width = 4.6 * min(_COLUMNS, len(names)) if len(names) > 1 else 9.2
+    width = 6.0 * min(_COLUMNS, len(names)) if len(names) > 1 else 9.2
     figure = Figure(figsize=(width, 0.6 + 2.1 * lines), layout="constrained")
     grid = figure.subplots(lines, min(_COLUMNS, len(names)), squeeze=False)
     for axes, row in zip(grid.flat, names, strict=False):
@@ -41,7 +34,8 @@ def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Fi
         axes.set_axis_off()
     handles, labels = grid.flat[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
-    figure.suptitle(part.name, x=0.01, ha="left")
+    kind = "run used (direct validation)" if part.used else "run held out (cross validation)"
+    figure.suptitle(f"{part.name}: {kind}", x=0.01, ha="left", fontsize=11)
     return figure
 
 
@@ -51,7 +45,10 @@ def _row(axes: Axes, part: Comparison, row: str) -> None:
     axes.plot(t, part.modelled[row], color=MODEL, lw=0.9, label="model")
     axes.plot(t, part.residual(row) + level, color=ERROR, lw=0.7, label="error (about the mean)")
     score = part.scores[row]
-    axes.set_title(f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor", fontsize=9, loc="left")
+    title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {score.colour}"
+    if not score.judged:
+        title += f"\ncannot be judged: {score.why.partition(' not ')[0]} left open by the runs used"
+    axes.set_title(title, fontsize=9, loc="left", color=MEASURED if score.judged else FAULT)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("time [s]", fontsize=8)
     axes.grid(alpha=0.25)
@@ -137,7 +134,3 @@ def png(figure: Figure) -> bytes:
     out = io.BytesIO()
     figure.savefig(out, dpi=110, format="png")
     return out.getvalue()
-
-
-def _save(figure: Figure, file: Path) -> None:
-    file.write_bytes(png(figure))

@@ -11,9 +11,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from identify.derived import damper_curves
 from identify.score import Comparison
 from identify.study import Study, Version
-from services import plots, tables
+from services import plots, tables, validation_plots
 from services.fitting import Tell, Work, overall, silent
 
 _STYLE = """
@@ -47,11 +48,13 @@ def write_report(work: Work, file: Path, tell: Tell = silent) -> None:
         _section(
             "Model against measurement",
             *(
-                _details(f"{title}: {part.name}", _picture(plots.comparison_figure(part)))
+                _details(f"{title}: {part.name}", *_validation(part))
                 for title, kind in (("Run used", "used"), ("Run held out", "held"))
                 for part in after[kind]
             ),
+            *(f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in part.not_judged),
         ),
+        _derived(work, now),
         _parameters(now),
         _rows(now),
     ]
@@ -139,6 +142,27 @@ def _findings(study: Study, versions: Sequence[Version]) -> str:
             )
             pieces.append(_details("the ranking", _pre(tables.candidates(found, 20)), f"<table>{reasons}</table>"))
     return _section("What is missing", *(pieces or ["<p>Not diagnosed yet: lacet diagnose.</p>"]))
+
+
+def _validation(part: Comparison) -> list[str]:
+    """Measurement, model and error by kind of row, and the colour of what is left."""
+    figures = [plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
+    if part.whiteness:
+        figures += [validation_plots.spectrum_figure(part), validation_plots.acf_figure(part)]
+    return [_picture(figure) for figure in figures]
+
+
+def _derived(work: Work, now: Version) -> str:
+    """What an engineer thinks in, the damper curves, and the states that all of it covers."""
+    if not now.result.get("derived"):
+        return ""
+    pieces = [_pre(tables.derived(now.result))]
+    if lacking := tables.not_derived(now.result):
+        pieces.append(_details("not determined, and why", _pre(lacking)))
+    curves = damper_curves(work.fitted(now), work.knowledge(now))
+    if curves:
+        pieces.append(_picture(validation_plots.damper_figure(curves)))
+    return _section("Derived values", *pieces, _pre(tables.ranges(now.result)))
 
 
 def _parameters(now: Version) -> str:

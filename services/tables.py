@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from identify.score import FAILS
 from services.fitting import overall
 
 
@@ -57,6 +58,66 @@ def parameters(result: Mapping[str, Any]) -> str:
     return text
 
 
+def derived(result: Mapping[str, Any]) -> str:
+    """The derived values, those of one kind on one line: corners or axles beside each other."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for d in result.get("derived") or []:
+        kind, _, where = d["name"].partition(".")
+        groups.setdefault(kind if where in _PLACES else d["name"], []).append(d)
+    lines: list[list[str]] = []
+    for kind, members in groups.items():
+        if all(d["identifiable"] and d["value"] == 0.0 for d in members):
+            continue  # no bar in the model, no bench table: nothing to tell
+        cells = [_derived(d) for d in members]
+        places = [d["name"].partition(".")[2] for d in members]
+        where = "" if kind == members[0]["name"] else "/".join(places)
+        lines.append(
+            [kind.replace("_", " ").replace(".", " "), where, "   ".join(cells), members[0]["unit"].replace("1", "-")]
+        )
+    return table(["derived value", "where", "value ± 95 %", "unit"], lines, left=4) if lines else ""
+
+
+_PLACES = ("fl", "fr", "rl", "rr", "front", "rear")
+
+
+def _derived(d: Mapping[str, Any]) -> str:
+    if not d["identifiable"]:
+        return "not determined"
+    if d["value"] == 0.0 == d["half95"]:
+        return "none"
+    return f"{number(d['value'], d['half95'])} ± {number(d['half95'], d['half95'])}"
+
+
+def not_derived(result: Mapping[str, Any]) -> str:
+    """Why derived values are not determined, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for d in result.get("derived") or []:
+        if not d["identifiable"]:
+            alike.setdefault(d["why"], []).append(d["name"])
+    return "\n".join(f"  {', '.join(names)}: {why}" for why, names in alike.items())
+
+
+def ranges(result: Mapping[str, Any]) -> str:
+    """The states the runs cover, which bound every verdict."""
+    seen = result.get("ranges") or {}
+    lines: list[list[str]] = []
+    for kind, factor, unit in (("travel", 1e3, "mm"), ("rate", 1e3, "mm/s"), ("load", 1.0, "N")):
+        parts = [seen[f"{kind}.{c}"] for c in _PLACES[:4] if f"{kind}.{c}" in seen]
+        if parts:
+            low, high = min(p["low"] for p in parts), max(p["high"] for p in parts)
+            name = {"travel": "suspension travel", "rate": "travel rate", "load": "wheel load"}[kind]
+            lines.append([name, f"{factor * low:.0f} to {factor * high:.0f}", unit])
+    for kind, factor, unit in (
+        ("speed", 3.6, "km/h"), ("acceleration.longitudinal", 1.0, "m/s²"), ("acceleration.lateral", 1.0, "m/s²"),
+    ):  # fmt: skip
+        if kind in seen:
+            name = " ".join(reversed(kind.split(".")))
+            digits = 0 if kind == "speed" else 1
+            low, high = factor * seen[kind]["low"], factor * seen[kind]["high"]
+            lines.append([name, f"{low:.{digits}f} to {high:.{digits}f}", unit])
+    return table(["these runs cover", "", "unit"], lines, left=2) if lines else ""
+
+
 def unknowns(result: Mapping[str, Any]) -> str:
     """What is not identifiable, and why."""
     lines = [f"  {item['name']}: {item['why']}" for item in result["not_identifiable"]]
@@ -77,12 +138,23 @@ def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
     lines = [
         [
             run, row, number(s["rms"], s["rms"]), s["unit"], f"{s['nrmse']:.2f}", f"{s['vaf']:.2f}",
-            number(s["floor"], s["floor"]), f"{s['ratio']:.2f}" + (" !" if s["ratio"] > 1.2 else "  "),
+            number(s["floor"], s["floor"]), f"{s['ratio']:.2f}" + _mark(s), s.get("colour") or "-",
         ]
         for run, part in scored.items()
         for row, s in part.items()
     ]  # fmt: skip
-    return table(["run", "row", "rms", "unit", "NRMSE %", "VAF %", "floor", "rms ÷ floor"], lines, left=2)
+    head = ["run", "row", "rms", "unit", "NRMSE %", "VAF %", "floor", "rms ÷ floor", "residual"]
+    text = table(head, lines, left=2)
+    if any(not s.get("judged", True) for part in scored.values() for s in part.values()):
+        text += "\n  ? cannot be judged: the runs used leave open what this row needs"
+    return text
+
+
+def _mark(score: Mapping[str, Any]) -> str:
+    """Beside a ratio: failed, or not to be judged."""
+    if not score.get("judged", True):
+        return " ?"
+    return " !" if score["ratio"] > FAILS else "  "
 
 
 def worst(scored: Mapping[str, Mapping[str, Any]]) -> tuple[str, float]:

@@ -5,17 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from identify.derived import damper_curves
 from identify.study import Study
 from services import tables
 from services.fitting import Work, scores
-from services.plots import plot_comparison
 from services.progress import Line
 from services.result import DONE, write_result
+from services.validation_plots import draw_comparison, draw_dampers
 
 HELP = "compare the model with the measurement, row by row"
 DESCRIPTION = """\
 Every row of the equations, measured and modelled, on the runs used (direct validation) and on those held out (cross
-validation): RMS error, NRMSE, VAF, and the error in units of its noise floor. Pictures go to DIR/pictures.
+validation): RMS error, NRMSE, VAF, the error in units of its noise floor, and whether what is left looks like noise or
+has a colour of its own. A row marked ! fails. A row of a run held out marked ? cannot be judged, because the runs used
+leave open a parameter it needs; the parameter is named, and the run that would find it. Pictures go to DIR/pictures.
 
   lacet compare DIR
   lacet compare DIR --version 1
@@ -41,15 +44,21 @@ def run(args: argparse.Namespace) -> int:
         if not args.no_pictures:
             line.show("drawing")
             for part in (*used, *held):
-                file = study.folder / "pictures" / f"{part.name}-v{version.number}.png"
-                plot_comparison(part, file)
-                pictures.append(file)
-    result = {"version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held)}
+                pictures += draw_comparison(part, study.folder / "pictures", f"{part.name}-v{version.number}")
+            curves = damper_curves(work.fitted(version), work.knowledge(version))
+            pictures += draw_dampers(curves, study.folder / "pictures", f"dampers-v{version.number}")
+    not_judged = [line for part in held for line in part.not_judged]
+    result = {
+        "version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held),
+        "not_judged": not_judged,
+    }  # fmt: skip
     for title, part in (("Runs used", result["used"]), ("Runs held out", result["held"])):
         if part:
             print(f"{title}:\n{tables.rows(part)}\n")
             where, ratio = tables.worst(part)
             print(f"  farthest from its floor: {where}, {ratio:.2f} times\n")
+    for sentence in not_judged:
+        print(f"? {sentence}")
     for file in pictures:
         print(f"picture: {file}")
     write_result(args.json, "compare", {**result, "pictures": pictures})

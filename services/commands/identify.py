@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 
 from identify.catalogue import base_model, catalogue, find_effect
+from identify.derived import damper_curves
+from identify.doubt import Knowledge
 from identify.explain import refuse_not_finite
 from identify.fit import fit
 from identify.model import Model
@@ -16,13 +18,17 @@ from services.fitting import FLOOR_DRAWS, default_filters, fit_result
 from services.loading import load
 from services.progress import Line
 from services.result import DONE, WITH_LOSSES, write_result
+from services.validation_plots import draw_comparison, draw_dampers
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\
 Fit the base model (rigid bodies, springs, dampers, static loads, tyres), and any effects added to it, to one run or to
-several together, by weighted least squares. Logs carry their rig and vehicle; exchange tables need them named.
+several together, by weighted least squares. Prints the parameters, what an engineer derives from them (ride rates and
+frequencies, roll stiffness, load transfer; docs/derived.md) with 95 % intervals, and the travel, speed and load that
+the runs cover. Logs carry their rig and vehicle; exchange tables need them named.
 
   lacet identify run1.mcap run2.mcap
+  lacet identify run1.mcap --pictures pictures
   lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
   lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
   lacet identify run1.mcap --consistent    # bodies that can exist, and what that costs (docs/consistency.md)
@@ -38,6 +44,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--rows", action="store_true", help="also print the error of every row")
+    parser.add_argument(
+        "--pictures", metavar="FOLDER", type=Path,
+        help="draw measurement, model and error, residual spectra and damper curves there",
+    )  # fmt: skip
     parser.add_argument("--why", action="store_true", help="also print why parameters cannot be identified")
     parser.add_argument(
         "--consistent", action="store_true", help="fit bodies that can exist (needs the extra 'consistency')"
@@ -57,11 +67,23 @@ def run(args: argparse.Namespace) -> int:
         mended = mend(fitted, line.show) if args.consistent else None
         fitted = mended[0] if mended else fitted
         line.show("simulating the noise floor")
-        result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+        parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
+        knowledge = Knowledge.of(fitted)
+        result = fit_result(fitted, loaded, parts, knowledge=knowledge)
+        pictures: list[Path] = []
+        if args.pictures is not None:
+            line.show("drawing")
+            pictures = [file for part in parts for file in draw_comparison(part, args.pictures, part.name)]
+            pictures += draw_dampers(damper_curves(fitted, knowledge), args.pictures, "dampers")
     if mended:
         result["consistency"] = mended[1]
     print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
+    if result["derived"]:
+        print(f"\n{tables.derived(result)}")
+    if lacking := tables.not_derived(result):
+        print(f"\nDerived values not determined:\n{lacking}")
+    print(f"\n{tables.ranges(result)}")
     if result["rows_left_out"]:
         print(f"\nRows left out:\n{tables.left_out(result)}")
     if result["not_identifiable"]:
@@ -77,10 +99,13 @@ def run(args: argparse.Namespace) -> int:
     where, ratio = tables.worst(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
     if ratio > 1.2:
+        print("Values that stand on a failing row are off by more than their intervals say.")
         print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))
     for warning in loaded.warnings:
         print(f"! {warning}")
-    write_result(args.json, "identify", result)
+    for file in pictures:
+        print(f"picture: {file}")
+    write_result(args.json, "identify", {**result, "pictures": pictures})
     return WITH_LOSSES if loaded.warnings or not result["parameters"] else DONE

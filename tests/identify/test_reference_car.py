@@ -1,19 +1,16 @@
 """The independent reference car: what the identification finds against what the car is made of.
 
-`truth.json` is read here and nowhere else, to score. Wheels are hub loads: rim and tyre are outboard.
+`truth.json` is read by tests only, to score. Wheels are hub loads: rim and tyre are outboard.
 """
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import cars
 import numpy as np
 import pytest
 
-from daq.run import Run
-from identify.catalogue import catalogue
 from identify.drive import Drive
 from identify.fit import Fit, fit
 from identify.model import Model
@@ -21,34 +18,8 @@ from identify.rows import SUSPENSION_ROWS
 from identify.score import compare
 from identify.whole import NAMES, whole_vehicle
 
-VEHICLE, RIG = cars.reference_car()
+VEHICLE, _ = cars.reference_car()
 AXLE_OF = {"f": "front", "r": "rear"}
-
-
-@pytest.fixture(scope="session")
-def drives() -> dict[str, Drive]:
-    """The four runs, brought together once."""
-    return {name: Drive.of(Run.open(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
-
-
-@pytest.fixture(scope="session")
-def models() -> dict[str, Model]:
-    """The base model, and the model with both bars."""
-    known = catalogue(VEHICLE, "hub")
-    base = Model.of(effect for effect in known.values() if effect.base)
-    return {"base": base, "bars": base + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]}
-
-
-@pytest.fixture(scope="session")
-def fitted(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
-    """Both bars in the model, all four runs."""
-    return fit(models["bars"], list(drives.values()))
-
-
-@pytest.fixture(scope="session")
-def truth() -> dict[str, Any]:
-    """What the car is made of."""
-    return json.loads((cars.CAR / "truth.json").read_text(encoding="utf-8"))
 
 
 def found(fitted: Fit, family: str) -> dict[str, float]:

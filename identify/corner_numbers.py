@@ -1,0 +1,155 @@
+"""The numbers a ride and roll model of the car needs, as linear functions of a fit's parameters.
+
+Every effect in the model counts, whoever wrote it: what it does to a suspension or tyre is read from its columns over
+the motions seen in the runs, as the linear spring and damper that fit them best.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daq.channels import CORNERS
+from identify.drive import Drive
+from identify.effect import Effect, SuspensionForce
+from identify.fit import Fit
+from identify.motion import Motion
+from identify.rigid_body import PARAMETERS
+from identify.vectors import Array
+
+_STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
+"""Half steps of slopes by travel [m], its rate [m/s] and tyre deflection [m]."""
+
+
+@dataclass(frozen=True)
+class CornerNumbers:
+    """Numbers of the four corners (in the order fl, fr, rl, rr) and the sprung mass.
+
+    Attributes
+    ----------
+    stiffness, damping : (4,) of each corner's own springs [N/m] and dampers [N·s/m], at the wheel.
+    coupled_stiffness, coupled_damping : (4, 4) force at corner i per travel (rate) of corner j by all other effects
+        (anti-roll bars).
+    tyre : (4,) vertical stiffness [N/m].
+    unsprung : (4,) mass [kg], outboard of the transducer included.
+    chassis : (10,) parameters of the sprung mass about the body origin, body axes (XX … M).
+    static : (4,) suspension force at design height [N].
+    """
+
+    stiffness: Array
+    damping: Array
+    coupled_stiffness: Array
+    coupled_damping: Array
+    tyre: Array
+    unsprung: Array
+    chassis: Array
+    static: Array
+
+    @classmethod
+    def unpack(cls, packed: Array) -> CornerNumbers:
+        """From one vector (66,)."""
+        k, c, kk, cc, kt, m, body, f0 = np.split(packed, np.cumsum(_SIZES)[:-1])
+        return cls(k, c, kk.reshape(4, 4), cc.reshape(4, 4), kt, m, body, f0)
+
+
+_SIZES = (4, 4, 16, 16, 4, 4, 10, 4)
+BLOCKS = tuple(int(i) for i in np.repeat(np.arange(len(_SIZES)), _SIZES))
+"""Which number each element of the packed vector is of."""
+
+
+def corner_numbers(fitted: Fit) -> Array:
+    """(66, p): the packed numbers per unit of each parameter of the physics."""
+    effects = fitted.model.physics
+    out = np.zeros((sum(_SIZES), sum(len(effect.parameters) for effect in effects)))
+    k, c, kk, cc, kt, m, body, f0 = np.split(out, np.cumsum(_SIZES)[:-1])
+    start = 0
+    for effect in effects:
+        part = slice(start, start := start + len(effect.parameters))
+        if effect.name == "body":
+            _body(effect, body[:, part], m[:, part])
+        elif effect.name == "outboard_mass":
+            m[CORNERS.index(effect.where), part] = 1.0
+        elif isinstance(effect, SuspensionForce):
+            k[:, part], c[:, part], f0[:, part] = _own(fitted.drives, effect)
+        else:
+            for table, name, kind in (
+                (kk, "travel", "suspension"),
+                (cc, "rate", "suspension"),
+                (kt, "deflection", "tyre"),
+            ):
+                slopes = _slopes(fitted.drives, effect, name, kind)
+                table[:, part] = slopes.reshape(16, -1) if kind == "suspension" else np.einsum("iip->ip", slopes)
+    return out
+
+
+def suspension_laws(
+    effect: Effect, motion: Motion, travel: Mapping[str, Array], rate: Mapping[str, Array]
+) -> dict[str, Array]:
+    """Corner → (p, n) of a suspension force per unit of its parameters at other travels and rates (n,)."""
+    corners = {
+        c: replace(one, travel=travel[c], rate=rate[c]) if c in travel else one for c, one in motion.corners.items()
+    }
+    columns = effect.columns(replace(motion, corners=corners))
+    return {row.split(".")[1]: a for row, a in columns.items() if row.startswith("suspension.")}
+
+
+def _body(effect: Effect, chassis: Array, unsprung: Array) -> None:
+    kind, _, corner = effect.where.partition(".")
+    names = [q.name.rstrip("0123456789") for q in effect.parameters]
+    if kind == "chassis":
+        for column, name in enumerate(names):
+            chassis[PARAMETERS.index(name), column] = 1.0
+    else:
+        unsprung[CORNERS.index(corner), names.index("M")] = 1.0
+
+
+def _own(drives: tuple[Drive, ...], effect: SuspensionForce) -> tuple[Array, Array, Array]:
+    """(4, p) spring and damper that do most nearly the same over all samples seen, and the force at rest at design."""
+    p = len(effect.parameters)
+    normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
+    f0 = np.zeros((4, p))
+    for drive in drives:
+        columns = effect.columns(drive.motion)
+        zero = {c: np.zeros(1) for c in CORNERS}
+        for c, at_rest in suspension_laws(effect, drive.motion, zero, zero).items():
+            f0[CORNERS.index(c)] = at_rest[:, 0]
+        for i, c in enumerate(CORNERS):
+            row = f"suspension.{c}"
+            if row in columns and row in drive.index:
+                at, corner = drive.index[row], drive.motion.corners[c]
+                basis = np.stack([np.ones(at.size), corner.travel[at], corner.rate[at]])
+                normal[i] += basis @ basis.T
+                right[i] += basis @ columns[row][:, at].T
+    slopes = np.linalg.pinv(normal) @ right
+    return slopes[:, 1], slopes[:, 2], f0
+
+
+def _slopes(drives: tuple[Drive, ...], effect: Effect, name: str, kind: str) -> Array:
+    """(4, 4, p) mean slope of the force at corner i by a quantity of corner j over all samples seen."""
+    out = np.zeros((4, 4, len(effect.parameters)))
+    counts = np.zeros(4)
+    step = _STEP[name]
+    for drive in drives:
+        motion = drive.motion
+        acted = [c for c in CORNERS if f"{kind}.{c}" in effect.columns(motion) and f"{kind}.{c}" in drive.index]
+        if not acted:
+            continue
+        for c in acted:
+            counts[CORNERS.index(c)] += drive.index[f"{kind}.{c}"].size
+        for j, moved in enumerate(CORNERS):
+            up, down = (effect.columns(_moved(motion, moved, name, sign * step)) for sign in (1.0, -1.0))
+            for c in acted:
+                row = f"{kind}.{c}"
+                difference = (up[row] - down[row])[:, drive.index[row]] / (2.0 * step)
+                out[CORNERS.index(c), j] += difference.sum(axis=1)
+    return out / np.maximum(counts, 1.0)[:, None, None]
+
+
+def _moved(motion: Motion, corner: str, name: str, by: float) -> Motion:
+    one = motion.corners[corner]
+    changes: dict[str, Callable[[], Array]] = {
+        "travel": lambda: one.travel + by, "rate": lambda: one.rate + by, "deflection": lambda: one.deflection + by,
+    }  # fmt: skip
+    return replace(motion, corners={**motion.corners, corner: replace(one, **{name: changes[name]()})})

@@ -1,0 +1,191 @@
+"""Values an engineer thinks in, derived from a fit: ride, roll, load transfer, static loads, dampers.
+
+Definitions and formulae: ``docs/derived.md``. Every value is a smooth function of the parameters; its interval follows
+from their covariance (delta method), what the runs leave open included.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from daq.channels import CORNERS
+from daq.vehicle import Vehicle
+from identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, suspension_laws
+from identify.doubt import Knowledge
+from identify.drive import Drive
+from identify.effect import SuspensionForce
+from identify.fit import Fit
+from identify.ride_model import ride_values
+from identify.vectors import Array
+
+WIDE = 0.25
+"""Half of the 95 % interval ÷ value beyond which a value is not determined."""
+_SEEN = (0.005, 0.995)
+"""Quantiles that bound a range seen: a few samples of noise do not stretch it."""
+
+
+@dataclass(frozen=True)
+class Derived:
+    """One derived value: `half` of its 95 % interval; where it is not `determined`, `why` names what is missing."""
+
+    name: str
+    value: float
+    unit: str
+    half: float
+    determined: bool
+    why: str
+
+
+@dataclass(frozen=True)
+class DamperCurve:
+    """A corner's damper force against travel rate over the rates seen, at the mean travel.
+
+    `rate` (n,) m/s, compression positive; `force` (n,) N, resisting compression; `half` (n,) of the 95 % band;
+    `travel` m.
+    """
+
+    rate: Array
+    force: Array
+    half: Array
+    travel: float
+
+
+def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[Derived]:
+    """Every derived value; empty when the model has no chassis."""
+    if "M6" not in knowledge.names:
+        return []
+    table = corner_numbers(fitted)
+    x = table @ fitted.physics
+    names, units, values = _values(x, vehicle)
+    slopes = _jacobian(x, vehicle) @ table
+    usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
+    spread = knowledge.spread(np.where(usable[:, None], slopes, 0.0))
+    out: list[Derived] = []
+    for k, name in enumerate(names):
+        half = 1.96 * float(spread[k])
+        determined = bool(usable[k]) and half <= WIDE * abs(float(values[k]))
+        why = ""
+        if not determined:
+            which: tuple[int, ...] = ()
+            if usable[k]:
+                enough = (WIDE * abs(float(values[k])) / 1.96) ** 2
+                which = knowledge.responsible(np.asarray(np.outer(slopes[k], slopes[k]), float), enough)
+                why = knowledge.reason(which)
+            else:
+                why = (
+                    "the masses, inertias and stiffnesses found do not make such a car (one of them is not above zero)"
+                )
+            why = _not_measured(fitted, name) or why
+        out.append(Derived(name, float(values[k]), units[k], half, determined, why))
+    return out
+
+
+def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:
+    found = ride_values(CornerNumbers.unpack(x), vehicle)
+    return list(found), [unit for _, unit in found.values()], np.array([value for value, _ in found.values()])
+
+
+def _jacobian(x: Array, vehicle: Vehicle) -> Array:
+    """(values, numbers) by central differences, each number moved by 1e-5 of the largest of its kind."""
+    blocks = np.array(BLOCKS)
+    columns: list[Array] = []
+    for i in range(x.size):
+        step = np.zeros(x.size)
+        largest = float(np.max(np.abs(x[blocks == blocks[i]])))
+        step[i] = 1e-5 * (largest or 1.0)
+        up, down = (_values(x + sign * step, vehicle)[2] for sign in (1.0, -1.0))
+        columns.append((up - down) / (2.0 * step[i]))
+    return np.stack(columns, axis=1)
+
+
+def _not_measured(fitted: Fit, name: str) -> str:
+    """The reason when a row the value stands on exists in no run."""
+    where = name.split(".")[1] if "." in name else ""
+    corners = {"front": ("fl", "fr"), "rear": ("rl", "rr")}.get(where, (where,) if where in CORNERS else CORNERS)
+    for row in (f"{kind}.{c}" for kind in ("suspension", "tyre") for c in corners):
+        reasons = [drive.motion.left_out[row] for drive in fitted.drives if row in drive.motion.left_out]
+        if len(reasons) == len(fitted.drives):
+            return f"{row}: {reasons[0]}"
+    return ""
+
+
+def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[str, DamperCurve]:
+    """Corner → damper curve: all suspension forces of the model at the mean travel, less what they give at rest."""
+    out: dict[str, DamperCurve] = {}
+    for corner in CORNERS:
+        row = f"suspension.{corner}"
+        drives = [drive for drive in fitted.drives if row in drive.index]
+        if not drives:
+            continue
+        low, high = seen(fitted, row, lambda d, c=corner: d.motion.corners[c].rate)
+        travel = float(np.mean(np.concatenate([d.motion.corners[corner].travel[d.index[row]] for d in drives])))
+        rate = np.linspace(min(low, 0.0), max(high, 0.0), points)
+        laws = np.zeros((points, len(fitted.physics)))
+        start = 0
+        for effect in fitted.model.physics:
+            part = slice(start, start := start + len(effect.parameters))
+            if isinstance(effect, SuspensionForce):
+                at = {c: np.full(points, travel) for c in CORNERS}
+                moving = suspension_laws(effect, drives[0].motion, at, dict.fromkeys(CORNERS, rate))
+                still = suspension_laws(effect, drives[0].motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
+                if corner in moving:
+                    laws[:, part] = (moving[corner] - still[corner]).T
+        out[corner] = DamperCurve(rate, laws @ fitted.physics, 1.96 * knowledge.spread(laws), travel)
+    return out
+
+
+@dataclass(frozen=True)
+class Range:
+    """What a verdict covers: `low` to `high` of a quantity over the runs used [`unit`]."""
+
+    name: str
+    low: float
+    high: float
+    unit: str
+
+
+def ranges(fitted: Fit) -> list[Range]:
+    """Travel, travel rate and vertical wheel load of each corner, speed and accelerations seen in the runs used."""
+    out: list[Range] = []
+    for corner in CORNERS:
+        row = f"suspension.{corner}"
+        if not any(row in drive.index for drive in fitted.drives):
+            continue
+
+        def series(part: str, c: str = corner) -> Callable[[Drive], Array]:
+            return lambda run: getattr(run.motion.corners[c], part)
+
+        out.append(Range(f"travel.{corner}", *seen(fitted, row, series("travel")), "m"))
+        out.append(Range(f"rate.{corner}", *seen(fitted, row, series("rate")), "m/s"))
+        out.append(Range(f"load.{corner}", *seen(fitted, row, lambda drive, c=corner: _load(drive, c)), "N"))
+    if any("chassis.fx" in drive.index for drive in fitted.drives):
+        if all(drive.motion.velocity is not None for drive in fitted.drives):
+            out.append(Range("speed", *seen(fitted, "chassis.fx", _speed), "m/s"))
+        for k, name in enumerate(("longitudinal", "lateral")):
+            out.append(
+                Range(
+                    f"acceleration.{name}", *seen(fitted, "chassis.fx", lambda d, k=k: d.motion.body.accel[k]), "m/s²"
+                )
+            )
+    return out
+
+
+def seen(fitted: Fit, row: str, pick: Callable[[Drive], Array]) -> tuple[float, float]:
+    """Range of a full-rate series over the samples of a row that entered the fit, all runs together."""
+    values = [pick(drive)[drive.index[row]] for drive in fitted.drives if row in drive.index]
+    low, high = np.quantile(np.concatenate(values), _SEEN)
+    return float(low), float(high)
+
+
+def _speed(drive: Drive) -> Array:
+    velocity = drive.motion.velocity
+    assert velocity is not None
+    return np.hypot(velocity[0], velocity[1])
+
+
+def _load(drive: Drive, corner: str) -> Array:
+    """Vertical load of a wheel, body axes."""
+    return drive.motion.corners[corner].force[2]

@@ -1,0 +1,169 @@
+"""What runs leave open about a model's parameters, and what that means for a prediction.
+
+A parameter that the runs do not excite has a value all the same: the prior's, a share of a group, or one fitted to the
+noise in its own column. The covariance here holds all three, so that a prediction or a derived value that leans on such
+a parameter shows it, and the parameter can be named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.estimates import hint
+from identify.fit import Fit
+from identify.vectors import Array
+from identify.zeros import Zeros
+
+PAIRS = 1
+"""Pairs of noise draws behind the check for columns that are noise: sums over a run's samples scatter little."""
+SOUND = 0.5
+"""Part of a direction's information that may be noise in its own columns; the fit's correction stops there too."""
+ENOUGH = 0.5
+"""Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """All that is known of the physics' parameters after a fit.
+
+    Attributes
+    ----------
+    names : (p,) parameters of the physics.
+    hints : (p,) which run shows each.
+    covariance : (p, p) of their values: the fit's, with what grouping shares out and what only noise seemed to
+        determine as wide as the priors.
+    """
+
+    names: tuple[str, ...]
+    hints: tuple[str, ...]
+    covariance: Array
+
+    @classmethod
+    def of(cls, fitted: Fit) -> Knowledge:
+        """What the runs of a fit tell."""
+        parameters = [q for effect in fitted.model.physics for q in effect.parameters]
+        hints = [hint(q.name, effect) for effect in fitted.model.physics for q in effect.parameters]
+        p = len(parameters)
+        prior = np.array([q.prior for q in parameters])
+        covariance = fitted.covariance[:p, :p].copy()
+        keep = fitted.base.independent
+        covariance[np.ix_(keep, keep)] += _only_noise(fitted, prior[keep])
+        covariance += _shared(fitted, prior)
+        return cls(tuple(q.name for q in parameters), tuple(hints), covariance)
+
+    def spread(self, slopes: Array) -> Array:
+        """(k,) 1 σ of values with these slopes by the parameters, (k, p)."""
+        return np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)))
+
+    def responsible(self, gram: Array, enough: float, most: int = 3) -> tuple[int, ...]:
+        """Parameters that make tr(gram · covariance) large, (p, p): knowing them would bring it down to `enough`.
+
+        One after the other, each time the one that would take most away, of those whose own column (or slope) matters:
+        a static load can be as uncertain as the mass it was confused with and still move nothing.
+        """
+        left = self.covariance
+        found: list[int] = []
+        while len(found) < most and float(np.sum(gram * left)) > enough:
+            own = np.diag(left)
+            total = float(np.sum(gram * left))
+            moves = (own > 1e-12 * np.diag(self.covariance)) & (np.diag(gram) * own > 0.05 * total)
+            effect = np.where(moves, np.einsum("ij,jk,ki->i", left, gram, left) / np.where(moves, own, 1.0), 0.0)
+            best = int(np.argmax(effect))
+            if effect[best] < 0.02 * total:
+                break
+            found.append(best)
+            left = left - np.outer(left[best], left[best]) / own[best]
+        return tuple(found)
+
+    def prediction(
+        self, effects: Sequence[Effect], drive: Drive, zeros: Zeros, floor: Mapping[str, float]
+    ) -> dict[str, tuple[float, str]]:
+        """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and why it is large (empty when it is not).
+
+        What the run's own zeros take up is no matter of the car and does not count.
+        """
+        weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in drive.rows}
+        W = {row: weight[row] * drive.matrix(effects, row) for row in drive.rows}
+        Z = {row: weight[row] * zeros.columns[row] for row in drive.rows}
+        normal: Array = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
+        moments: Array = np.sum([Z[row].T @ W[row] for row in drive.rows], axis=0)
+        taken = np.linalg.solve(normal, moments)
+        out: dict[str, tuple[float, str]] = {}
+        for row in drive.rows:
+            left = W[row] - Z[row] @ taken
+            gram = left.T @ left / len(left)
+            ratio = float(np.sqrt(max(0.0, float(np.sum(gram * self.covariance)))))
+            why = self.reason(self.responsible(gram, ENOUGH**2)) if ratio > ENOUGH else ""
+            out[row] = (ratio, why)
+        return out
+
+    def reason(self, which: tuple[int, ...]) -> str:
+        """In words: parameters and the run that shows them."""
+        if not which:
+            return "many parameters are each known a little too little"
+        names = [self.names[i] for i in which]
+        listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        hints = list(dict.fromkeys(self.hints[i].removeprefix("what shows it: ") for i in which))
+        them = "it" if len(names) == 1 else "them"
+        return f"{listed} not determined well enough by the runs used; what shows {them}: {'; '.join(hints)}"
+
+
+def is_used(fitted: Fit, drive: Drive) -> bool:
+    """Whether a run is one of those a fit was made from."""
+    return any(one.recording.t is drive.recording.t for one in fitted.drives)
+
+
+def _shared(fitted: Fit, prior: Array) -> Array:
+    """(p, p) covariance of how a group shares its value among its members, and of what has no effect at all."""
+    base = fitted.base
+    p = len(prior)
+    out = np.zeros((p, p))
+    out[base.absent, base.absent] = prior[base.absent] ** 2
+    if len(base.dependent):
+        null = np.zeros((p, len(base.dependent)))
+        null[base.independent] = -base.relations
+        null[base.dependent] = np.eye(len(base.dependent))
+        scaled = null / prior[:, None]
+        out += null @ np.linalg.inv(scaled.T @ scaled) @ null.T
+    return out
+
+
+def _only_noise(fitted: Fit, prior: Array) -> Array:
+    """(b, b) what to add to the covariance for directions whose columns are mostly noise.
+
+    Least squares takes a column of noise for a known one and finds the value near zero, with a narrow interval. Such a
+    direction is given back to the prior.
+    """
+    keep = fitted.base.independent
+    noise = _noise_gram(fitted)[np.ix_(keep, keep)]
+    iid = fitted.covariance_iid[np.ix_(keep, keep)]
+    lengths = np.sqrt(np.diag(iid))
+    values, vectors = np.linalg.eigh(iid / np.outer(lengths, lengths))
+    root = lengths[:, None] * (vectors * np.sqrt(np.maximum(values, 0.0)))  # root rootᵀ = iid
+    part, turned = np.linalg.eigh(root.T @ noise @ root)
+    directions = (root @ turned)[:, part > SOUND]
+    known = np.sum((directions / prior[:, None]) ** 2, axis=0)
+    widening = np.maximum(0.0, 1.0 / np.maximum(known, 1e-12) - 1.0)
+    return (directions * widening) @ directions.T
+
+
+def _noise_gram(fitted: Fit) -> Array:
+    """(p, p) what the sensor sheet's noise alone adds to the normal matrix, weighted as in the fit."""
+    effects = fitted.model.physics
+    p = sum(len(effect.parameters) for effect in effects)
+    out = np.zeros((p, p))
+    for d, drive in enumerate(fitted.drives):
+        plain = {row: drive.matrix(effects, row) for row in drive.rows}
+        for draw in range(PAIRS):
+            for sign in (1, -1):
+                noisy = drive.noisy(draw, sign, [2002, d, draw])  # the fit's own draws, whose columns are still there
+                for row, W in plain.items():
+                    moved = noisy.matrix(effects, row)
+                    out += (moved.T @ moved - W.T @ W) / (2 * PAIRS * fitted.sigma[row] ** 2)
+                noisy.forget_motion()
+    return out

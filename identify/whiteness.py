@@ -1,0 +1,195 @@
+"""Whether a residual looks like noise: its spectrum and autocorrelation against those of the simulated noise floor.
+
+The floor is filtered and comes from many sensors, so it is not white itself; a test for whiteness alone would call
+every residual coloured. Everything here is relative to the floor's own spectrum, known from simulated draws.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, fdtrc, fdtri
+
+from identify.vectors import Array
+
+SIGNIFICANCE = 0.01
+"""Error of one row's verdict: a car has some twenty rows, and one in five runs would be called coloured at 0.05."""
+LEAST_EXCESS = 1.25
+"""Power in a band ÷ the floor's below which an excess does not matter, however sure it is (12 % in amplitude)."""
+_BINS = 6
+"""Least number of Fourier bins in a band."""
+_WIDTH = 2.0**0.5
+"""Ratio of a band's edges where there are bins enough."""
+_LAGS = 20
+_RHO2 = (4.0 / 9.0, 1.0 / 36.0)
+"""Squared correlation of Hann-tapered Fourier coefficients one and two bins apart."""
+
+
+@dataclass(frozen=True)
+class Whiteness:
+    """A residual's colour beside the floor's.
+
+    Attributes
+    ----------
+    frequency, spectrum, floor : (B,) band centres [Hz], power densities of residual and floor [unit²/Hz].
+    high : (B,) power density that noise alone stays below in every band together, at `SIGNIFICANCE`.
+    lag, acf : (L,) [s], autocorrelation of the residual; `acf_low`, `acf_high` the 95 % band of the simulated floor.
+    p : probability that noise alone is as far above the floor in any band.
+    ljung_box : probability of the whitened residual's autocorrelation (Ljung and Box, 1978): the spectrum's shape,
+        whatever its level.
+    peak : frequency of the largest excess [Hz], NaN where the residual is like noise.
+    word : ``like noise``, ``louder than noise`` (the floor's shape at another level), ``coloured: 1.2 Hz``.
+    """
+
+    frequency: Array
+    spectrum: Array
+    floor: Array
+    high: Array
+    lag: Array
+    acf: Array
+    acf_low: Array
+    acf_high: Array
+    p: float
+    ljung_box: float
+    peak: float
+    word: str
+
+
+def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: float) -> Whiteness | None:
+    """Judge a residual against draws of its noise floor.
+
+    Parameters
+    ----------
+    residual : (n,) [N or N·m].
+    draws : (D, n) simulated residuals of a model that lacks nothing.
+    place : (n,) position of each sample on a comb of `spacing` [s]; what is missing on it are holes.
+
+    None when there are too few samples to tell (fewer than 32).
+    """
+    if residual.size < 32:
+        return None
+    series = _on_comb(np.vstack([residual, draws]), place)
+    usable = _on_comb(np.ones((1, residual.size)), place)[0] > 0
+    frequency, power = _periodograms(series, usable, spacing)
+    bands = _bands(frequency, float(np.ptp(place) + 1) * spacing)
+    means = np.stack([power[:, part].mean(axis=1) for part in bands], axis=1)
+    bins = np.array([part.size for part in bands])
+    own, floors = means[0], means[1:].mean(axis=0)
+    alive = floors > 1e-6 * float(floors.max())
+    bands = [part for part, keep in zip(bands, alive, strict=True) if keep]
+    means, bins, own, floors = means[:, alive], bins[alive], own[alive], floors[alive]
+    freedom = _freedom(bins, means[1:])
+    count = len(draws)
+    each = np.asarray(fdtrc(freedom, freedom * count, own / floors), float)
+    p = float(-np.expm1(len(bands) * np.log1p(-min(float(each.min()), 1 - 1e-12))))
+    limit = -np.expm1(np.log1p(-SIGNIFICANCE) / len(bands))
+    high = np.maximum(LEAST_EXCESS, np.asarray(fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
+    shape = _ljung_box(series, usable, power)
+    peak, word = float("nan"), "like noise"
+    above = own > high
+    if above.any():
+        raised = own > LEAST_EXCESS * floors
+        if shape > SIGNIFICANCE and 2 * np.count_nonzero(raised) > raised.size:
+            word = "louder than noise"
+        worst = int(np.argmax(np.where(above, (own - floors) * bins, -np.inf)))
+        inside = bands[worst]
+        peak = float(frequency[inside] @ power[0, inside] / power[0, inside].sum())
+        word = word if word != "like noise" else f"coloured: {peak:.2g} Hz"
+    lags = int(min(_LAGS * 2, residual.size // 4))
+    acf = _acf(series, usable, lags)
+    spread = 1.96 * acf[1:].std(axis=0, ddof=1 if count > 1 else 0)
+    centre = acf[1:].mean(axis=0)
+    return Whiteness(
+        frequency=np.array([float(frequency[part].mean()) for part in bands]),
+        spectrum=own, floor=floors, high=np.asarray(high, float),
+        lag=np.asarray(spacing * np.arange(lags + 1), float), acf=acf[0],
+        acf_low=centre - spread, acf_high=centre + spread,
+        p=p, ljung_box=shape, peak=peak, word=word,
+    )  # fmt: skip
+
+
+def _on_comb(series: Array, place: NDArray[np.intp]) -> Array:
+    """(k, n) samples on their comb, their mean taken out, zero in the holes."""
+    start = int(place.min())
+    out = np.zeros((series.shape[0], int(place.max()) - start + 1))
+    constant = bool(np.all(series == series[:, :1]))
+    out[:, place - start] = series if constant else series - series.mean(axis=1, keepdims=True)
+    return out
+
+
+def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
+    """Frequencies [Hz] and one-sided power densities (k, F), Hann-tapered, without the mean."""
+    n = series.shape[1]
+    taper = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+    spectrum = np.asarray(np.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
+    power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
+    return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]
+
+
+def _bands(frequency: Array, length: float) -> list[NDArray[np.intp]]:
+    """Bins of each band: at least `_BINS` of them, growing with frequency."""
+    least = max(_BINS, round(_BINS * frequency.size / max(1.0, length * float(frequency[-1]))))
+    out: list[NDArray[np.intp]] = []
+    start = 0
+    while start < frequency.size:
+        stop = max(start + least, int(np.searchsorted(frequency, _WIDTH * frequency[start])))
+        if frequency.size - stop < least:
+            stop = frequency.size
+        out.append(np.arange(start, stop))
+        start = stop
+    return out
+
+
+def _freedom(bins: NDArray[np.int64], draws: Array) -> Array:
+    """Degrees of freedom of a band's mean power.
+
+    Fewer than two a bin: a taper ties neighbours, and a floor that swells and fades with the motion scatters more than
+    steady noise does; how much more is seen from the draws.
+    """
+    tied: Array = np.array(
+        [1.0 + 2.0 * sum(max(0.0, 1.0 - (k + 1) / m) * r for k, r in enumerate(_RHO2)) for m in bins]
+    )
+    freedom: Array = np.asarray(np.divide(2.0 * bins, tied), float)
+    if len(draws) >= 10:
+        seen: Array = np.asarray(draws.var(axis=0, ddof=1) / draws.mean(axis=0) ** 2, float)
+        freedom = freedom / max(1.0, float(np.mean(0.5 * seen * freedom)))
+    return freedom
+
+
+def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
+    """p of the first series' autocorrelation after whitening with the floor's spectrum; the others are draws of it.
+
+    Mean and spread of the statistic are those of the draws, each whitened by the others: a floor that swells with the
+    motion is not white however it is filtered.
+    """
+    count = len(series) - 1
+    total = power[1:].sum(axis=0)
+    others = np.vstack([total / count, (total - power[1:]) / (count - 1)]) if count > 1 else np.vstack([total] * 2)
+    kernel = np.asarray(np.hanning(9)[1:-1], float)
+    # Smoothed over seven bins, so that the draws' own scatter does not ripple what is whitened.
+    padded = np.pad(others, ((0, 0), (3, 3)), mode="edge")
+    smooth = np.asarray(np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel, float)
+    spectrum = np.fft.rfft(series, axis=1)
+    spectrum[:, 1:] /= np.sqrt(np.maximum(smooth, 1e-6 * smooth.max(axis=1, keepdims=True)))
+    spectrum[:, 0] = 0.0
+    white = np.where(usable, np.fft.irfft(spectrum, series.shape[1], axis=1), 0.0)
+    n = int(np.count_nonzero(usable))
+    lags = min(_LAGS, n // 5)
+    q = n * (n + 2.0) * np.sum(_acf(white, usable, lags)[:, 1:] ** 2 / (n - np.arange(1, lags + 1)), axis=1)
+    if count < 10:
+        return float(np.asarray(chdtrc(lags, q[0]), float))
+    usual, spread = float(q[1:].mean()), float(q[1:].var(ddof=1))
+    freedom = min(float(lags), 2.0 * usual**2 / spread) if spread > 0 else float(lags)
+    return float(np.asarray(chdtrc(freedom, q[0] * freedom / usual), float))
+
+
+def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:
+    """(k, lags + 1) autocorrelation; pairs with a hole do not count."""
+    size = 2 * series.shape[1]
+    spectrum = np.fft.rfft(series, size, axis=1)
+    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, : lags + 1]
+    pairs = np.fft.irfft(np.abs(np.fft.rfft(usable.astype(float), size)) ** 2, size)[: lags + 1]
+    covariance = sums * (pairs[0] / np.maximum(pairs, 1.0))
+    return covariance / np.where(covariance[:, :1] > 0, covariance[:, :1], 1.0)

@@ -1,0 +1,49 @@
+"""The reference car's runs, models and fit: made once for all tests that need them."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import cars
+import pytest
+
+from daq.run import Run
+from identify.catalogue import catalogue
+from identify.drive import Drive
+from identify.fit import Fit, fit
+from identify.model import Model
+
+VEHICLE, RIG = cars.reference_car()
+
+
+@pytest.fixture(scope="session")
+def drives() -> dict[str, Drive]:
+    """The four runs, brought together once."""
+    return {name: Drive.of(Run.open(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
+
+
+@pytest.fixture(scope="session")
+def models() -> dict[str, Model]:
+    """The base model, and the model with both bars."""
+    known = catalogue(VEHICLE, "hub")
+    base = Model.of(effect for effect in known.values() if effect.base)
+    return {"base": base, "bars": base + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]}
+
+
+@pytest.fixture(scope="session")
+def fitted(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+    """Both bars in the model, all four runs."""
+    return fit(models["bars"], list(drives.values()))
+
+
+@pytest.fixture(scope="session")
+def truth() -> dict[str, Any]:
+    """What the car is made of."""
+    return json.loads((cars.CAR / "truth.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def sine_only(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+    """Both bars in the model, sinus steering alone: pitch is hardly excited."""
+    return fit(models["bars"], [drives["sine"]])
