@@ -12,6 +12,7 @@ from which each campaign takes six for its correction.
 from __future__ import annotations
 
 import argparse
+import multiprocessing
 import sys
 import time
 from collections.abc import Mapping
@@ -167,8 +168,9 @@ def run_kind(kind: str, campaigns: int, folder: Path, workers: int) -> Array:
     """(campaigns, 4, names), from the folder as far as it is there."""
     file = folder / f"{kind}.npy"
     done = list(np.load(file)) if file.is_file() else []
+    reference(kind == "missing")  # made here, so that the workers inherit it
     start, fresh = time.monotonic(), len(done)
-    with ProcessPoolExecutor(workers) as pool:
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
         for found in pool.map(campaign, [(kind, n) for n in range(len(done), campaigns)], chunksize=2):
             done.append(found)
             if len(done) % 20 == 0 or len(done) == campaigns:

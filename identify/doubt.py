@@ -19,10 +19,6 @@ from identify.fit import Fit
 from identify.vectors import Array
 from identify.zeros import Zeros
 
-PAIRS = 1
-"""Pairs of noise draws behind the check for columns that are noise: sums over a run's samples scatter little."""
-SOUND = 0.5
-"""Part of a direction's information that may be noise in its own columns; the fit's correction stops there too."""
 ENOUGH = 0.5
 """Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""
 
@@ -51,8 +47,6 @@ class Knowledge:
         p = len(parameters)
         prior = np.array([q.prior for q in parameters])
         covariance = fitted.covariance[:p, :p].copy()
-        keep = fitted.base.independent
-        covariance[np.ix_(keep, keep)] += _only_noise(fitted, prior[keep])
         covariance += _shared(fitted, prior)
         return cls(tuple(q.name for q in parameters), tuple(hints), covariance)
 
@@ -130,40 +124,4 @@ def _shared(fitted: Fit, prior: Array) -> Array:
         null[base.dependent] = np.eye(len(base.dependent))
         scaled = null / prior[:, None]
         out += null @ np.linalg.inv(scaled.T @ scaled) @ null.T
-    return out
-
-
-def _only_noise(fitted: Fit, prior: Array) -> Array:
-    """(b, b) what to add to the covariance for directions whose columns are mostly noise.
-
-    Least squares takes a column of noise for a known one and finds the value near zero, with a narrow interval. Such a
-    direction is given back to the prior.
-    """
-    keep = fitted.base.independent
-    noise = _noise_gram(fitted)[np.ix_(keep, keep)]
-    iid = fitted.covariance_iid[np.ix_(keep, keep)]
-    lengths = np.sqrt(np.diag(iid))
-    values, vectors = np.linalg.eigh(iid / np.outer(lengths, lengths))
-    root = lengths[:, None] * (vectors * np.sqrt(np.maximum(values, 0.0)))  # root rootᵀ = iid
-    part, turned = np.linalg.eigh(root.T @ noise @ root)
-    directions = (root @ turned)[:, part > SOUND]
-    known = np.sum((directions / prior[:, None]) ** 2, axis=0)
-    widening = np.maximum(0.0, 1.0 / np.maximum(known, 1e-12) - 1.0)
-    return (directions * widening) @ directions.T
-
-
-def _noise_gram(fitted: Fit) -> Array:
-    """(p, p) what the sensor sheet's noise alone adds to the normal matrix, weighted as in the fit."""
-    effects = fitted.model.physics
-    p = sum(len(effect.parameters) for effect in effects)
-    out = np.zeros((p, p))
-    for d, drive in enumerate(fitted.drives):
-        plain = {row: drive.matrix(effects, row) for row in drive.rows}
-        for draw in range(PAIRS):
-            for sign in (1, -1):
-                noisy = drive.noisy(draw, sign, [2002, d, draw])  # the fit's own draws, whose columns are still there
-                for row, W in plain.items():
-                    moved = noisy.matrix(effects, row)
-                    out += (moved.T @ moved - W.T @ W) / (2 * PAIRS * fitted.sigma[row] ** 2)
-                noisy.forget_motion()
     return out

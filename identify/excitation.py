@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from identify.base import BaseParameters, find_base
+from identify.base import find_base
 from identify.drive import Drive
-from identify.effect import Parameter
 from identify.fit import Fit
 from identify.floor import simulate_floor
 from identify.model import Model
+from identify.priors import known_beforehand
 from identify.sensitivity import Sensitivity
 from identify.stats import clustered_scores, hac
 from identify.triangle import triangle
@@ -142,7 +142,8 @@ def fit_information(fitted: Fit) -> Information:
     """What the runs of a fit told, by the covariances that it reports: what is known beforehand is taken out again."""
     q, rank = len(fitted.place), fitted.base.rank
     physics = len(fitted.physics)
-    known = known_beforehand(fitted.model, fitted.base)
+    equations = known_beforehand(fitted.model, fitted.base.independent)
+    known = equations.T @ equations
     R = fitted.root[:q, :q]
     A = R.T @ R
     S = A @ fitted.covariance[np.ix_(fitted.place, fitted.place)] @ A
@@ -176,30 +177,13 @@ def predicted(fitted: Fit, information: Information) -> Fit:
     names = [q.name for effect in model.physics for q in effect.parameters]
     base = find_base(information.root, names)
     place = np.concatenate([base.independent, np.arange(physics, len(fitted.theta))]).astype(int)
-    known = known_beforehand(model, base)
+    equations = known_beforehand(model, base.independent)
+    known = equations.T @ equations
     iid = _inverse(information.normal[np.ix_(place, place)] + known)
     robust = iid @ (information.scores[np.ix_(place, place)] + known) @ iid
     covariance, covariance_iid = np.zeros((2, len(fitted.theta), len(fitted.theta)))
     covariance[np.ix_(place, place)], covariance_iid[np.ix_(place, place)] = _symmetric(robust), iid
     return replace(fitted, base=base, place=place, covariance=covariance, covariance_iid=covariance_iid)
-
-
-def known_beforehand(model: Model, base: BaseParameters) -> Array:
-    """(q, q) normal matrix of what the fit knows before any run, of the parameters kept and the sensor faults.
-
-    Each parameter is within what is plausible, and left and right parts of one kind are alike (`Parameter.prior`,
-    `Parameter.twin`).
-    """
-    parameters: list[Parameter] = [model.parameters[int(i)] for i in base.independent]
-    parameters += [q for fault in model.faults for q in fault.parameters]
-    names = [q.name for q in parameters]
-    out = np.diag([q.prior**-2.0 for q in parameters])
-    for i, q in enumerate(parameters[: base.rank]):
-        if q.twin in names:
-            line = np.zeros(len(names))
-            line[i], line[names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
-            out += np.outer(line, line)
-    return out
 
 
 def half_widths(fitted: Fit) -> Array:

@@ -14,11 +14,12 @@ from daq.errors import NotIdentifiable
 from identify.assembly import Assembly
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
-from identify.effect import Parameter
 from identify.equations import Equations, RunEquations
+from identify.explain import refuse_not_finite
 from identify.filters import derivative
 from identify.model import Model
 from identify.noise_bias import NOISE_DRAWS, NoiseMoments
+from identify.priors import known_beforehand
 from identify.reconstruct import Recording, Signals
 from identify.robust import BadSecond, bad_seconds, huber_weights
 from identify.rows import ROWS
@@ -52,7 +53,8 @@ class Fit:
     drives : the runs used, sensor faults of the model taken out.
     base : grouping of the model's parameters into what the runs' equations depend on at all.
     theta : (p,) every parameter; those grouped into others are zero.
-    covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included.
+    covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included; as wide as the prior
+        where the regressors are mostly noise.
     covariance_iid : the same as if residuals were independent, as the paper's sxr % has it.
     covariance_sheet : what the sensor sheet's gains and latencies add to it, which no residual shows.
     sigma : row → weight's σ [N or N·m].
@@ -192,8 +194,7 @@ def _fit_linear(
     keep = base.independent
     picked = np.append(keep, len(parameters))
     runs = [replace(run, triangles={row: R[:, picked] for row, R in run.triangles.items()}) for run in first]
-    known = _known_beforehand(parameters, keep)
-    equations = Equations(runs, known, rows)
+    equations = Equations(runs, known_beforehand(model, keep, faults=False), rows)
     least = {row: 1e-10 * scale[row] for row in rows}
     frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
@@ -202,7 +203,7 @@ def _fit_linear(
     known_slopes = stored.sensitivities if stored else ()
     at = at if zeros or model.faults else None
     assembly = Assembly(effects, keep, model.faults, drives, at, zeros, known_slopes)
-    known = _beside(known, np.diag([1.0 / q.prior for fault in model.faults for q in fault.parameters]))
+    known = known_beforehand(model, keep)
     for turn in range(_HUBER_TURNS if robust else 1):
         equations = Equations(_accumulate(assembly, known.shape[1]), known, rows)
         x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
@@ -218,7 +219,10 @@ def _fit_linear(
             place = (piece.run,) if piece.drive is drives[piece.run] else (piece.run, piece.number)
             moments.add(piece.drive, place, effects, keep, sigma, piece.weights)
     if unbias:
-        corrected, doubt = moments.correct(x, root)
+        priors = np.array(
+            [*(parameters[int(i)].prior for i in keep), *(q.prior for f in model.faults for q in f.parameters)]
+        )
+        corrected, doubt = moments.correct(x, root, priors)
         x, correction = corrected, corrected - x
     return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments, stored)
 
@@ -231,6 +235,8 @@ def _accumulate(assembly: Assembly, p: int) -> list[RunEquations]:
         if run is None:
             names, priors = (piece.zeros.names, piece.zeros.sigma) if piece.zeros else ((), np.zeros(0))
             out[piece.run] = run = RunEquations(names, priors)
+        if not all(np.all(np.isfinite(a)) for part in (piece.blocks, piece.right) for a in part.values()):
+            refuse_not_finite(assembly.physics, [piece.drive])
         for row, block in piece.blocks.items():
             run.add(row, block, piece.right[row], None if piece.weights is None else piece.weights[row])
     return [run for run in out if run is not None]
@@ -317,24 +323,3 @@ def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
                     slope = derivative(channels[channel], rate)
                 channels[channel] = fault.correct(channel, channels[channel], slope, float(p), rate)
     return recording.with_signals(Signals.differentiated(channels, rate))
-
-
-def _known_beforehand(parameters: Sequence[Parameter], keep: NDArray[np.int64]) -> Array:
-    """Equations in the parameters kept: each within what is plausible, and left and right parts of one kind alike."""
-    kept = [parameters[int(i)] for i in keep]
-    names = [q.name for q in kept]
-    lines = [np.diag([1.0 / q.prior for q in kept])]
-    for i, q in enumerate(kept):
-        if q.twin in names:
-            line = np.zeros((1, len(kept)))
-            line[0, i], line[0, names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
-            lines.append(line)
-    return np.concatenate(lines)
-
-
-def _beside(a: Array, b: Array) -> Array:
-    """Two sets of equations in different parameters, as one."""
-    out = np.zeros((a.shape[0] + b.shape[0], a.shape[1] + b.shape[1]))
-    out[: a.shape[0], : a.shape[1]] = a
-    out[a.shape[0] :, a.shape[1] :] = b
-    return out

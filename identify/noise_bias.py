@@ -16,6 +16,8 @@ from identify.vectors import Array
 
 NOISE_DRAWS = 6
 """Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
+SOUND = 0.5
+"""Part of a direction's information that may be noise in its own columns: beyond it there is nothing to correct."""
 
 
 @dataclass
@@ -64,13 +66,17 @@ class NoiseMoments:
                     self.constants[draw, :p] += one @ right - other @ y
                 noisy.forget_motion()
 
-    def correct(self, x: Array, root: Array) -> tuple[Array, Array]:
-        """The estimate without the bias, and the covariance that the finite number of draws leaves in it.
+    def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
+        """The estimate without the bias, and the covariance that the correction leaves in it.
+
+        Left are the finite number of draws, and directions whose columns are mostly noise: least squares takes such a
+        column for a known one and finds the value near zero, with a narrow interval. They are given back to the prior.
 
         Parameters
         ----------
         x : (p,) weighted least squares.
         root : (p + 1, p + 1) R factor of the weighted equations (zeros eliminated).
+        priors : (p,) 1 σ of what is known of each parameter beforehand.
         """
         p = len(x)
         slope, constant = self.slopes.mean(axis=0), self.constants.mean(axis=0)
@@ -81,10 +87,12 @@ class NoiseMoments:
         x0, k = R[:p] @ (lengths * x), inverse.T @ constant
         spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
         part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
-        # Where noise makes up most of what a direction seems to know, there is nothing to correct.
-        sound = part < 0.5
+        sound = part < SOUND
         growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
         corrected = inverse @ (V @ np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float))
         scores = self.constants - self.slopes @ corrected
         scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
-        return corrected, scatter.T @ scatter / (self.draws * (self.draws - 1))
+        lost = inverse @ V[:, ~sound]
+        known = np.sum((lost / priors[:, None]) ** 2, axis=0)
+        widening = np.maximum(0.0, 1.0 / np.maximum(known, 1e-12) - 1.0)
+        return corrected, scatter.T @ scatter / (self.draws * (self.draws - 1)) + (lost * widening) @ lost.T

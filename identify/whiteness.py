@@ -82,7 +82,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     means, bins, own, floors = means[:, alive], bins[alive], own[alive], floors[alive]
     freedom = _freedom(bins, means[1:])
     count = len(draws)
-    each = np.asarray(fdtrc(freedom, freedom * count, own / floors), float)
+    each = np.asarray(fdtrc(freedom, freedom * count, np.asarray(own / floors, float)), float)
     p = float(-np.expm1(len(bands) * np.log1p(-min(float(each.min()), 1 - 1e-12))))
     limit = -np.expm1(np.log1p(-SIGNIFICANCE) / len(bands))
     high = np.maximum(LEAST_EXCESS, np.asarray(fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
@@ -122,7 +122,7 @@ def _on_comb(series: Array, place: NDArray[np.intp]) -> Array:
 def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and one-sided power densities (k, F), Hann-tapered, without the mean."""
     n = series.shape[1]
-    taper = np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2
+    taper = np.asarray(np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2, float)
     spectrum = np.asarray(np.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
     power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
     return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]

@@ -8,7 +8,6 @@ from pathlib import Path
 from identify.catalogue import base_model, catalogue, find_effect
 from identify.derived import damper_curves
 from identify.doubt import Knowledge
-from identify.explain import refuse_not_finite
 from identify.fit import fit
 from identify.model import Model
 from identify.score import compare
@@ -61,7 +60,6 @@ def run(args: argparse.Namespace) -> int:
         loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
-        refuse_not_finite(model.physics, loaded.drives)
         line.show("fitting")
         fitted = fit(model, loaded.drives)
         mended = mend(fitted, line.show) if args.consistent else None
