@@ -8,13 +8,14 @@ import numpy as np
 import scipy.linalg
 
 from identify.drive import Drive
-from identify.effect import Parameter
 from identify.fit import Fit
+from identify.triangle import triangle
 from identify.vectors import Array
+from identify.zeros import Zeros, zeros_of
 
 
-class Equations:
-    """The equations a fit solved, for estimates that start from it.
+class Columns:
+    """The equations a fit solved as full columns, for estimates that start from it.
 
     Attributes
     ----------
@@ -30,8 +31,17 @@ class Equations:
         self._keep = fitted.base.independent
         faults = len(fitted.model.faults)
         self.kept = len(self._keep) + faults
-        self.start = np.concatenate([fitted.theta[self._keep], np.zeros(faults), *(v for _, v in fitted.zeros)])
-        self.known = _known(fitted)
+        values = [part for _, _, part in fitted.zeros]
+        self.start = np.concatenate([fitted.theta[self._keep], np.zeros(faults), *values])
+        self._zeros = [self._of(d) for d in range(len(fitted.zeros))]
+        tolerances = np.concatenate([np.zeros(0), *(sigma for _, sigma, _ in fitted.zeros)])
+        self.known = np.asarray(scipy.linalg.block_diag(fitted.equations.known, np.diag(1.0 / tolerances)), float)
+
+    def _of(self, d: int) -> Zeros:
+        """The zeros of a run as the fit has them: those its rows see, or every channel's where it came in pieces."""
+        drive, sensitivity = self.fitted.drives[d], self.fitted.sensitivities[d]
+        found = zeros_of(drive, sensitivity)
+        return found if found.names == self.fitted.zeros[d][0] else zeros_of(drive, sensitivity, every=True)
 
     def columns(self, d: int, row: str, drive: Drive) -> Array:
         """(n, q) weighted columns of a row of run `d`, the parameters' as `drive` has them."""
@@ -41,7 +51,7 @@ class Equations:
         for fault in fitted.model.faults:
             found = fitted.drives[d].decimated(fitted.sensitivities[d].fault(fault))
             parts.append(found.get(row, np.zeros(len(W)))[:, None])
-        for run, (zeros, _) in enumerate(fitted.zeros):
+        for run, zeros in enumerate(self._zeros):
             parts.append(zeros.columns[row] if run == d else np.zeros((len(W), len(zeros.names))))
         return np.concatenate(parts, axis=1) / fitted.sigma[row]
 
@@ -51,27 +61,8 @@ class Equations:
         q = self.start.size
         stacked: list[Array] = [self.known]
         for d, drive in enumerate(self.fitted.drives):
-            stacked += [_triangle(self.columns(d, row, drive)) for row in drive.rows]
+            stacked += [triangle(self.columns(d, row, drive)) for row in drive.rows]
         full = np.concatenate(stacked)
         lengths = np.linalg.norm(full, axis=0)
-        inverse = np.asarray(scipy.linalg.solve_triangular(_triangle(full / lengths), np.eye(q)), float)
+        inverse = np.asarray(scipy.linalg.solve_triangular(triangle(full / lengths), np.eye(q)), float)
         return inverse / lengths[:, None]
-
-
-def _triangle(W: Array) -> Array:
-    return np.asarray(scipy.linalg.qr(W, mode="r")[0], float)[: W.shape[1]]
-
-
-def _known(fitted: Fit) -> Array:
-    every: list[Parameter] = [q for effect in fitted.model.physics for q in effect.parameters]
-    kept = [every[int(i)] for i in fitted.base.independent]
-    names = [q.name for q in kept]
-    scales = [q.prior for q in kept] + [q.prior for fault in fitted.model.faults for q in fault.parameters]
-    scales += [float(sigma) for zeros, _ in fitted.zeros for sigma in zeros.sigma]
-    lines = [np.diag(1.0 / np.array(scales))]
-    for i, q in enumerate(kept):
-        if q.twin in names:
-            line = np.zeros((1, len(scales)))
-            line[0, i], line[0, names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
-            lines.append(line)
-    return np.concatenate(lines)

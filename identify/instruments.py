@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 
 from daq.errors import NotIdentifiable
 from daq.run import Run
+from identify.columns import Columns
 from identify.drive import Drive
-from identify.columns import Equations
-from identify.fit import NOISE_DRAWS, Fit, corrected_drive
+from identify.fit import Fit, corrected_drive
+from identify.noise_bias import NOISE_DRAWS
 from identify.reconstruct import Recording, bring_together
 from identify.stats import hac
 from identify.vectors import Array
-from identify.zeros import Zeros
 
 WEAK = 0.5
 """A direction of which noise makes up more than this part has instruments too weak to say anything."""
@@ -157,7 +157,7 @@ class _Solver:
 
     def __init__(self, fitted: Fit, pairs: Sequence[Pair]):
         self.fitted, self.pairs = fitted, pairs
-        self.equations = Equations(fitted)
+        self.equations = Columns(fitted)
         self.inverse = self.equations.inverse
 
     def _block(self, d: int, row: str) -> _Block:
@@ -230,10 +230,11 @@ class _Solver:
         theta, shift = fitted.theta.copy(), np.zeros(len(fitted.theta))
         theta[self._places] += step[:kept]
         shift[self._places] = (self.inverse @ correction)[:kept]
-        ends = np.cumsum([kept, *(len(z.names) for z, _ in fitted.zeros)])
-        zeros: list[tuple[Zeros, Array]] = []
-        for (z, values), a, b in zip(fitted.zeros, ends, ends[1:], strict=False):
-            zeros.append((z, values + step[a:b]))
+        ends = np.cumsum([kept, *(len(values) for _, _, values in fitted.zeros)])
+        zeros = [
+            (names, sigma, values + step[a:b])
+            for (names, sigma, values), a, b in zip(fitted.zeros, ends, ends[1:], strict=False)
+        ]
         return replace(
             fitted, theta=theta, covariance=self._of_parameters(covariance), residual=residual, zeros=tuple(zeros),
             correction=shift,

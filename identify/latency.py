@@ -18,9 +18,9 @@ from daq.errors import UsageError, nearest
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
+from identify.columns import Columns
 from identify.drive import Drive
 from identify.effects.sensor_faults import SensorLatency
-from identify.columns import Equations
 from identify.filters import Filters
 from identify.fit import Fit, fit
 from identify.model import Model
@@ -178,7 +178,7 @@ def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[A
     no such correction: to first order the noise of a latency's column is the rate of the residual's own noise, and a
     stationary series is orthogonal to its rate.
     """
-    equations = Equations(fitted)
+    equations = Columns(fitted)
     q, n = len(faults), equations.start.size
     square, mixed, right = np.zeros((q, q)), np.zeros((n, q)), np.zeros(q)
     blocks: list[dict[str, tuple[Array, Array, Array]]] = []
