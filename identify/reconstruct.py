@@ -96,12 +96,16 @@ class Recording:
         return replace(self, signals=signals)
 
 
-def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters) -> Recording:
+def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: Array | None = None) -> Recording:
     """Remove latencies, pre-filter every channel at its own rate and evaluate all on one grid.
+
+    The grid is the one that all channels span, or `on` (N,) s, as another recording of the same run has it: what of it
+    lies outside a channel's span must be within the filters' edge.
 
     Raises RunError when the run is too short for the filters.
     """
     grid, notes = _grid(run, rig, filters)
+    grid = grid if on is None else on
     values: dict[str, Array] = {}
     usable: dict[str, NDArray[np.bool_]] = {}
     flagged: dict[str, list[str]] = {}

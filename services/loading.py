@@ -17,12 +17,16 @@ from identify.filters import Filters
 
 @dataclass(frozen=True)
 class Loaded:
-    """Drives with the car and rig they belong to, and what a user must know about them, one line each."""
+    """Drives with the car and rig they belong to, and what a user must know about them, one line each.
+
+    `runs` are what the drives were made from, channels left out gone.
+    """
 
     vehicle: Vehicle
     rig: Rig
     drives: tuple[Drive, ...]
     warnings: tuple[str, ...]
+    runs: tuple[Run, ...] = ()
 
     @property
     def reference(self) -> str:
@@ -81,6 +85,7 @@ def load(
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
     warnings: list[str] = []
     drives: list[Drive] = []
+    runs: list[Run] = []
     failed: list[LacetError] = []
     car: Vehicle | None = None
     sensors: Rig | None = None
@@ -90,7 +95,9 @@ def load(
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
-            drives.append(_drive(run, car, sensors if rig else find_rig(run, rig), filters, warnings))
+            run, drive = _drive(run, car, sensors if rig else find_rig(run, rig), filters, warnings)
+            runs.append(run)
+            drives.append(drive)
         except (RunError, NotIdentifiable) as error:
             failed.append(error)
             warnings.append(f"left out: {error}")
@@ -99,10 +106,10 @@ def load(
     references = {drive.recording.reference for drive in drives}
     if len(references) > 1:
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
-    return Loaded(car, sensors, tuple(drives), tuple(warnings))
+    return Loaded(car, sensors, tuple(drives), tuple(warnings), tuple(runs))
 
 
-def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> Drive:
+def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> tuple[Run, Drive]:
     drive = Drive.of(run, vehicle, rig, filters)
     moved = exchanged_wheels(drive)
     if moved:
@@ -116,12 +123,13 @@ def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnin
             for name, s in run.signals.items()
             if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
         }
-        drive = Drive.of(replace(run, signals=kept), vehicle, rig, filters)
+        run = replace(run, signals=kept)
+        drive = Drive.of(run, vehicle, rig, filters)
     warnings += [f"{run.name}: {note}" for note in drive.motion.notes]
     if not drive.rows:
         reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
-    return drive
+    return run, drive
 
 
 def _named_apart(run: Run, path: Path, places: Sequence[Path]) -> Run:

@@ -95,11 +95,11 @@ def latency_error(sensor: Sensor, rig: Rig, sheet: Sheet) -> float:
 
 
 def sensed(
-    channel: str, values: Array, t: Array, rig: Rig, seed: int, faults: Sequence[Hidden], sheet: Sheet, noise: bool
+    channel: str, values: Array, t: Array, rig: Rig, seed: int, faults: Sequence[Hidden], sheet: Sheet, noise: float
 ) -> Array:
     """Sampled values with gain, zero, drift and noise; angles wrapped as an instrument delivers them.
 
-    `values` : (M, k) what was felt at run times `t` (M,) [s].
+    `values` : (M, k) what was felt at run times `t` (M,) [s]; `noise` : in multiples of the rig's σ.
     """
     info = CHANNELS[channel]
     out = values.copy()
@@ -114,7 +114,7 @@ def sensed(
             zero += rig.tolerance(channel, "zero") * _rng(seed, "zero", column).standard_normal()
         out[:, j] = out[:, j] * (1.0 + gain) + zero + drift / 60.0 * t
     if noise:
-        out += rig.noise(channel) * _rng(seed, "noise", channel).standard_normal(out.shape)
+        out += noise * rig.noise(channel) * _rng(seed, "noise", channel).standard_normal(out.shape)
     if info.family == "wheel.angle":
         out = np.mod(out, 2.0 * np.pi)
     elif channel == "imu.attitude":
@@ -129,16 +129,17 @@ def measure(
     *,
     faults: Sequence[Hidden] | None = None,
     sheet: Sheet = Sheet(),
-    noise: bool = True,
+    noise: float = 1.0,
     timing: Timing = Timing(),
     start_ns: int = START_NS,
 ) -> dict[str, Block]:
     """Samples as they arrive: one block a channel, at each sensor's own rate and clock.
 
     `faults` : sensor faults, by default those the motion was run with; `sheet` : which tolerances are drawn; `noise` :
-    whether white noise is added; `start_ns` : stamp of run time 0. A block's `t_ns` is the arrival: physical instant +
-    latency + jitter; a latency fault delivers older values at the same stamps. `device_ns` is the sensor's own clock
-    (own origin, own rate) where it has one: on serial lines and UDP, and wherever the rig says ``clock = "device"``.
+    white noise in multiples of the rig's σ, 0 for none; `start_ns` : stamp of run time 0. A block's `t_ns` is the
+    arrival: physical instant + latency + jitter; a latency fault delivers older values at the same stamps. `device_ns`
+    is the sensor's own clock (own origin, own rate) where it has one: on serial lines and UDP, and wherever the rig
+    says ``clock = "device"``.
     Channels of one sensor share their stamps.
     """
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
@@ -194,13 +195,13 @@ def exchange_run(
     rate: float = 250.0,
     faults: Sequence[Hidden] | None = None,
     sheet: Sheet = Sheet(),
-    noise: bool = True,
+    noise: float = 1.0,
     **fields: Any,
 ) -> Run:
     """All channels on one time base of `rate` [Hz], as an exchange table holds them (`daq.exchange.write_table`).
 
-    Latencies, zeros and noise as in `measure`, without clocks and jitter; the table starts when every sensor has
-    delivered. `fields` : further fields of the run, e.g. ``notes``.
+    Latencies, zeros and noise (multiples of the rig's σ) as in `measure`, without clocks and jitter; the table starts
+    when every sensor has delivered. `fields` : further fields of the run, e.g. ``notes``.
     """
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
     ideal = felt(motion, rig, chosen)

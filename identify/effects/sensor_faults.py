@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from daq.channels import CHANNELS, CORNERS
+from daq.rig import Sensor
 from daq.vehicle import Vehicle
 from identify.effect import Parameter, SensorFault
 from identify.vectors import Array
@@ -27,8 +29,14 @@ def _channels(families: tuple[str, ...], corners: tuple[str, ...] = CORNERS) -> 
     )
 
 
+@dataclass(frozen=True)
 class SensorLatency(SensorFault):
-    """Samples of one instrument stamped later than the rig file says: y(t) = x(t − τ)."""
+    """Samples of one instrument stamped later than the rig file says: y(t) = x(t − τ).
+
+    `members` : the channels that are late together, where they are not a kind of instrument but a row of a rig.
+    """
+
+    members: tuple[str, ...] = ()
 
     name = "sensor_latency"
     about = "an instrument later than the rig file says"
@@ -46,9 +54,14 @@ class SensorLatency(SensorFault):
         """Additional latency τ."""
         return (self.named("tau", "s", -0.05, 0.05),)
 
+    @classmethod
+    def of_sensor(cls, sensor: Sensor) -> Self:
+        """The latency of one row of a rig, all its channels together."""
+        return cls(sensor.name, members=sensor.channels)
+
     def channels(self) -> tuple[str, ...]:
         """All channels of the instrument."""
-        return _channels(_GROUPS[self.where])
+        return self.members or _channels(_GROUPS[self.where])
 
     def perturb(self, channel: str, value: Array, rate: Array) -> Array:
         """−dx/dt."""

@@ -45,6 +45,7 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
   lacet simulate --rig rig.toml --manoeuvre rough --set grade=C --format parquet -o runs
   lacet simulate --rig rig.toml --manoeuvre sinus --hide anti_roll_bar.front=19780 --seed 3 -o runs --truth truth.json
   lacet simulate --rig rig.toml --manoeuvre rough --hide bump_stop.front=200000,gap=0.02 -o runs
+  lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
 
 Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
 Hidden effects: {", ".join(KINDS)};
@@ -77,6 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=("capture", "parquet"), default="capture", help="default capture (.mcap)")
     parser.add_argument("--rate", type=float, default=250.0, metavar="HZ", help="of exchange tables (default 250)")
     parser.add_argument("--no-noise", action="store_true", help="leave the sensors' white noise out")
+    parser.add_argument(
+        "--noise", type=float, default=1.0, metavar="FACTOR", help="white noise as a multiple of the rig's (default 1)"
+    )
     parser.add_argument("--no-zeros", action="store_true", help="do not draw sensor zeros from the rig's tolerances")
     parser.add_argument("--gains", action="store_true", help="draw sensor gains from the rig's tolerances, too")
     parser.add_argument("--latencies", action="store_true", help="draw latency errors from the rig's tolerances, too")
@@ -91,6 +95,9 @@ def run(args: argparse.Namespace) -> int:
     hidden = [Hidden.parse(text) for text in args.hide]
     settings = dict(_setting(text) for text in args.set)
     manoeuvres = [make_manoeuvre(name, **settings) for name in args.manoeuvre]
+    noise = 0.0 if args.no_noise else args.noise
+    if noise < 0.0:
+        raise UsageError(f"--noise {noise:g}: a factor of at least 0")
     sheet = Sheet(not args.no_zeros, args.gains, args.latencies, args.seed)
     suffix = ".mcap" if args.format == "capture" else ".parquet"
     files = [args.output / f"{name}{suffix}" for name in _names(manoeuvres)]
@@ -109,14 +116,14 @@ def run(args: argparse.Namespace) -> int:
             )
             start_ns = START_NS + index * HOUR_NS
             if args.format == "capture":
-                _capture(file, motion, rig, text, seed, sheet, not args.no_noise, start_ns)
+                _capture(file, motion, rig, text, seed, sheet, noise, start_ns)
             else:
-                table = exchange_run(motion, rig, seed, rate=args.rate, sheet=sheet, noise=not args.no_noise)
+                table = exchange_run(motion, rig, seed, rate=args.rate, sheet=sheet, noise=noise)
                 file.unlink(missing_ok=True)
                 write_table(table, file)
             progress.update(task, completed=1.0)
             runs.append({"file": str(file), "manoeuvre": motion.manoeuvre, "duration_s": float(motion.t[-1])})
-            truths.append({"file": file.name, "sheet": _drawn(sheet, not args.no_noise), **motion.truth()})
+            truths.append({"file": file.name, "sheet": _drawn(sheet, noise), **motion.truth()})
     if args.truth is not None:
         args.truth.parent.mkdir(parents=True, exist_ok=True)
         document = {"format": "lacet-truth 1", "runs": truths}
@@ -154,18 +161,19 @@ def _check_places(args: argparse.Namespace, files: list[Path]) -> None:
         raise UsageError(f"--truth {args.truth}: the truth is not kept among the runs; name another folder")
 
 
-def _drawn(sheet: Sheet, noise: bool) -> dict[str, Any]:
+def _drawn(sheet: Sheet, noise: float) -> dict[str, Any]:
     return {
         "zeros": sheet.zeros,
         "gains": sheet.gains,
         "latencies": sheet.latencies,
         "seed": sheet.seed,
-        "noise": noise,
+        "noise": noise > 0.0,
+        "noise_scale": noise,
     }
 
 
 def _capture(
-    file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: bool, start_ns: int
+    file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, sheet: Sheet, noise: float, start_ns: int
 ) -> None:
     blocks = measure(motion, rig, seed, sheet=sheet, noise=noise, start_ns=start_ns)
     frames, documents = encode_rig(blocks, rig)

@@ -10,6 +10,7 @@ import numpy as np
 
 from daq.channels import CHANNELS, CORNERS
 from daq.rig import Rig
+from daq.run import Run, Signal
 from daq.vehicle import KinematicTable, Vehicle
 from identify.effect import Effect
 from identify.filters import Filters
@@ -26,6 +27,16 @@ LOADS = tuple(f"wheel.{c}.{what}" for c in CORNERS for what in ("force", "moment
 def reference_car() -> tuple[Vehicle, Rig]:
     """The reference car's files."""
     return Vehicle.load(CAR / "vehicle.toml"), Rig.load(CAR / "rig.toml")
+
+
+def piece(name: str, start: float, stop: float) -> Run:
+    """Some seconds of a run of the reference car."""
+    run = Run.open(CAR / f"{name}.parquet")
+    signals: dict[str, Signal] = {}
+    for channel, s in run.signals.items():
+        keep = (s.t >= start) & (s.t < stop)
+        signals[channel] = replace(s, t=s.t[keep], values=s.values[keep], flags=s.flags[keep])
+    return replace(run, signals=signals)
 
 
 def with_tables(vehicle: Vehicle, pitch: bool = True) -> Vehicle:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from daq.rig import Rig
 from services.cli import find_commands, main
 from services.result import FORMAT
 from tests.support.processes import ROOT, Command, commands
@@ -91,6 +93,30 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     assert {c["answer"] for c in ranked["candidates"]} <= {"missing", "undecided", "not needed", "not testable"}
     added = run("add", folder, "anti_roll_bar.front")
     assert added["held"]["after"] < added["held"]["before"]
+
+
+def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    run, file, rig = (
+        written(piece("rough", 4.0, 14.0), tmp_path / "rough.parquet"),
+        tmp_path / "check.json",
+        tmp_path / "rig",
+    )
+    bars = ("--add", "anti_roll_bar.front", "--add", "anti_roll_bar.rear")
+    assert main(["check", str(run), *FILES, *bars, "--write-rig", str(rig), "--json", str(file)]) == 0
+    result = conforms(file, "check")
+    assert result["bias"]["plain"]["p"] < 0.01 < result["bias"]["corrected"]["p"]
+    assert {
+        n["verdict"] for n in result["noise"] if n["family"].startswith(("wheel", "imu", "laser.hub", "camera"))
+    } == {"as the sheet"}
+    latency = {s["sensor"]: s for s in result["latency"]["sensors"]}
+    assert latency["imu"]["agrees"]
+    assert latency["correvit"]["half95"] is None
+    assert Rig.load(rig) == replace(Rig.load(CAR / "rig.toml"), folder=tmp_path, text=rig.read_text("utf-8"))
+    text = capsys.readouterr().out
+    for part in ("time base", "not testable with these runs", "agrees with the instruments"):
+        assert part in text
+    assert main(["check", str(run), *FILES, "--only", "noise", "--json", str(file)]) == 0
+    assert set(conforms(file, "check")) & {"noise", "bias", "latency"} == {"noise"}
 
 
 def test_info_decode_export_and_replay(tmp_path: Path):

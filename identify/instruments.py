@@ -1,0 +1,278 @@
+"""Instrumental variables from the even and the odd samples of each channel, and the Durbin–Wu–Hausman test.
+
+Noise in the regressors biases least squares: E[Wᵀ r] is not zero at the true parameters when W and r = Y − W θ come
+from the same noisy channels. Every channel is sampled many times faster than the car moves, so its even and its odd raw
+samples carry the same motion and, when the noise is white, independent noise. Each half goes through the whole pipeline
+by itself, and each is the instrument of the other: E[W_evenᵀ r_odd] = 0 at the true parameters, whatever the noise's
+size. The sensor sheet is not asked, so what the sheet says can be tested against it.
+
+Sources: Young, *Recursive Estimation and Time-Series Analysis* (2011), ch. 6; Hausman, Econometrica 46 (1978) 1251;
+Wooldridge, *Econometric Analysis of Cross Section and Panel Data* (2010), section 6.2 (the robust form of the test).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from daq.errors import NotIdentifiable
+from daq.run import Run
+from identify.columns import Columns
+from identify.drive import Drive
+from identify.fit import Fit, corrected_drive
+from identify.noise_bias import NOISE_DRAWS
+from identify.reconstruct import Recording, bring_together
+from identify.stats import hac
+from identify.vectors import Array
+
+WEAK = 0.5
+"""A direction of which noise makes up more than this part has instruments too weak to say anything."""
+
+_FELT = 0.03
+"""The joint test looks at directions in which halving the samples moves an estimate by this part of its own σ: in the
+others noise can neither bias nor be seen."""
+
+_LAGS = 3
+"""The contrast is a product of two noises, each as short as the fit's filter: 0.2 s of correlation is all it has."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """One run twice, on the same instants: from the even and from the odd samples of every channel."""
+
+    even: Drive
+    odd: Drive
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """An estimate against the instrumental-variable one (Durbin, Wu, Hausman).
+
+    Attributes
+    ----------
+    difference : (p,) θ of the estimate − θ of the instruments, every parameter of the model (grouped ones 0).
+    covariance : (p, p) of it under the null that both mean the same, from their influence functions (HAC): neither
+        homoscedastic residuals nor an efficient estimate is assumed.
+    statistic : Hotelling's T² over the directions in which noise is felt at all.
+    directions : how many those are.
+    p : probability of a larger one when nothing but chance makes them differ.
+    """
+
+    difference: Array
+    covariance: Array
+    statistic: float
+    directions: int
+    p: float
+
+    @property
+    def z(self) -> Array:
+        """(p,) each parameter's difference in its own standard deviations, 0 where nothing is known."""
+        sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+        return np.divide(self.difference, sd, out=np.zeros_like(sd), where=sd > 0.0)
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """An instrumental-variable fit and what it says of two others.
+
+    Attributes
+    ----------
+    fit : the fit with instruments: parameters, covariance and residuals are its own, weights those of `of`.
+    of : the fit it was made from.
+    plain : least squares without any correction against the instruments: the alarm.
+    corrected : the fit `of`, which takes out the bias of the sheet's noise, against the instruments: whether the noise
+        in the runs is the sheet's.
+    weak : how many directions of the parameters have no instruments worth the name; there `of` stands.
+    """
+
+    fit: Fit
+    of: Fit
+    plain: Contrast
+    corrected: Contrast
+    weak: int
+
+
+def pair_of(run: Run, recording: Recording) -> Pair:
+    """The two halves of a run on the instants of its recording, with the same samples left out.
+
+    Raises NotIdentifiable when a channel has too few samples to be halved.
+    """
+    drives: list[Drive] = []
+    for first in (0, 1):
+        signals = {
+            name: replace(s, t=s.t[first::2], values=s.values[first::2], flags=s.flags[first::2])
+            for name, s in run.signals.items()
+            if name in recording.signals.value
+        }
+        half = bring_together(
+            replace(run, signals=signals), recording.vehicle, recording.rig, recording.filters, recording.t
+        )
+        if absent := [name for name in recording.signals.value if name not in half.signals.value]:
+            raise NotIdentifiable(
+                f"{run.name}: {', '.join(absent)} {'has' if len(absent) == 1 else 'have'} too few usable samples to be "
+                "halved; leave the channel out, or record longer"
+            )
+        drives.append(Drive(replace(half, usable=recording.usable, rates=recording.rates)))
+    return Pair(*drives)
+
+
+def pairs_of(fitted: Fit, runs: Sequence[Run]) -> tuple[Pair, ...]:
+    """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults taken out."""
+    pairs = [pair_of(run, drive.recording) for run, drive in zip(runs, fitted.drives, strict=True)]
+    return tuple(Pair(corrected_drive(p.even, fitted), corrected_drive(p.odd, fitted)) for p in pairs)
+
+
+def fit_instruments(fitted: Fit, pairs: Sequence[Pair]) -> Instruments:
+    """Fit a model again with instruments, from a fit of it and the halves of its runs (`pairs_of`).
+
+    `fitted` is a least-squares fit, corrected for the sheet's noise or not; its row weights, grouping of parameters,
+    priors and sensor zeros are kept.
+    """
+    return _Solver(fitted, pairs).solve()
+
+
+class _Block(NamedTuple):
+    """Whitened columns and residuals at the fit, of a run's row: from all samples, the even and the odd ones."""
+
+    U: Array
+    r: Array
+    U_even: Array
+    r_even: Array
+    U_odd: Array
+    r_odd: Array
+
+    def crossed(self, x: Array) -> Array:
+        """(n, q) scores of the instruments at x: each half's columns with the other half's residual."""
+        r_even, r_odd = self.r_even - self.U_even @ x, self.r_odd - self.U_odd @ x
+        return 0.5 * (self.U_even * r_odd[:, None] + self.U_odd * r_even[:, None])
+
+
+class _Solver:
+    """The fit's equations in coordinates x = R (θ − θ_fit), in which its normal matrix is the identity."""
+
+    def __init__(self, fitted: Fit, pairs: Sequence[Pair]):
+        self.fitted, self.pairs = fitted, pairs
+        self.equations = Columns(fitted)
+        self.inverse = self.equations.inverse
+
+    def _block(self, d: int, row: str) -> _Block:
+        found: list[Array] = []
+        for one in (self.fitted.drives[d], self.pairs[d].even, self.pairs[d].odd):
+            W = self.equations.columns(d, row, one)
+            found += [W @ self.inverse, one.measured[row] / self.fitted.sigma[row] - W @ self.equations.start]
+        return _Block(*found)
+
+    def solve(self) -> Instruments:
+        """The estimate with instruments, and its contrasts."""
+        blocks = [{row: self._block(d, row) for row in drive.rows} for d, drive in enumerate(self.fitted.drives)]
+        known = self.equations.known
+        prior = known @ self.inverse
+        matrix, right = prior.T @ prior, -prior.T @ (known @ self.equations.start)
+        plain = right.copy()
+        for b in (block for part in blocks for block in part.values()):
+            plain += b.U.T @ b.r
+            right += b.crossed(np.zeros(right.size)).sum(axis=0)
+            matrix += 0.5 * (b.U_even.T @ b.U_odd + b.U_odd.T @ b.U_even)
+        spectrum = np.linalg.eigh(matrix)
+        size, sound = np.asarray(spectrum[0], float), np.asarray(spectrum[0]) > 1.0 - WEAK
+        V = np.asarray(spectrum[1], float)[:, sound]
+        inverse: Array = (V / size[sound]) @ V.T  # over the directions that have instruments; the others stay
+        project: Array = V @ V.T
+        x: Array = inverse @ right
+        own, between = prior.T @ prior, np.zeros_like(matrix)
+        instants = 0
+        for d, part in enumerate(blocks):
+            scores, contrast = self._scores(d, part, x, project, inverse)
+            own += hac(scores)
+            used = np.any(contrast != 0.0, axis=1)
+            instants += int(np.count_nonzero(used))
+            contrast[used] -= contrast[used].mean(axis=0)
+            between += _spread(contrast)
+        covariance = inverse @ own @ inverse + np.eye(x.size) - project
+        residual = tuple({row: (b.r - b.U @ x) * self.fitted.sigma[row] for row, b in part.items()} for part in blocks)
+        plain = project @ plain
+        fit = self._fit(x, covariance, residual, x - plain)
+        # The correction stands on some draws of noise, each of which scatters as the halves do.
+        drawn = between * (1.0 + 1.0 / NOISE_DRAWS)
+        against = self._contrast(plain - x, between, instants), self._contrast(-x, drawn, instants)
+        return Instruments(fit, self.fitted, *against, int(np.count_nonzero(~sound)))
+
+    def _scores(
+        self, d: int, part: Mapping[str, _Block], x: Array, project: Array, inverse: Array
+    ) -> tuple[Array, Array]:
+        """By instant: scores of the instruments, and the difference of influence between least squares and them."""
+        drive = self.fitted.drives[d]
+        step = drive.recording.filters.step
+        scores = np.zeros((drive.recording.t.size // step + 1, x.size))
+        contrast = np.zeros_like(scores)
+        for row, b in part.items():
+            at, crossed = drive.index[row] // step, b.crossed(x)
+            scores[at] += crossed
+            contrast[at] += (b.U * (b.r - b.U @ x)[:, None]) @ project - crossed @ inverse
+        return scores, contrast
+
+    @property
+    def _places(self) -> NDArray[np.int64]:
+        """Where the estimated parameters stand among all of the model."""
+        total = len(self.fitted.theta)
+        faults = np.arange(total - len(self.fitted.model.faults), total)
+        return np.concatenate([self.fitted.base.independent, faults]).astype(np.int64)
+
+    def _fit(self, x: Array, covariance: Array, residual: tuple[dict[str, Array], ...], correction: Array) -> Fit:
+        fitted = self.fitted
+        kept = self.equations.kept
+        step = self.inverse @ x
+        theta, shift = fitted.theta.copy(), np.zeros(len(fitted.theta))
+        theta[self._places] += step[:kept]
+        shift[self._places] = (self.inverse @ correction)[:kept]
+        ends = np.cumsum([kept, *(len(values) for _, _, values in fitted.zeros)])
+        zeros = [
+            (names, sigma, values + step[a:b])
+            for (names, sigma, values), a, b in zip(fitted.zeros, ends, ends[1:], strict=False)
+        ]
+        return replace(
+            fitted, theta=theta, covariance=self._of_parameters(covariance), residual=residual, zeros=tuple(zeros),
+            correction=shift,
+        )  # fmt: skip
+
+    def _of_parameters(self, covariance: Array) -> Array:
+        """Covariance of the model's parameters from that of x."""
+        places = self._places
+        slope = self.inverse[: len(places)]
+        out = np.zeros((len(self.fitted.theta),) * 2)
+        out[np.ix_(places, places)] = slope @ covariance @ slope.T
+        return out
+
+    def _contrast(self, x: Array, covariance: Array, instants: int) -> Contrast:
+        places = self._places
+        difference = np.zeros(len(self.fitted.theta))
+        difference[places] = (self.inverse @ x)[: len(places)]
+        return Contrast(difference, self._of_parameters(covariance), *_hotelling(x, covariance, instants))
+
+
+def _spread(scores: Array) -> Array:
+    """Covariance of the sum of scores with Bartlett weights over `_LAGS`."""
+    out = scores.T @ scores
+    for lag in range(1, _LAGS + 1):
+        cross = scores[lag:].T @ scores[:-lag]
+        out += (1.0 - lag / (_LAGS + 1.0)) * (cross + cross.T)
+    return out
+
+
+def _hotelling(x: Array, covariance: Array, instants: int) -> tuple[float, int, float]:
+    """Hotelling's T² of x over the directions in which noise is felt, how many they are, and its p."""
+    spectrum = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    size, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
+    felt = size > _FELT**2
+    m = int(np.count_nonzero(felt))
+    if m == 0 or instants <= m:
+        return 0.0, 0, 1.0
+    statistic = float(np.sum((V[:, felt].T @ x) ** 2 / size[felt]))
+    # The covariance is itself estimated, from so many instants.
+    F = statistic * (instants - m) / ((instants - 1.0) * m)
+    return statistic, m, float(scipy.stats.f.sf(F, m, instants - m))

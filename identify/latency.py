@@ -1,0 +1,206 @@
+"""Latencies of the sensors from ordinary runs, together with the model's parameters.
+
+A sensor read too late makes every row it enters follow the rate of what it measures. The columns of that are linear for
+small errors only: after each step the runs are read again with the latencies found, until nothing moves. The equations
+of motion do not know what time it is: shifting all sensors alike changes nothing, so one sensor is the time base and
+the others are told against it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.errors import UsageError, nearest
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from identify.columns import Columns
+from identify.drive import Drive
+from identify.effects.sensor_faults import SensorLatency
+from identify.filters import Filters
+from identify.fit import Fit, fit
+from identify.model import Model
+from identify.stats import hac
+from identify.vectors import Array
+
+PRIOR = 0.020
+"""1 σ of a latency's error before any run [s]: so wide that it does not move what the runs determine."""
+
+TESTABLE = 0.005
+"""A latency whose 95 % interval is wider than ± this is not testable with the runs [s]."""
+
+_CLOSE = 5e-5
+"""The latencies stand still when no step is larger than this [s]."""
+
+_FARTHEST = 0.015
+"""Longest step at once [s]: a fifth of the period at the fit's cut-off or so, beyond which the columns mislead."""
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class SensorTiming:
+    """The latency of one sensor.
+
+    Attributes
+    ----------
+    sensor : row of the rig.
+    rig : latency the rig file gives [s].
+    found : latency found, when the time base's is right [s].
+    half : half of its 95 % interval [s]; infinite when no row depends on the sensor.
+    why : why it is not testable, or an empty string.
+    """
+
+    sensor: str
+    rig: float
+    found: float
+    half: float
+    why: str = ""
+
+    @property
+    def testable(self) -> bool:
+        """Whether the runs tell it."""
+        return not self.why
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the rig's value is within 3 σ of what was found, or no farther than half a millisecond."""
+        return abs(self.found - self.rig) <= max(1.5 * self.half, 0.0005)
+
+
+@dataclass(frozen=True)
+class Timings:
+    """Latencies of a rig's sensors.
+
+    Attributes
+    ----------
+    base : the sensor that is the time base; its latency is the rig's.
+    sensors : the others, in the rig's order.
+    rig : the rig with the latencies found, those not testable as they were.
+    fit : the model, fitted with them.
+    steps : how many times the runs were read.
+    settled : whether the last step moved nothing.
+    """
+
+    base: str
+    sensors: tuple[SensorTiming, ...]
+    rig: Rig
+    fit: Fit
+    steps: int
+    settled: bool
+
+
+def time_base(rig: Rig, runs: Sequence[Run]) -> str:
+    """The sensor all others are told against: that of the wheel loads, which every row needs, or the first there is."""
+    there = {channel for run in runs for channel in run.signals}
+    measured = [s for s in rig.sensors if there.intersection(s.channels)]
+    loads = [s for s in measured if any(c.startswith("wheel.") and c.endswith(".force") for c in s.channels)]
+    return (loads or measured)[0].name
+
+
+def estimate_latencies(
+    model: Model,
+    runs: Sequence[Run],
+    vehicle: Vehicle,
+    rig: Rig,
+    filters: Filters | None = None,
+    base: str | None = None,
+    tell: Tell = lambda _: None,
+    most: int = 12,
+) -> Timings:
+    """Estimate the latency of every sensor but the time base.
+
+    Parameters
+    ----------
+    model : the physics; latencies in it are left out, as they are estimated here.
+    runs, vehicle, rig : the runs as recorded, the car, and the rig to start from and to report against.
+    base : name of the time base (default: `time_base`).
+    most : readings of the runs at most.
+
+    Raises UsageError when the rig has no sensor `base`, NotIdentifiable when the runs have no row.
+    """
+    base = base or time_base(rig, runs)
+    if base not in {s.name for s in rig.sensors}:
+        names = [s.name for s in rig.sensors]
+        raise UsageError(f"the rig has no sensor '{base}'{nearest(base, names)} (it has {', '.join(names)})")
+    physics = Model.of(effect for effect in model.effects if not isinstance(effect, SensorLatency))
+    there = {channel for run in runs for channel in run.signals}
+    late = [s for s in rig.sensors if s.name != base and there.intersection(s.channels)]
+    faults = [SensorLatency.of_sensor(s) for s in late]
+    shift = np.zeros(len(late))
+    settled, unbias = False, False
+    steps = 0
+    while True:
+        steps += 1
+        moved = ", ".join(f"{s.name} {1e3 * x:+.1f} ms" for s, x in zip(late, shift, strict=True))
+        tell(f"reading the runs with {moved}")
+        shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
+        drives = [Drive.of(run, vehicle, shifted, filters) for run in runs]
+        fitted = fit(physics, drives, unbias=unbias)
+        step, covariance, seen = _step(fitted, faults, shift)
+        half = 1.96 * np.sqrt(np.diag(covariance))
+        step = np.clip(step, -_FARTHEST, _FARTHEST)
+        still = bool(np.all(np.abs(step) < np.maximum(_CLOSE, 0.05 * half)))
+        if (unbias and still) or steps >= most:
+            settled = still
+            break
+        shift = shift + step
+        # The correction for noise costs most of the time and moves latencies little: it comes last.
+        unbias = unbias or bool(np.all(np.abs(step) < np.maximum(0.001, 0.1 * half)))
+    timings = tuple(
+        SensorTiming(s.name, s.latency, s.latency + float(x), float(h) if ok else np.inf, _why(bool(ok), float(h)))
+        for s, x, h, ok in zip(late, shift, half, seen, strict=True)
+    )
+    told = shifted_rig(rig, {one.sensor: one.found - one.rig for one in timings if one.testable})
+    return Timings(base, timings, told, fitted, steps, settled)
+
+
+def shifted_rig(rig: Rig, shifts: Mapping[str, float]) -> Rig:
+    """The rig with some sensors later by so much [s]."""
+    sensors = tuple(replace(s, latency=s.latency + shifts.get(s.name, 0.0)) for s in rig.sensors)
+    return replace(rig, sensors=sensors)
+
+
+def _why(seen: bool, half: float) -> str:
+    if not seen:
+        return "no row of the model depends on it"
+    return "" if half < TESTABLE else f"± {1e3 * half:.0f} ms"
+
+
+def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """What the latencies still lack, its covariance, and whether any row depends on each.
+
+    At the fit, the scores of the model's parameters are zero, corrected for noise or not. Those of the latencies need
+    no such correction: to first order the noise of a latency's column is the rate of the residual's own noise, and a
+    stationary series is orthogonal to its rate.
+    """
+    equations = Columns(fitted)
+    q, n = len(faults), equations.start.size
+    square, mixed, right = np.zeros((q, q)), np.zeros((n, q)), np.zeros(q)
+    blocks: list[dict[str, tuple[Array, Array, Array]]] = []
+    for d, drive in enumerate(fitted.drives):
+        answers = [drive.decimated(fitted.sensitivities[d].fault(fault)) for fault in faults]
+        part: dict[str, tuple[Array, Array, Array]] = {}
+        for row in drive.rows:
+            U = equations.columns(d, row, drive) @ equations.inverse
+            none = np.zeros(len(U))
+            C = np.stack([answer.get(row, none) for answer in answers], axis=1) / fitted.sigma[row]
+            r = fitted.residual[d][row] / fitted.sigma[row]
+            part[row] = U, C, r
+            square, mixed, right = square + C.T @ C, mixed + U.T @ C, right + C.T @ r
+        blocks.append(part)
+    seen = np.diag(square) > 0.0
+    information = square - mixed.T @ mixed + np.eye(q) / PRIOR**2
+    spread = np.eye(q) / PRIOR**2
+    for d, part in enumerate(blocks):
+        step = fitted.drives[d].recording.filters.step
+        scores = np.zeros((fitted.drives[d].recording.t.size // step + 1, q))
+        for row, (known, late, r) in part.items():
+            scores[fitted.drives[d].index[row] // step] += (late - known @ mixed) * r[:, None]
+        spread += hac(scores)
+    inverse = np.linalg.inv(information)
+    return inverse @ (right - shift / PRIOR**2), inverse @ spread @ inverse, seen

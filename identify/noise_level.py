@@ -1,0 +1,154 @@
+"""How noisy each channel is in a run, from the run itself, and whether its noise is white from sample to sample.
+
+Instruments sample many times faster than the car moves: the upper part of a channel's spectrum holds noise alone. White
+noise has the same density everywhere, so that part tells σ; a lower part beside it tells whether the noise is white.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from daq.channels import CHANNELS
+from daq.rig import Rig
+from daq.run import Run, Signal
+from identify.vectors import Array
+
+MOTION = 20.0
+"""Above this frequency a car's motion is taken to be nothing beside the noise [Hz]: the pre-filter's cut-off."""
+
+_SEGMENT = 128
+_UPPER, _LOWER = (0.80, 1.00), (0.55, 0.75)
+"""Bands of the spectrum as parts of half the sample rate: for σ, and for comparison with it."""
+
+_FLAT = 1.25
+"""White noise has the same σ in both bands; a ratio beyond this either way is no white noise."""
+
+_NEAR = 0.10
+"""A measured σ this close to the sheet's is as good as the same."""
+
+
+@dataclass(frozen=True)
+class NoiseLevel:
+    """Noise of one family of channels of one sensor, over all runs.
+
+    Attributes
+    ----------
+    sensor, family : of the rig and the vocabulary.
+    sigma : measured 1 σ at the channels' own rate, root mean square over them, SI; None where it cannot be told.
+    half : half of its 95 % interval.
+    sheet : the rig's σ.
+    columns : measured σ by column (``wheel.fl.force.x``).
+    flatness : σ of the upper band ÷ σ of the lower one, in the run where the lower one is quietest: 1 for white noise;
+        None where the lower one holds motion.
+    why : why there is no sigma, or an empty string.
+    """
+
+    sensor: str
+    family: str
+    sigma: float | None
+    half: float
+    sheet: float
+    columns: dict[str, float]
+    flatness: float | None
+    why: str = ""
+
+    @property
+    def white(self) -> bool:
+        """Whether neighbouring samples may be taken as independent."""
+        return self.flatness is None or 1.0 / _FLAT < self.flatness < _FLAT
+
+    @property
+    def verdict(self) -> str:
+        """``as the sheet``, ``larger``, ``smaller``, ``not white`` or ``unknown``."""
+        if self.sigma is None:
+            return "unknown"
+        if not self.white:
+            return "not white"
+        off = self.sigma - self.sheet
+        if abs(off) <= max(_NEAR * self.sheet, 1.5 * self.half):
+            return "as the sheet"
+        return "larger" if off > 0 else "smaller"
+
+    @property
+    def odd_ones(self) -> dict[str, float]:
+        """Columns whose σ is twice their family's median, or half of it."""
+        middle = float(np.median(list(self.columns.values()))) if self.columns else 0.0
+        return {name: s for name, s in self.columns.items() if not 0.5 * middle <= s <= 2.0 * middle}
+
+
+def measured_noise(runs: Sequence[Run], rig: Rig) -> list[NoiseLevel]:
+    """The noise of every family of every sensor in these runs, in the rig's order."""
+    out: list[NoiseLevel] = []
+    for sensor in rig.sensors:
+        families = dict.fromkeys(CHANNELS[channel].family for channel in sensor.channels)
+        for family in families:
+            channels = [c for c in sensor.channels if CHANNELS[c].family == family]
+            signals = {c: [run.signals[c] for run in runs if c in run.signals] for c in channels}
+            if any(signals.values()):
+                out.append(_level(sensor.name, family, rig.noise(channels[0]), signals))
+    return out
+
+
+def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signal]]) -> NoiseLevel:
+    columns: dict[str, float] = {}
+    errors: list[float] = []
+    ratios: list[float] = []
+    slow = ""
+    for channel, parts in signals.items():
+        usable = [s for s in parts if np.count_nonzero(s.usable) >= 2 * _SEGMENT]
+        if not usable:
+            continue
+        rate = float(np.median([(len(s.t) - 1) / np.ptp(s.t) for s in usable]))
+        if _UPPER[0] * 0.5 * rate < MOTION:
+            slow = f"sampled at {rate:.0f} Hz, too slowly to tell noise from motion"
+            continue
+        upper, lower = ([_band(channel, s, band) for s in usable] for band in (_UPPER, _LOWER))
+        for k, name in enumerate(CHANNELS[channel].columns):
+            variance, error = _middle(np.concatenate(upper)[:, k])
+            columns[name] = float(np.sqrt(variance))
+            errors.append(error)
+            beside = [_middle(part[:, k])[0] for part in lower]
+            quiet = int(np.argmin(beside))  # a rough road reaches into the lower band of a ground laser
+            if _LOWER[0] * 0.5 * rate >= MOTION and beside[quiet] > 0.0:
+                ratios.append(float(np.sqrt(_middle(upper[quiet][:, k])[0] / beside[quiet])))
+    if not columns:
+        return NoiseLevel(sensor, family, None, 0.0, sheet, {}, None, slow or "too few usable samples")
+    variances = np.square(list(columns.values()))
+    sigma = float(np.sqrt(np.mean(variances)))
+    # Columns are independent: the error of their mean variance, as one of σ.
+    error = float(np.sqrt(np.sum(np.square(errors)))) / len(errors)
+    half = 1.96 * 0.5 * error / sigma if sigma > 0.0 else 0.0
+    flatness = float(np.median(ratios)) if ratios else None
+    return NoiseLevel(sensor, family, sigma, half, sheet, columns, flatness)
+
+
+def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
+    """(segments, k) variance that white noise of the band's density has, by stretches of `_SEGMENT` samples.
+
+    Angles may come wrapped, as a log holds them.
+    """
+    values = signal.values[signal.usable]
+    if CHANNELS[channel].unit == "rad":
+        values = np.unwrap(values, axis=0)
+    parts = sliding_window_view(values, _SEGMENT, axis=0)[::_SEGMENT]
+    # The window keeps what moves slowly out of the upper part; ramps (wheel angles) are taken out first.
+    x = np.linspace(-1.0, 1.0, _SEGMENT)
+    basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), x, x**2], axis=1))[0]
+    level = parts - (parts @ basis) @ basis.T
+    window = np.blackman(_SEGMENT)
+    spectrum = np.abs(np.fft.rfft(level * window, axis=-1)) ** 2 / np.sum(window**2)
+    place = np.linspace(0.0, 1.0, spectrum.shape[-1])
+    inside = (place >= band[0]) & (place < band[1])
+    return np.asarray(spectrum[..., inside].mean(axis=-1), float)
+
+
+def _middle(variances: Array) -> tuple[float, float]:
+    """Median over the segments, so that a kerb does not count, made the mean of a χ² variable; and its 1 σ."""
+    bins = (_UPPER[1] - _UPPER[0]) * 0.5 * _SEGMENT
+    freedom = 2.0 * bins / 1.73  # the window makes neighbouring bins alike (its noise bandwidth)
+    middle = float(np.median(variances)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3
+    return middle, 1.25 * middle * float(np.sqrt(2.0 / freedom / len(variances)))

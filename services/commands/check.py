@@ -1,0 +1,153 @@
+"""``lacet check``: are the sensors as the rig file says? Their noise, their latencies, and what noise does to a fit."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from daq.errors import UsageError
+from identify.catalogue import base_model, catalogue, find_effect
+from identify.fit import fit
+from identify.instruments import fit_instruments, pairs_of
+from identify.latency import Timings, estimate_latencies
+from identify.model import Model
+from identify.noise_level import measured_noise
+from identify.score import compare
+from identify.study import Study
+from services import checking, tables
+from services.fitting import default_filters, scores
+from services.loading import Loaded, load
+from services.progress import Line
+from services.result import DONE, write_result
+from services.rig_edit import with_latencies
+
+HELP = "check the sensors' noise and latencies against the rig file, and the fit for bias by noise"
+DESCRIPTION = """\
+Are the sensors as the rig file says? Three questions, answered from ordinary runs:
+
+  noise    each channel's noise from the upper part of its spectrum, against the rig's sheet
+  latency  each sensor's latency, estimated together with the model's parameters, against the rig's
+  bias     whether noise biases the parameters, and whether the sheet's noise explains it: even and odd samples of
+           every channel are fitted as each other's instruments (Durbin-Wu-Hausman test)
+
+  lacet check STUDY                                   with the study's runs and its present model
+  lacet check run1.mcap run2.mcap --add anti_roll_bar.front
+  lacet check sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml --only latency --write-rig new.toml
+
+Latencies are told against a time base, the sensor of the wheel loads: a common shift of all cannot be seen. One whose
+interval is wider than 5 ms is not testable with these runs; fast steering and rough roads help. Latencies follow what
+a model lacks, so diagnose first. The other questions are answered with the latencies found."""
+
+QUESTIONS = ("noise", "latency", "bias")
+_DRAWS = 6
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("runs", metavar="RUN|STUDY", nargs="+", type=Path, help="runs, or the folder of one study")
+    parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run or study")
+    parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: that of the run or study")
+    parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the model")
+    parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz, or the study's)")
+    parser.add_argument("--only", choices=QUESTIONS, action="append", help="answer this question; again for more")
+    parser.add_argument(
+        "--time-base", metavar="SENSOR", help="sensor the others are told against (default: the loads')"
+    )
+    parser.add_argument("--write-rig", metavar="FILE", type=Path, help="write the rig with the latencies that differ")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Answer the questions; always 0 when they could be asked."""
+    asked = tuple(args.only or QUESTIONS)
+    if args.write_rig is not None:
+        if "latency" not in asked:
+            raise UsageError("--write-rig writes the latencies found: ask for them (--only latency)")
+        if args.write_rig.exists():
+            raise UsageError(f"--write-rig {args.write_rig}: already there; give another name")
+    result: dict[str, Any] = {}
+    with Line() as line:
+        line.show("reading runs")
+        loaded, model = _load(args)
+        result |= {
+            "vehicle": loaded.vehicle.name,
+            "rig": loaded.rig.name,
+            "runs": [run.name for run in loaded.runs],
+            "effects": [effect.key for effect in model.effects],
+        }
+        print(f"{loaded.vehicle.name}, {len(loaded.runs)} runs, rig {loaded.rig.name}")
+        if "noise" in asked:
+            levels = measured_noise(loaded.runs, loaded.rig)
+            result["noise"] = checking.noise_result(levels)
+            print(f"\nNoise, 1 σ at the sensors' own rates:\n{checking.noise_table(levels)}", flush=True)
+        fitted = None
+        if "latency" in asked:
+            filters = loaded.drives[0].recording.filters
+            timings = estimate_latencies(
+                model, loaded.runs, loaded.vehicle, loaded.rig, filters, args.time_base, line.show
+            )
+            fitted = timings.fit
+            line.show("simulating the noise floor")
+            trust = tables.worst(scores([compare(fitted, drive, _DRAWS) for drive in fitted.drives]))
+            result["latency"] = checking.latency_result(timings, trust)
+            print(
+                f"\nLatencies, when that of '{timings.base}' is right:\n{checking.latency_table(timings)}", flush=True
+            )
+            if trust[1] > checking.DISTRUST:
+                print(checking.distrusted(trust))
+            if not timings.settled:
+                print(f"The search had not settled after {timings.steps} readings: distrust these values.")
+            if args.write_rig is not None:
+                _write(args.write_rig, loaded, timings)
+        if "bias" in asked:
+            line.show("fitting")
+            fitted = fitted or fit(model, loaded.drives)
+            line.show("fitting with instruments")
+            found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
+            result["bias"] = checking.bias_result(found, loaded.vehicle)
+            print(f"\nBias by noise:\n{checking.bias_text(found, loaded.vehicle)}")
+    for warning in loaded.warnings:
+        print(f"! {warning}")
+    write_result(args.json, "check", {**result, "warnings": list(loaded.warnings)})
+    return DONE
+
+
+def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
+    """The runs and the model: a study's own, or the base model for runs named one by one."""
+    folders = [path for path in args.runs if path.is_dir()]
+    if not folders:
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
+        model = Model.of(base_model(loaded.vehicle, loaded.reference))
+        known = catalogue(loaded.vehicle, loaded.reference)
+    else:
+        if len(args.runs) > 1:
+            raise UsageError("give runs, or the folder of one study, not both")
+        study = Study.open(folders[0])
+        filters = study.filters if args.cutoff is None else default_filters(args.cutoff)
+        rig, vehicle = args.rig or study.folder / "rig.toml", args.vehicle or study.folder / "vehicle.toml"
+        loaded = load(study.paths(), rig, vehicle, filters)
+        model = study.model(study.version(), loaded.reference)
+        known = study.effects(loaded.reference)
+    rigs = {drive.recording.rig.text for drive in loaded.drives}
+    if len(rigs) > 1:
+        raise UsageError("the runs carry different rig files: check those of one rig together, or name one with --rig")
+    for key in args.add:
+        model = model + find_effect(key, known)
+    return loaded, model
+
+
+def _write(file: Path, loaded: Loaded, timings: Timings) -> None:
+    """Write the rig with the latencies that differ, all of them shifted alike where one would be negative."""
+    latencies = {s.name: s.latency for s in loaded.rig.sensors}
+    latencies |= {s.sensor: s.found for s in timings.sensors if s.testable and not s.agrees}
+    if (lowest := min(latencies.values())) < 0.0:
+        print(f"All latencies written are {-1e3 * lowest:.2f} ms later: none may be negative, and it changes nothing.")
+        latencies = {name: value - lowest for name, value in latencies.items()}
+    changed = {s.name: latencies[s.name] for s in loaded.rig.sensors if abs(latencies[s.name] - s.latency) > 1e-9}
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(with_latencies(loaded.rig.text, changed), encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"--write-rig {file}: cannot be written: {error.strerror}") from None
+    told = ", ".join(f"{name} {1e3 * value:.2f} ms" for name, value in changed.items())
+    print(f"{file}: the rig with {told or 'nothing changed: all latencies agree or are not testable'}")
