@@ -48,6 +48,9 @@ class Line:
         return self.key.startswith("offset.")
 
 
+Printed = tuple[float | None, float | None, float | None]
+"""A-priori value, estimate, sxr % as printed."""
+
 _WHOLE = {
     "XX": ("Ixx", "kg·m²", 1.0),
     "YY": ("Iyy", "kg·m²", 1.0),
@@ -60,7 +63,7 @@ _WHOLE = {
     "Z_G": ("cog.z", "mm", 1000.0),
     "M": ("mass", "kg", 1.0),
 }
-_TABLE_1 = {  # a-priori, estimated, sxr %
+_TABLE_1: dict[str, Printed] = {
     "XX6": (630.0, 644.66, 0.96),
     "YY6": (2250.0, 2329.26, 0.14),
     "ZZ6": (2734.0, 2840.83, 0.52),
@@ -72,7 +75,7 @@ _TABLE_1 = {  # a-priori, estimated, sxr %
     "Z_G": (259.7, 261.43, 2.00),
     "M6": (1668.5, 1668.55, 0.07),
 }
-_TABLE_5 = {
+_TABLE_5: dict[str, Printed] = {
     "XX_G": (630.0, 760.31, 1.35),
     "ZZ_G": (2734.0, 2783.96, 0.36),
     "XZ_G": (20.0, 45.0, 1.16),
@@ -92,13 +95,13 @@ _NOTES = {
 _CORNERS = {9: "rl", 18: "rr", 27: "fl", 36: "fr"}
 _KINDS = {"fs": ("coulomb", "f", "N"), "off": ("offset", "f0", "N"), "ks": ("spring", "k", "N/m"),
           "hs": ("damper", "c", "N·s/m"), "h": ("damper", "c", "N·s/m")}  # fmt: skip
-_TABLE_2 = {
+_TABLE_2: dict[int, dict[str, Printed]] = {
     9: {"ks": (22000.0, 22295.78, 0.02), "hs": (3800.0, 3823.86, 0.07), "off": (None, 9639.46, 0.01)},
     18: {"ks": (22000.0, 22193.35, 0.06), "hs": (3800.0, 3843.34, 0.02), "off": (None, 9474.54, 0.01)},
     27: {"ks": (20000.0, 20683.35, 0.06), "hs": (3200.0, 3198.86, 0.02), "off": (None, 10421.41, 0.01)},
     36: {"ks": (20000.0, 20604.04, 0.02), "hs": (3200.0, 3188.27, 0.07), "off": (None, 10512.0, 0.01)},
 }
-_TABLE_6 = {
+_TABLE_6: dict[int, dict[str, Printed]] = {
     9: {
         "fs": (None, 19.80, 4.94),
         "off": (None, 11376.21, 0.91),
@@ -124,24 +127,27 @@ _TABLE_6 = {
         "h": (3200.0, 3408.44, 1.21),
     },
 }
-_BARS = {9: ("karr", "rear", 19185.0, 24785.43, 0.70), 27: ("karf", "front", 19780.0, 18394.90, 0.89)}
-_TABLE_3 = {
-    14: ("rl", None, 1.02, 1.50),
-    23: ("rr", 1.0, 1.02, 1.40),
-    32: ("fl", 1.0, -51.72, 5.42),
-    41: ("fr", 1.0, -51.60, 4.78),
+_BARS: dict[str, tuple[str, Printed]] = {
+    "karr": ("rear", (19185.0, 24785.43, 0.70)),
+    "karf": ("front", (19780.0, 18394.90, 0.89)),
 }
-_TABLE_4 = {
-    15: ("rl", 200000.0, 203483.93, 0.07),
-    24: ("rr", 200000.0, 196251.29, 0.08),
-    33: ("fl", 200000.0, 206040.0, 0.12),
-    42: ("fr", 200000.0, 194402.9, 0.13),
+_TABLE_3: dict[int, tuple[str, Printed]] = {
+    14: ("rl", (None, 1.02, 1.50)),
+    23: ("rr", (1.0, 1.02, 1.40)),
+    32: ("fl", (1.0, -51.72, 5.42)),
+    41: ("fr", (1.0, -51.60, 4.78)),
 }
-_TABLE_7 = {
-    15: ("rl", 200000.0, 216502.50, 0.32),
-    24: ("rr", 200000.0, 217816.21, 0.31),
-    33: ("fl", 200000.0, 232581.41, 0.37),
-    42: ("fr", 200000.0, 230549.08, 0.37),
+_TABLE_4: dict[int, tuple[str, Printed]] = {
+    15: ("rl", (200000.0, 203483.93, 0.07)),
+    24: ("rr", (200000.0, 196251.29, 0.08)),
+    33: ("fl", (200000.0, 206040.0, 0.12)),
+    42: ("fr", (200000.0, 194402.9, 0.13)),
+}
+_TABLE_7: dict[int, tuple[str, Printed]] = {
+    15: ("rl", (200000.0, 216502.50, 0.32)),
+    24: ("rr", (200000.0, 217816.21, 0.31)),
+    33: ("fl", (200000.0, 232581.41, 0.37)),
+    42: ("fr", (200000.0, 230549.08, 0.37)),
 }
 
 
@@ -152,20 +158,20 @@ def _lines() -> Iterator[Line]:
             yield Line(table, name, unit, *printed, key, scale, _NOTES.get((table, name), ""))
     for joint, rows in _TABLE_2.items():
         yield from _corner(2, joint, rows)
-    for number, (_, *printed) in _TABLE_3.items():
+    for number, (_, printed) in _TABLE_3.items():
         note = "" if printed[0] is not None else "a-priori value blank in our copy"
         yield Line(3, f"ZZ{number}", "kg·m²", *printed, f"ZZ{number}", note=note)
-    for number, (corner, *printed) in _TABLE_4.items():
+    for number, (corner, printed) in _TABLE_4.items():
         yield Line(4, f"ks{number}", "N/m", *printed, f"tyre_stiffness.{corner}.kt")
     for joint, rows in _TABLE_6.items():
         yield from _corner(6, joint, rows)
-    for name, axle, *printed in _BARS.values():
+    for name, (axle, printed) in _BARS.items():
         yield Line(6, name, "N/m", *printed, f"anti_roll_bar.{axle}.k")
-    for number, (corner, *printed) in _TABLE_7.items():
+    for number, (corner, printed) in _TABLE_7.items():
         yield Line(7, f"kt{number}", "N/m", *printed, f"tyre_stiffness.{corner}.kt")
 
 
-def _corner(table: int, joint: int, rows: dict[str, tuple[float | None, float, float]]) -> Iterator[Line]:
+def _corner(table: int, joint: int, rows: dict[str, Printed]) -> Iterator[Line]:
     for kind, printed in rows.items():
         effect, parameter, unit = _KINDS[kind]
         note = ZERO if kind == "off" else ""
@@ -175,7 +181,7 @@ def _corner(table: int, joint: int, rows: dict[str, tuple[float | None, float, f
 LINES: tuple[Line, ...] = tuple(sorted(_lines(), key=lambda line: line.table))
 """Every line of tables 1 to 7, table by table."""
 
-SPIN_ROWS = {f"ZZ{number}": f"spin.{corner}" for number, (corner, *_) in _TABLE_3.items()}
+SPIN_ROWS = {f"ZZ{number}": f"spin.{corner}" for number, (corner, _) in _TABLE_3.items()}
 """Spin inertia → the row of the equations the paper identifies it from."""
 
 TITLES = {
