@@ -13,13 +13,14 @@ import pytest
 from services.cli import main
 from services.paper_campaign import Places, experiment, identify, simulation
 from simulate import engine
+from tests.unit.test_json import conforms
 
 
 def paper(out: Path, *words: str) -> tuple[int, dict[str, Any]]:
     """The command's exit code and result."""
     file = out.with_suffix(".json")
     code = main(["paper", "--out", str(out), *words, "--json", str(file)])
-    return code, json.loads(file.read_text(encoding="utf-8"))
+    return code, conforms(file, "paper")
 
 
 def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
