@@ -65,9 +65,9 @@ class Campaign:
 
 
 def simulation() -> Campaign:
-    """Section 4: sinus steering at 90 km/h and sudden deceleration without braking, numbers of a program."""
+    """Section 4: sinus steering at 90 km/h and sudden deceleration without braking, nearly without noise."""
     manoeuvres = (("sinus", {"speed": 25.0, "duration": 20.0}), ("liftoff", {"duration": 20.0}))
-    about = "section 4: sinus steering at 90 km/h and sudden lift-off in a straight line, a program's numbers"
+    about = "section 4: sinus steering at 90 km/h and sudden lift-off, a hundredth of the instruments' noise"
     return Campaign("simulation", about, (1, 2, 3, 4), "peugeot-406", "paper-simulation", manoeuvres, (), (), False)
 
 

@@ -77,9 +77,7 @@ def run(args: argparse.Namespace) -> int:
             print(f"{campaign.about[0].upper()}{campaign.about[1:]}.\n\n{print_tables(scored, ours)}\n", flush=True)
             where, ratio = worst(fitted["rows"]["used"])
             print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.", flush=True)
-            for name, shape in fitted["shapes"].items():
-                print(f"  {name}: {', '.join(f'{k} = {v:g}' for k, v in shape.items())} (found by search)")
-            print()
+            print(f"{_laws(fitted['shapes'], truth['hidden'])}\n", flush=True)
             status = max(status, WITH_LOSSES if failed else DONE)
             told.append(_result(campaign, scored, fitted, says, failed))
     seconds = time.monotonic() - began
@@ -100,6 +98,16 @@ def _verdict(scored: list[Scored], ours: bool) -> tuple[str, bool]:
         return f"{text}.", bool(missed)
     chance = float(binom.sf(len(missed) - 1, len(asked), 0.05)) if missed else 1.0
     return f"{text}. So many or more by chance: {100 * chance:.2g} % (95 % intervals).", chance < RARE
+
+
+def _laws(shapes: dict[str, dict[str, float]], hidden: list[dict[str, Any]]) -> str:
+    """Shape constants found by search beside those put in: lines whose laws are the same together."""
+    alike: dict[str, list[str]] = {}
+    for name, shape in shapes.items():
+        real = next((effect["shape"] for effect in hidden if effect["name"] == name), {})
+        text = ", ".join(f"{k} = {v:g} found by search ({real[k]:g} put in)" for k, v in shape.items() if k in real)
+        alike.setdefault(text, []).append(name)
+    return "\n".join(f"{', '.join(names)}: {text}" for text, names in alike.items())
 
 
 def _result(
