@@ -9,7 +9,8 @@ Axes are body axes (ISO 8855), origin midway between the front wheel centres at 
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -135,7 +136,11 @@ class Tyre:
 
 @dataclass(frozen=True)
 class Car:
-    """A car; `total` is the whole vehicle at design position. `payload` is what a run carries on top of it."""
+    """A car; `total` is the whole vehicle at design position. `payload` is what a run carries on top of it.
+
+    `corners` : what stands at a corner that differs from the rest of its axle, by corner name. Only `stiffness`,
+    `damping` and `tyre_stiffness` may differ: the geometry is the axle's.
+    """
 
     name: str
     wheelbase: float
@@ -145,10 +150,18 @@ class Car:
     tyre: Tyre
     gravity: float = 9.80665
     payload: Inertia | None = None
+    corners: Mapping[str, Axle] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for corner, own in self.corners.items():
+            axle = self.front if corner[0] == "f" else self.rear
+            alike = {name: getattr(axle, name) for name in ("stiffness", "damping", "tyre_stiffness")}
+            if replace(own, **alike) != axle:
+                raise UsageError(f"corner {corner} of {self.name}: only springs, dampers and tyre stiffness may differ")
 
     def axle(self, corner: str) -> Axle:
-        """The axle of a corner."""
-        return self.front if corner[0] == "f" else self.rear
+        """What stands at a corner: its axle's, or its own."""
+        return self.corners.get(corner) or (self.front if corner[0] == "f" else self.rear)
 
     @property
     def spin_axes(self) -> Vector:
@@ -168,7 +181,11 @@ class Car:
 
     @property
     def static_loads(self) -> Vector:
-        """(4,) wheel loads standing on a flat road at design position [N] (without payload; both axles symmetric)."""
+        """(4,) wheel loads standing on a flat road at design position [N] (without payload).
+
+        Four loads and three equations: the spare one is that an axle's loads share the lean of the centre of mass
+        in proportion to its load, so that the body is not twisted between the axles.
+        """
         weight = self.total.mass * self.gravity
         x, y, _ = self.total.com
         rear = -x / self.wheelbase
@@ -293,7 +310,30 @@ def peugeot_406() -> Car:
     return Car("peugeot-406", 2.70, total, front, rear, Tyre())
 
 
-CARS = {"peugeot-406": peugeot_406}
+def peugeot_406_measured() -> Car:
+    """The 406 with what the paper estimated on the road, its tables 5 to 7 (XX and ZZ of table 5 put right).
+
+    Springs, dampers and tyres differ from corner to corner; the centre of mass is 5.16 mm off the middle (R_Q has y to
+    the right: -5.16 mm there is to the left). Table 5 has no YY, which a sinus cannot show: that of table 1. What the
+    tables add to the laws of a corner, anti-roll bars and friction, are hidden effects (`measured_effects`).
+    """
+    car = peugeot_406()
+    tensor = ((760.31, 0.0, -45.0), (0.0, 2250.0, 0.0), (-45.0, 0.0, 2783.96))
+    own = {  # paper: ks, h of tables 6, kt of table 7; joints 27, 36, 9, 18 and 33, 42, 15, 24
+        "fl": (27_129.51, 3_306.20, 232_581.41),
+        "fr": (27_084.50, 3_408.44, 230_549.08),
+        "rl": (27_059.51, 4_526.08, 216_502.50),
+        "rr": (23_317.02, 4_274.80, 217_816.21),
+    }
+    corners = {
+        corner: replace(car.axle(corner), stiffness=stiffness, damping=damping, tyre_stiffness=tyre)
+        for corner, (stiffness, damping, tyre) in own.items()
+    }
+    total = Inertia(1668.53, (-1.13106, 0.00516, 0.24669), tensor)
+    return replace(car, name="peugeot-406-measured", total=total, corners=corners)
+
+
+CARS = {"peugeot-406": peugeot_406, "peugeot-406-measured": peugeot_406_measured}
 """Cars by name."""
 
 

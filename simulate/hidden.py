@@ -16,6 +16,7 @@ from daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
 from daq.errors import UsageError, nearest
 
 AXLES = ("front", "rear")
+ANYWHERE = (*AXLES, *CORNERS)
 SuspensionLaw = Callable[[float, float], float]
 
 
@@ -35,17 +36,17 @@ SHORT = {f"{what}.{c}": f"{part}.{c}.{what}" for c in CORNERS for part, what in 
 """The catalogue's short places of single channels: ``force.fl``, ``hub.rr``."""
 
 KINDS: dict[str, Kind] = {
-    # suspension, per axle: size × law at both corners
+    # suspension, per axle (size × law at both corners) or, but for the bar, at one corner
     "anti_roll_bar": Kind("size·(s - s of the other side)", "N/m"),
-    "coulomb": Kind("size·tanh(ṡ/v0)", "N", shape={"v0": 0.01}),
-    "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m"),
-    "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²"),
-    "damper_stroke": Kind("size·s·ṡ", "N·s/m²"),
-    "spring_quadratic": Kind("size·s²", "N/m²"),
-    "spring_cubic": Kind("size·s³", "N/m³"),
-    "bump_stop": Kind("size·max(0, s - gap)", "N/m", shape={"gap": 0.03}),
-    "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", shape={"gap": 0.03}),
-    "helper_spring": Kind("size·min(s, gap): works up to the gap, then is solid", "N/m", shape={"gap": 0.01}),
+    "coulomb": Kind("size·tanh(ṡ/v0)", "N", ANYWHERE, {"v0": 0.01}),
+    "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m", ANYWHERE),
+    "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²", ANYWHERE),
+    "damper_stroke": Kind("size·s·ṡ", "N·s/m²", ANYWHERE),
+    "spring_quadratic": Kind("size·s²", "N/m²", ANYWHERE),
+    "spring_cubic": Kind("size·s³", "N/m³", ANYWHERE),
+    "bump_stop": Kind("size·max(0, s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
+    "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
+    "helper_spring": Kind("size·min(s, gap): works up to the gap, then is solid", "N/m", ANYWHERE, {"gap": 0.01}),
     # suspension kinematics, per axle
     "anti_dive": Kind("wheel centre moves forward by size·s", "-"),
     "jacking": Kind("wheel centre moves outward by size·s", "-"),
@@ -72,10 +73,10 @@ KINDS: dict[str, Kind] = {
 
 
 def known_names() -> list[str]:
-    """Every full name, the longest lists (single channels and columns) left out."""
+    """Every full name, the longest lists (single corners, channels and columns) left out."""
     out = []
     for name, kind in KINDS.items():
-        places = [p for p in kind.places if p not in CHANNELS and p not in COLUMNS] or list(kind.places[:1])
+        places = [p for p in kind.places if p not in (*CORNERS, *CHANNELS, *COLUMNS)] or list(kind.places[:1])
         out += [f"{name}.{place}" for place in places] if kind.places else [name]
     return out
 
@@ -144,8 +145,8 @@ class Hidden:
         return {"name": self.name, "size": self.size, "unit": kind.unit, "shape": dict(self.shape), "law": kind.about}
 
     def at(self, corner: str) -> bool:
-        """Whether an axle effect acts at `corner`."""
-        return self.where == ("front" if corner[0] == "f" else "rear")
+        """Whether an effect of an axle or a corner acts at `corner`."""
+        return self.where in (corner, "front" if corner[0] == "f" else "rear")
 
 
 def suspension_law(effect: Hidden) -> SuspensionLaw | None:

@@ -66,11 +66,29 @@ class Manoeuvre:
 
 
 @dataclass(frozen=True)
-class Sinus(Manoeuvre):
+class Steering(Manoeuvre):
+    """Steering all along. `grade` : ISO 8608 class of the road under it (A, B or C), empty for a flat one.
+
+    The road's tracks vary along x alone, as every road here does: a car that has turned off the x axis by an angle
+    meets the same waves stretched by 1/cos of it.
+    """
+
+    straight: ClassVar[bool] = False
+    grade: str = ""
+
+    def road(self, car: Car, seed: int, settle: float) -> Road:
+        if not self.grade:
+            return FLAT
+        reach = self.speed * (self.duration + settle) * 1.05 + 60.0
+        track = 0.5 * (car.front.track + car.rear.track)
+        return rough_road(self.grade, -reach, 2.0 * reach, seed, track, car.tyre.contact_length)
+
+
+@dataclass(frozen=True)
+class Sinus(Steering):
     """Sinus steering at constant speed: `amplitude` [rad] at the kingpin, `frequency` [Hz]."""
 
     name: ClassVar[str] = "sinus"
-    straight: ClassVar[bool] = False
     amplitude: float = 0.025
     frequency: float = 0.5
 
@@ -79,11 +97,10 @@ class Sinus(Manoeuvre):
 
 
 @dataclass(frozen=True)
-class Sweep(Manoeuvre):
+class Sweep(Steering):
     """Chirp steering, frequency rising exponentially from `low` to `high` [Hz]."""
 
     name: ClassVar[str] = "sweep"
-    straight: ClassVar[bool] = False
     amplitude: float = 0.015
     low: float = 0.2
     high: float = 3.0
@@ -98,11 +115,10 @@ class Sweep(Manoeuvre):
 
 
 @dataclass(frozen=True)
-class Spiral(Manoeuvre):
+class Spiral(Steering):
     """Growing steer at constant speed, to `amplitude` [rad] at the end (negative: to the right)."""
 
     name: ClassVar[str] = "spiral"
-    straight: ClassVar[bool] = False
     amplitude: float = 0.06
     speed: float = 60.0 * KMH
     duration: float = 30.0

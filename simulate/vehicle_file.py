@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from daq.channels import CORNERS
 from simulate.cars import Axle, Car
 
 
@@ -19,7 +20,7 @@ def vehicle_text(car: Car) -> str:
             "",
             f"[axle.{name}]",
             row("track", of.track, "m"),
-            row("wheel_centre_height", round(height, 6), "m"),
+            row("wheel_centre_height", height, "m"),
             row("tyre_radius", of.radius, "m"),
             row("static_camber", round(math.degrees(of.camber), 6), "deg"),
             row("static_toe", round(math.degrees(of.toe), 6), "deg"),
@@ -31,7 +32,11 @@ def vehicle_text(car: Car) -> str:
             ]
         return [*lines, f"driven = {str(of.driven).lower()}", 'brakes = "outboard"']
 
-    heights = car.heights.tolist()
+    heights = [round(height, 6) for height in car.heights.tolist()]
+    differing: list[str] = []
+    for corner, height in zip(CORNERS, heights, strict=True):
+        if height != heights[2 if corner[0] == "r" else 0]:
+            differing += ["", f"[corner.{corner}]", row("wheel_centre_height", height, "m")]
     return "\n".join(
         [
             'format = "lacet-vehicle 1"',
@@ -42,6 +47,7 @@ def vehicle_text(car: Car) -> str:
             row("wheelbase", car.wheelbase, "m"),
             *axle("front", car.front, heights[0]),
             *axle("rear", car.rear, heights[2]),
+            *differing,
             "",
         ]
     )

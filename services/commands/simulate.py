@@ -49,7 +49,8 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
 
 Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
 Hidden effects: {", ".join(KINDS)};
-those of an axle end in .front or .rear, those of a sensor in its name (sensor_latency.imu).
+those of an axle end in .front or .rear, laws of a suspension also in one corner (coulomb.fl), those of a sensor in
+its name (sensor_latency.imu).
 The vehicle file to identify with is written beside the runs."""
 
 HOUR_NS = 3_600_000_000_000

@@ -1,0 +1,138 @@
+"""``lacet paper``: the paper's tables anew, side by side with its own numbers."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+
+from scipy.stats import binom
+
+from daq.errors import UsageError
+from services.paper_campaign import Campaign, Places, drive_all, experiment, identify, simulation
+from services.paper_score import MISSED, WITHOUT, Scored, print_tables, score
+from services.paper_tables import LINES
+from services.progress import Line
+from services.result import DONE, WITH_LOSSES, plain, write_result
+from services.tables import worst
+from simulate.engine import engine_library
+
+HELP = "the paper's tables 1 to 7 anew on the simulated car, side by side with the paper's"
+DESCRIPTION = """\
+Do the paper again. Section 4: the simulated Peugeot 406, with the paper's a-priori values, is driven through sinus
+steering and a sudden lift-off, the model is fitted, and tables 1 to 4 are printed beside the paper's numbers. A line is
+met when our error is no larger than the paper's own or than our 95 % half-width. Section 6: a car with the values of
+tables 5 to 7 (friction, anti-roll bars, four corners that differ) is measured with the experimental instruments, over
+their bytes; a line is met when the value put in lies in our 95 % interval, which 1 in 20 misses by chance.
+
+  lacet paper                            all tables; what was driven and fitted is kept in paper-out
+  lacet paper --tables simulation        tables 1 to 4 alone
+  lacet paper --out DIR --seed 7         another folder, other noise, zeros and road
+  lacet paper --refit                    fit again (after changing lacet) what was driven before
+  lacet paper --quick --out quick        runs of 8 s: a look in a minute, with wider intervals
+
+A second call goes on where the first was stopped. Needs MuJoCo (extra sim).
+Exit code 3: a line of tables 1 to 4 is missed, or more of tables 5 to 7 than chance explains."""
+
+QUICK = 8.0
+"""Length of the runs with --quick [s]."""
+RARE = 0.01
+"""Chance below which the number of lines missed in tables 5 to 7 is no longer chance."""
+MARKER = ".lacet-paper"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--tables", choices=("simulation", "experiment"), help="1 to 4 or 5 to 7 alone (default: all)")
+    parser.add_argument("--out", metavar="DIR", type=Path, default=Path("paper-out"), help="default: paper-out")
+    parser.add_argument("--seed", type=int, default=1, help="of noise, zeros, clocks and road (default 1)")
+    parser.add_argument("--quick", action="store_true", help=f"runs of {QUICK:g} s")
+    parser.add_argument("--refit", action="store_true", help="fit again what was driven before")
+    parser.add_argument("--force", action="store_true", help="drive and fit everything again")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive, fit, score; 3 when lines are missed."""
+    engine_library()
+    began = time.monotonic()
+    campaigns = [c for c in (simulation(), experiment()) if args.tables in (None, c.name)]
+    _make_room(args.out, {"seed": args.seed, "quick": args.quick}, args.force)
+    status, told = DONE, []
+    with Line() as line:
+        for campaign in campaigns:
+            if args.quick:
+                campaign = campaign.shortened(QUICK)
+            places = Places.of(args.out, campaign)
+            if args.refit:
+                places.fit.unlink(missing_ok=True)
+            drive_all(campaign, places, args.seed, line.show)
+            fitted = identify(campaign, places, line.show)
+            truth = json.loads(places.truth.read_text(encoding="utf-8"))["runs"][0]
+            ours = campaign.name == "simulation"
+            scored = [score(one, truth, fitted, ours) for one in LINES if one.table in campaign.tables]
+            says, failed = _verdict(scored, ours)
+            print(f"{campaign.about[0].upper()}{campaign.about[1:]}.\n\n{print_tables(scored, ours)}\n", flush=True)
+            where, ratio = worst(fitted["rows"]["used"])
+            print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.", flush=True)
+            print(f"{_laws(fitted['shapes'], truth['hidden'])}\n", flush=True)
+            status = max(status, WITH_LOSSES if failed else DONE)
+            told.append(_result(campaign, scored, fitted, says, failed))
+    seconds = time.monotonic() - began
+    print(f"Done in {seconds:.0f} s. Runs, fits and truth are in {args.out}.")
+    write_result(args.json, "paper", {"campaigns": told, "folder": args.out, "seconds": seconds})
+    return status
+
+
+def _verdict(scored: list[Scored], ours: bool) -> tuple[str, bool]:
+    """What the lines come to, in words, and whether that is a failure."""
+    asked = [s for s in scored if s.verdict != WITHOUT]
+    missed = [s.line.name for s in asked if s.verdict == MISSED]
+    without = [s.line.name for s in scored if s.verdict == WITHOUT]
+    text = f"{len(asked) - len(missed)} of {len(asked)} lines met"
+    text += f"; missed: {', '.join(missed)}" * bool(missed)
+    text += f"; not identifiable: {', '.join(without)}" * bool(without)
+    if ours:
+        return f"{text}.", bool(missed)
+    chance = float(binom.sf(len(missed) - 1, len(asked), 0.05)) if missed else 1.0
+    return f"{text}. So many or more by chance: {100 * chance:.2g} % (95 % intervals).", chance < RARE
+
+
+def _laws(shapes: dict[str, dict[str, float]], hidden: list[dict[str, Any]]) -> str:
+    """Shape constants found by search beside those put in: lines whose laws are the same together."""
+    alike: dict[str, list[str]] = {}
+    for name, shape in shapes.items():
+        real = next((effect["shape"] for effect in hidden if effect["name"] == name), {})
+        text = ", ".join(f"{k} = {v:g} found by search ({real[k]:g} put in)" for k, v in shape.items() if k in real)
+        alike.setdefault(text, []).append(name)
+    return "\n".join(f"{', '.join(names)}: {text}" for text, names in alike.items())
+
+
+def _result(
+    campaign: Campaign, scored: list[Scored], fitted: dict[str, Any], says: str, failed: bool
+) -> dict[str, Any]:
+    return {
+        "name": campaign.name,
+        "about": campaign.about,
+        "lines": [s.result() for s in scored],
+        "shapes": fitted["shapes"],
+        "says": says,
+        "failed": failed,
+    }
+
+
+def _make_room(out: Path, settings: dict[str, Any], force: bool) -> None:
+    marker = out / MARKER
+    if out.exists() and any(out.iterdir()) and not marker.is_file():
+        raise UsageError(f"{out} holds other files; choose another folder with --out")
+    if force:
+        shutil.rmtree(out, ignore_errors=True)
+    text = json.dumps(plain(settings))
+    if marker.is_file() and marker.read_text(encoding="utf-8") != text:
+        was = json.loads(marker.read_text(encoding="utf-8"))
+        had = f"seed {was.get('seed')}{' and --quick' * bool(was.get('quick'))}"
+        raise UsageError(f"{out} was made with {had}: give the same, another folder with --out, or --force")
+    out.mkdir(parents=True, exist_ok=True)
+    marker.write_text(text, encoding="utf-8")
