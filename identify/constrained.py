@@ -23,9 +23,9 @@ from numpy.typing import NDArray
 from daq.errors import SolverError, UsageError
 from identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
 from identify.effect import Parameter
+from identify.equations import zeros_following
 from identify.fit import Fit
 from identify.information import Information
-from identify.uncertainty import zero_gains
 from identify.vectors import Array
 
 LEAST = 1e-6
@@ -332,7 +332,7 @@ def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, Consisten
     """A fit with its unknowns changed by (q,), residuals with it, and what that costs."""
     theta, place = fitted.theta.copy(), fitted.place
     theta[place] += change
-    fall = [gain @ change for gain in zero_gains(fitted.equations.runs, fitted.sigma)]
+    fall = [gain @ change for gain, _ in zeros_following(fitted.equations.runs, fitted.sigma)]
     zeros = tuple((names, sigma, z - f) for (names, sigma, z), f in zip(fitted.zeros, fall, strict=True))
     moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.drives]
     for piece in fitted.assembly.pieces():

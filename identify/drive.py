@@ -86,7 +86,7 @@ class Drive:
         ends = np.cumsum([series[..., 0].size for series in here.values()])
         parts = np.split(filtered, ends[:-1])
         return {
-            row: part[:, self.index[row]].reshape(*series.shape[:-1], -1)
+            row: part[:, self.index[row]].reshape(*series.shape[:-1], len(self.index[row]))
             for (row, series), part in zip(here.items(), parts, strict=True)
         }
 

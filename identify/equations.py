@@ -106,12 +106,7 @@ class Equations:
 
     def zeros(self, x: Array, sigma: Weights) -> list[Array]:
         """Each run's zeros at parameters `x`."""
-        out: list[Array] = []
-        for run in self.runs:
-            top, z = run.reduced(sigma)[0], len(run.zeros)
-            right = top[:, -1] - top[:, z:-1] @ x
-            out.append(np.asarray(scipy.linalg.solve_triangular(top[:, :z], right), float) if z else np.zeros(0))
-        return out
+        return [shift - gain @ x for gain, shift in zeros_following(self.runs, sigma)]
 
     def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[str, float]]:
         """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
@@ -151,3 +146,13 @@ class Equations:
         lengths = np.sqrt(np.diag(total))
         x = np.asarray(np.linalg.solve(total / np.outer(lengths, lengths), right / lengths), float) / lengths
         return x, [b - a @ x for a, b in kept]
+
+
+def zeros_following(runs: Sequence[RunEquations], sigma: Weights) -> list[tuple[Array, Array]]:
+    """For each run (z, p) gain and (z,) shift: at parameters x its zeros are shift − gain x."""
+    out: list[tuple[Array, Array]] = []
+    for run in runs:
+        top, z = run.reduced(sigma)[0], len(run.zeros)
+        both = np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:]), float)
+        out.append((both[:, :-1], both[:, -1]))
+    return out

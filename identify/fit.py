@@ -11,10 +11,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from daq.errors import NotIdentifiable
-from identify.assembly import Assembly
+from identify.assembly import Assembly, Known
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
-from identify.equations import Equations, RunEquations
+from identify.equations import Equations, RunEquations, zeros_following
 from identify.explain import refuse_not_finite
 from identify.filters import derivative
 from identify.model import Model
@@ -35,12 +35,11 @@ _HUBER_TURNS = 6
 class Stored:
     """What campaigns on the same motions have in common, so that it is computed once.
 
-    `sensitivities` of the runs; `moments` of the noise in the regressors; `covariance_sheet` as in `Fit`.
+    `known` of the runs; `moments` of the noise in the regressors.
     """
 
-    sensitivities: tuple[Sensitivity, ...]
+    known: Known
     moments: NoiseMoments
-    covariance_sheet: Array
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ class Fit:
     @property
     def stored(self) -> Stored:
         """What further campaigns on the same motions need not compute again."""
-        return Stored(self.sensitivities, self.moments, self.covariance_sheet)
+        return Stored(self.assembly.as_known(), self.moments)
 
     def bootstrap(self, draws: int = 499, seed: int = 0) -> Array:
         """(draws, p) values of `theta` from runs put together anew of their own blocks (moving blocks of about 2 s)."""
@@ -200,9 +199,8 @@ def _fit_linear(
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
     at: Array | None = np.zeros(len(parameters))
     at[keep] = x
-    known_slopes = stored.sensitivities if stored else ()
     at = at if zeros or model.faults else None
-    assembly = Assembly(effects, keep, model.faults, drives, at, zeros, known_slopes)
+    assembly = Assembly(effects, keep, model.faults, drives, at, zeros, stored.known if stored else None)
     known = known_beforehand(model, keep)
     for turn in range(_HUBER_TURNS if robust else 1):
         equations = Equations(_accumulate(assembly, known.shape[1]), known, rows)
@@ -215,16 +213,13 @@ def _fit_linear(
     if unbias and stored:
         moments = stored.moments
     elif unbias:
+        followers = zeros_following(equations.runs, sigma)
         for piece in assembly.pieces():
-            place = (piece.run,) if piece.drive is drives[piece.run] else (piece.run, piece.number)
-            moments.add(piece.drive, place, effects, keep, sigma, piece.weights)
+            moments.add(piece, effects, keep, sigma, followers[piece.run])
     if unbias:
-        priors = np.array(
-            [*(parameters[int(i)].prior for i in keep), *(q.prior for f in model.faults for q in f.parameters)]
-        )
-        corrected, doubt = moments.correct(x, root, priors)
+        corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])
         x, correction = corrected, corrected - x
-    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments, stored)
+    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments)
 
 
 def _accumulate(assembly: Assembly, p: int) -> list[RunEquations]:
@@ -254,11 +249,10 @@ def _row_sizes(runs: Sequence[RunEquations], rows: Sequence[str]) -> dict[str, f
 
 def _result(
     model: Model, base: BaseParameters, assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float],
-    root: Array, correction: Array, doubt: Array, moments: NoiseMoments, stored: Stored | None,
+    root: Array, correction: Array, doubt: Array, moments: NoiseMoments,
 ) -> Fit:  # fmt: skip
     zeros = equations.zeros(x, sigma)
-    with_sheet = assembly.at is not None and stored is None
-    spread = spread_of(assembly, equations, x, zeros, sigma, with_sheet)
+    spread = spread_of(assembly, equations, x, zeros, sigma, sheet=assembly.at is not None)
     R, lengths = scaled_triangle(root[:, :-1])
     inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(x)], np.eye(len(x)))) / lengths[:, None]
     iid = inverse @ inverse.T
@@ -285,7 +279,7 @@ def _result(
         theta=line(x),
         covariance=square(iid @ spread.scores @ iid + doubt),
         covariance_iid=square(iid),
-        covariance_sheet=stored.covariance_sheet if stored else square(_outer(moved, len(x))),
+        covariance_sheet=square(_outer(moved, len(x))),
         sigma=dict(sigma),
         residual=spread.residual,
         zeros=tuple((run.zeros, run.priors, z) for run, z in zip(equations.runs, zeros, strict=True)),

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from identify.drive import Drive
+from identify.assembly import Piece
 from identify.effect import Effect
 from identify.triangle import scaled_triangle
 from identify.vectors import Array
@@ -25,8 +25,9 @@ class NoiseMoments:
     """E[δWᵀ δr] = constant − slope θ of the weighted rows, draw by draw.
 
     At the true θ the scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). One draw of noise added
-    and the same draw subtracted leave just that product, and the sum over the samples is its mean. `slopes` (D, p, p),
-    `constants` (D, p). What multiplies a run's zeros is not measured: it has no part in it.
+    and the same draw subtracted leave just that product and the mean shift of bent laws, and the sum over the samples
+    is its mean. `slopes` (D, p, p), `constants` (D, p). Each run's zeros follow the parameters: they would take the
+    mean shift of a bent law up, and a static load would else be moved by 100 N in their stead.
     """
 
     slopes: Array
@@ -47,23 +48,31 @@ class NoiseMoments:
         return NoiseMoments(self.slopes[which], self.constants[which])
 
     def add(
-        self, drive: Drive, place: Sequence[int], effects: Sequence[Effect], keep: NDArray[np.int64],
-        sigma: Mapping[str, float], root_weights: Mapping[str, Array] | None = None,
+        self, piece: Piece, effects: Sequence[Effect], keep: NDArray[np.int64], sigma: Mapping[str, float],
+        zeros: tuple[Array, Array],
     ) -> None:  # fmt: skip
-        """Add a run, or a piece of one; `place` tells its draws from those of others."""
-        p = len(keep)
-        plain = {row: (drive.matrix(effects, row)[:, keep], drive.measured[row]) for row in drive.rows}
+        """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = shift − gain x."""
+        gain, shift = zeros
+        z, b = len(shift), len(keep)
+        place = (piece.run,) if piece.number is None else (piece.run, piece.number)
+        plain = {
+            row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ shift)
+            for row, block in piece.blocks.items()
+        }
+        physics = {row: block[:, z : z + b] for row, block in piece.blocks.items()}
         for draw in range(self.draws):
             for sign in (1, -1):
-                noisy = drive.noisy(draw, sign, [2002, *place, draw])
+                noisy = piece.drive.noisy(draw, sign, [2002, *place, draw])
                 for row, (W, y) in plain.items():
-                    moved, right = noisy.matrix(effects, row)[:, keep], noisy.measured[row]
+                    moved = W.copy()
+                    moved[:, :b] += noisy.matrix(effects, row)[:, keep] - physics[row]
+                    right = y + noisy.measured[row] - piece.right[row]
                     weight = 0.5 / sigma[row] ** 2
-                    if root_weights is not None:
-                        weight = weight * root_weights[row] ** 2
-                    one, other = (moved.T * weight), (W.T * weight)
-                    self.slopes[draw, :p, :p] += one @ moved - other @ W
-                    self.constants[draw, :p] += one @ right - other @ y
+                    if piece.weights is not None:
+                        weight = weight * piece.weights[row] ** 2
+                    one, other = moved.T * weight, W.T * weight
+                    self.slopes[draw] += one @ moved - other @ W
+                    self.constants[draw] += one @ right - other @ y
                 noisy.forget_motion()
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:

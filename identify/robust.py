@@ -31,14 +31,14 @@ class BadSecond:
 
 def huber_weights(
     assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float]
-) -> dict[tuple[int, int], Mapping[str, Array]]:
+) -> dict[tuple[int, int | None], Mapping[str, Array]]:
     """Roots of the samples' weights: (run, piece) → row → (n,), from the residuals at `x` (Huber, 1964).
 
     The measure of a row is its median second over all runs, which bad seconds do not move.
     """
     zeros = equations.zeros(x, sigma)
-    size: dict[tuple[int, int, str], Array] = {}
-    second: dict[tuple[int, int, str], NDArray[np.intp]] = {}
+    size: dict[tuple[int, int | None, str], Array] = {}
+    second: dict[tuple[int, int | None, str], NDArray[np.intp]] = {}
     for piece in assembly.pieces():
         filters = piece.drive.recording.filters
         for row, block in piece.blocks.items():
@@ -50,7 +50,7 @@ def huber_weights(
             second[key] = which
     rows = dict.fromkeys(row for _, _, row in size)
     usual = {row: float(np.median(np.concatenate([s for (_, _, r), s in size.items() if r == row]))) for row in rows}
-    roots: dict[tuple[int, int], dict[str, Array]] = {}
+    roots: dict[tuple[int, int | None], dict[str, Array]] = {}
     for (run, number, row), rms in size.items():
         weight = np.minimum(1.0, THRESHOLD * usual[row] / np.maximum(rms, 1e-300))
         roots.setdefault((run, number), {})[row] = np.sqrt(weight)[second[run, number, row]]

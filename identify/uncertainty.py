@@ -5,18 +5,15 @@ sheet's gains and latencies add, which no residual shows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
-from daq.channels import CHANNELS
 from identify.assembly import Assembly, Piece
 from identify.drive import Drive
-from identify.equations import Equations, RunEquations
-from identify.filters import derivative
-from identify.sensitivity import Perturbation
+from identify.equations import Equations, zeros_following
+from identify.sheet import SheetEntry
 from identify.stats import hac
 from identify.vectors import Array
 
@@ -29,13 +26,12 @@ class Spread:
     ----------
     residual : for each run, row → (n,) Y − W x − zeros.
     scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay), priors included.
-    sheet : ``("gain" or "latency", channel)`` and component → (p,) what one tolerance of it adds to the normal
-        equations' right side; a sensor's latency goes by its first channel.
+    sheet : gain or latency → (p,) what one tolerance of it adds to the normal equations' right side.
     """
 
     residual: tuple[Mapping[str, Array], ...]
     scores: Array
-    sheet: Mapping[tuple[str, str, int], Array]
+    sheet: Mapping[SheetEntry, Array]
 
 
 def spread_of(
@@ -45,10 +41,10 @@ def spread_of(
 
     `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
     """
-    gains = zero_gains(equations.runs, sigma)
+    gains = [gain for gain, _ in zeros_following(equations.runs, sigma)]
     residual: list[dict[str, list[Array]]] = [{} for _ in assembly.drives]
     scores = [np.zeros((_comb(drive), equations.p)) for drive in assembly.drives]
-    systematic: dict[tuple[str, str, int], Array] = {}
+    systematic: dict[SheetEntry, Array] = {}
     for piece in assembly.pieces():
         columns: dict[str, Array] = {}
         for row, block in piece.blocks.items():
@@ -57,7 +53,7 @@ def spread_of(
             columns[row] = effective(piece, row, gains[piece.run]) / sigma[row] ** 2
             scores[piece.run][piece.instants[row]] += columns[row] * left[:, None]
         if sheet:
-            for name, response in _sheet_responses(piece):
+            for name, response in assembly.sheet_responses(piece).items():
                 pushed = [columns[row].T @ series for row, series in response.items() if row in columns]
                 if pushed:
                     systematic[name] = systematic.get(name, np.zeros(equations.p)) + np.sum(pushed, axis=0)
@@ -71,15 +67,6 @@ def spread_of(
     return Spread(joined, meat, systematic)
 
 
-def zero_gains(runs: Sequence[RunEquations], sigma: Mapping[str, float]) -> list[Array]:
-    """For each run (z, p): by how much its zeros fall when a parameter grows by one."""
-    out: list[Array] = []
-    for run in runs:
-        top, z = run.reduced(sigma)[0], len(run.zeros)
-        out.append(np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:-1]), float))
-    return out
-
-
 def effective(piece: Piece, row: str, gain: Array) -> Array:
     """(n, p) columns of a row as the parameters' equations see them: weighted, the run's zeros following along."""
     block, z = piece.blocks[row], gain.shape[0]
@@ -90,29 +77,6 @@ def effective(piece: Piece, row: str, gain: Array) -> Array:
 def _comb(drive: Drive) -> int:
     recording = drive.recording
     return recording.t.size // recording.filters.step + 1
-
-
-def _sheet_responses(piece: Piece) -> Iterator[tuple[tuple[str, str, int], dict[str, Array]]]:
-    """What one tolerance of each gain and latency does to the residual of a piece, after the parallel filter."""
-    sensitivity = piece.sensitivity
-    assert sensitivity is not None
-    recording = piece.drive.recording
-    values, rig = recording.signals.value, recording.rig
-    late: dict[str, tuple[str, dict[str, Array]]] = {}
-    changes: dict[tuple[str, str, int], Perturbation] = {}
-    for channel in dict.fromkeys(name for name, _, _ in sensitivity.slopes):
-        gain, latency = rig.tolerance(channel, "gain"), rig.tolerance(channel, "latency")
-        sensor = rig.sensor_of(channel)
-        if latency > 0.0:
-            first, parts = late.setdefault(sensor.name if sensor else channel, (channel, {}))
-            parts[channel] = -latency * derivative(values[channel], recording.filters.rate)
-            changes["latency", first, 0] = parts
-        for k in range(CHANNELS[channel].width if gain > 0.0 else 0):
-            change = np.zeros_like(values[channel])
-            change[k] = gain * values[channel][k]
-            changes["gain", channel, k] = {channel: change}
-    for name, change in changes.items():
-        yield name, piece.drive.decimated(sensitivity.response(change))
 
 
 SUB_BLOCK = 0.5
