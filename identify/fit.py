@@ -25,7 +25,7 @@ from identify.robust import BadSecond, bad_seconds, huber_weights
 from identify.rows import ROWS
 from identify.sensitivity import Sensitivity
 from identify.triangle import scaled_triangle, triangle
-from identify.uncertainty import block_bootstrap, spread_of
+from identify.uncertainty import at_least, block_bootstrap, spread_of
 from identify.vectors import Array
 
 _HUBER_TURNS = 6
@@ -52,8 +52,8 @@ class Fit:
     drives : the runs used, sensor faults of the model taken out.
     base : grouping of the model's parameters into what the runs' equations depend on at all.
     theta : (p,) every parameter; those grouped into others are zero.
-    covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included; as wide as the prior
-        where the regressors are mostly noise.
+    covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included; no narrower than
+        `covariance_iid`, and as wide as the prior where the regressors are mostly noise.
     covariance_iid : the same as if residuals were independent, as the paper's sxr % has it.
     covariance_sheet : what the sensor sheet's gains and latencies add to it, which no residual shows.
     sigma : row → weight's σ [N or N·m].
@@ -277,7 +277,7 @@ def _result(
         drives=assembly.drives,
         base=base,
         theta=line(x),
-        covariance=square(iid @ spread.scores @ iid + doubt),
+        covariance=square(at_least(iid @ spread.scores @ iid, iid) + doubt),
         covariance_iid=square(iid),
         covariance_sheet=square(_outer(moved, len(x))),
         sigma=dict(sigma),

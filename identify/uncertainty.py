@@ -67,6 +67,16 @@ def spread_of(
     return Spread(joined, meat, systematic)
 
 
+def at_least(covariance: Array, other: Array) -> Array:
+    """A covariance (p, p) with every σ at least that of another, correlations as they are.
+
+    Least squares makes the sum of the scores zero, so that HAC sees too little of what is slow, such as a static load:
+    of the two σ the larger one holds the truth as often as it says (docs/benchmarks/coverage.md).
+    """
+    scale = np.sqrt(np.maximum(1.0, np.diag(other) / np.maximum(np.diag(covariance), 1e-300)))
+    return covariance * np.outer(scale, scale)
+
+
 def effective(piece: Piece, row: str, gain: Array) -> Array:
     """(n, p) columns of a row as the parameters' equations see them: weighted, the run's zeros following along."""
     block, z = piece.blocks[row], gain.shape[0]
