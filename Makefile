@@ -15,7 +15,7 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -27,6 +27,7 @@ help:
 	@echo 'make benchmark     measure decoding, log, bus and fit'
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
+	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
 	@echo 'make clean         remove the environment and what tests and demo wrote'
@@ -67,9 +68,12 @@ seeds: .venv/.dev
 	@$(PY) benchmarks/null_seeds.py
 	@$(PY) benchmarks/null_seeds.py --bars
 
+coverage: .venv/.dev
+	@$(PY) benchmarks/coverage.py
+
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
-	@$(COMPILE) --group build --group dev --extra sim -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) --group build --group dev --extra sim --extra consistency -c requirements/run.txt pyproject.toml -o requirements/dev.txt
 	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
 	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
 		echo 'lock: an address got into the files above; see the settings of uv on this machine'; exit 1; fi
