@@ -8,15 +8,18 @@ import numpy as np
 
 from identify.effect import Effect
 from identify.fit import Fit
+from identify.vectors import Array
 
 
 @dataclass(frozen=True)
 class Estimate:
     """One parameter.
 
-    `half` is half of the 95 % interval from residuals correlated in time and across rows; `sxr` the paper's relative
-    standard deviation, 100 σ/|value| as if residuals were independent [%]; `group` the combination the value stands
-    for; where it is not `identifiable`, `why` says the reason.
+    `half` is half of the 95 % interval from residuals correlated in time and across rows (noise and zeros);
+    `half_sheet` the same with what the sensor sheet's gains and latencies may add; `half_bootstrap` from blocks of the
+    runs drawn again, NaN where none were; `sxr` the paper's relative standard deviation, 100 σ/|value| as if residuals
+    were independent [%]; `group` the combination the value stands for; where it is not `identifiable`, `why` says the
+    reason.
     """
 
     name: str
@@ -24,6 +27,8 @@ class Estimate:
     value: float
     unit: str
     half: float
+    half_sheet: float
+    half_bootstrap: float
     sxr: float
     group: str
     identifiable: bool
@@ -44,12 +49,19 @@ _WIDE = 0.5
 """A parameter whose 1 σ is still this part of the prior's is not identified: the runs add next to nothing."""
 
 
-def estimates(fitted: Fit) -> list[Estimate]:
-    """Every parameter of a fit's model, those that cannot be identified included."""
+def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
+    """Every parameter of a fit's model, those that cannot be identified included.
+
+    `drawn` : (draws, p) from `Fit.bootstrap`.
+    """
     out: list[Estimate] = []
     place = {int(i): k for k, i in enumerate(fitted.base.independent)}
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
     plain = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance_iid)))
+    sheet = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance + fitted.covariance_sheet)))
+    blocks = np.full(len(sigma), np.nan)
+    if drawn is not None:
+        blocks = 0.5 * np.asarray(np.ptp(np.percentile(drawn, (2.5, 97.5), axis=0), axis=0), float)
     owners = [effect for effect in (*fitted.model.physics, *fitted.model.faults) for _ in effect.parameters]
     physics = len(fitted.physics)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
@@ -75,6 +87,8 @@ def estimates(fitted: Fit) -> list[Estimate]:
                 value=value,
                 unit=parameter.unit,
                 half=1.96 * float(sigma[i]),
+                half_sheet=1.96 * float(sheet[i]),
+                half_bootstrap=float(blocks[i]),
                 sxr=100.0 * float(plain[i]) / abs(value) if value else float("inf"),
                 group=group,
                 identifiable=not why,

@@ -122,7 +122,8 @@ def _on_comb(series: Array, place: NDArray[np.intp]) -> Array:
 def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> tuple[Array, Array]:
     """Frequencies [Hz] and one-sided power densities (k, F), Hann-tapered, without the mean."""
     n = series.shape[1]
-    taper = np.asarray(np.sin(np.pi * (np.arange(n) + 0.5) / n) ** 2, float)
+    middle: Array = (np.arange(n, dtype=float) + 0.5) / n
+    taper: Array = np.sin(np.pi * middle) ** 2
     spectrum = np.asarray(np.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
     power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
     return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]

@@ -27,11 +27,13 @@ class WholeVehicle:
 
     `values` (10,) in the order of `NAMES`: mass, centre of gravity from the body origin in body axes, inertia tensor
     about the centre of gravity (elements of the tensor: products with the sign of −∫xy). `interval` (10,) half of the
-    95 % interval. `determined` (10,) whether the runs' equations determine it at all.
+    95 % interval, `interval_sheet` with the sensor sheet's gains and latencies. `determined` (10,) whether the runs'
+    equations determine it at all.
     """
 
     values: Array
     interval: Array
+    interval_sheet: Array
     determined: tuple[bool, ...]
 
 
@@ -43,7 +45,7 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
     to_sum = summation(fitted, vehicle)
     summed = to_sum @ fitted.theta
     if not summed[9]:  # nothing of the mass is known: there is no centre of gravity to speak of
-        return WholeVehicle(np.zeros(10), np.zeros(10), (False,) * 10)
+        return WholeVehicle(np.zeros(10), np.zeros(10), np.zeros(10), (False,) * 10)
     values = _central(summed)
     slope = _slopes(_central, summed) @ to_sum
     # A functional is determined when grouping leaves it unchanged: it then lies in the rows' span.
@@ -52,10 +54,11 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
     scale = np.abs(slope[:, :physics]).max(axis=1) + 1e-12
     determined = np.abs(grouped - slope[:, :physics]).max(axis=1) < 1e-5 * scale
     spread = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance, slope)))
+    sheet = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance_sheet, slope)))
     # Grouping alone lets pass what stands on round-off only: an interval many times the value says nothing.
     size = np.array([values[0], *[_length(vehicle)] * 3, *[values[0] * _length(vehicle) ** 2] * 6])
     determined &= np.isfinite(values) & (1.96 * spread < np.abs(size))
-    return WholeVehicle(values, 1.96 * spread, tuple(bool(d) for d in determined))
+    return WholeVehicle(values, 1.96 * spread, 1.96 * np.hypot(spread, sheet), tuple(bool(d) for d in determined))
 
 
 def _length(vehicle: Vehicle) -> float:

@@ -22,6 +22,7 @@ from identify.floor import NoiseFloor, floor_of
 from identify.model import Model
 from identify.score import Comparison, compare
 from identify.study import Study, Version
+from identify.vectors import Array
 from identify.whole import NAMES, UNITS, whole_vehicle
 from services.loading import Loaded, load
 from services.result import plain
@@ -46,11 +47,11 @@ def fit_run(path: str | Path) -> dict[str, Any]:
 
 def fit_result(
     fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = (),
-    knowledge: Knowledge | None = None,
+    knowledge: Knowledge | None = None, drawn: Array | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """A fit as plain data (``docs/json.md``, ``identify``)."""
+    """A fit as plain data (``docs/json.md``, ``identify``); `drawn` as `Fit.bootstrap` gives it."""
     knowledge = knowledge or Knowledge.of(fitted)
-    found = estimates(fitted)
+    found = estimates(fitted, drawn)
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
     for drive in fitted.drives:
@@ -69,6 +70,8 @@ def fit_result(
                     "unit": e.unit,
                     "interval95": [e.value - e.half, e.value + e.half],
                     "half95": e.half,
+                    "half95_sheet": e.half_sheet,
+                    "half95_bootstrap": e.half_bootstrap,
                     "sxr_percent": e.sxr,
                     "group": e.group,
                 }
@@ -81,8 +84,10 @@ def fit_result(
             "whole_vehicle": None
             if whole is None
             else [
-                {"name": n, "value": v, "unit": u, "half95": h, "identifiable": d}
-                for n, v, u, h, d in zip(NAMES, whole.values, UNITS, whole.interval, whole.determined, strict=True)
+                {"name": n, "value": v, "unit": u, "half95": h, "half95_sheet": s, "identifiable": d}
+                for n, v, u, h, s, d in zip(
+                    NAMES, whole.values, UNITS, whole.interval, whole.interval_sheet, whole.determined, strict=True
+                )
             ],
             "derived": [
                 {
@@ -103,6 +108,7 @@ def fit_result(
             "rows": {"used": scores(used), "held": scores(held)},
             "not_judged": [line for part in held for line in part.not_judged],
             "rows_left_out": left_out,
+            "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,
             "warnings": list(loaded.warnings),

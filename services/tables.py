@@ -33,28 +33,46 @@ def _exponent(value: float) -> int:
 
 
 def parameters(result: Mapping[str, Any]) -> str:
-    """The parameters of a fit, with what cannot be identified below."""
+    """The parameters of a fit with their intervals side by side, and the whole vehicle's values."""
+    drawn = any(p["half95_bootstrap"] is not None for p in result["parameters"])
     rows = [
         [
             p["name"],
             number(p["value"], p["half95"]),
             f"± {number(p['half95'], p['half95'])}",
+            f"± {number(p['half95_sheet'], p['half95_sheet'])}",
+            *([f"± {number(p['half95_bootstrap'], p['half95_bootstrap'])}"] if drawn else []),
             p["unit"],
             f"{p['sxr_percent']:.2f}" if p["sxr_percent"] is not None and p["sxr_percent"] < 1e3 else "-",
             "" if p["group"] == p["name"] else p["group"],
         ]
         for p in result["parameters"]
     ]
-    text = table(["parameter", "value", "95 %", "unit", "sxr %", "stands for"], rows)
+    head = [
+        "parameter",
+        "value",
+        "95 %",
+        "with sheet",
+        *(["bootstrap"] if drawn else []),
+        "unit",
+        "sxr %",
+        "stands for",
+    ]
+    text = table(head, rows)
     if result["whole_vehicle"]:
         whole = [
-            [w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}", w["unit"]]
+            [
+                w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}",
+                f"± {number(w['half95_sheet'], w['half95_sheet'])}", w["unit"],
+            ]
             if w["identifiable"]
-            else [w["name"], "not identifiable", "", w["unit"]]
+            else [w["name"], "not identifiable", "", "", w["unit"]]
             for w in result["whole_vehicle"]
-        ]
+        ]  # fmt: skip
         about = "inboard of the dynamometers" if result["wheel_reference"] == "hub" else "wheels included"
-        text += f"\n\nWhole vehicle at design height ({about}):\n" + table(["value", "", "95 %", "unit"], whole)
+        text += f"\n\nWhole vehicle at design height ({about}):\n" + table(
+            ["value", "", "95 %", "with sheet", "unit"], whole
+        )
     return text
 
 
@@ -116,6 +134,14 @@ def ranges(result: Mapping[str, Any]) -> str:
             low, high = factor * seen[kind]["low"], factor * seen[kind]["high"]
             lines.append([name, f"{low:.{digits}f} to {high:.{digits}f}", unit])
     return table(["these runs cover", "", "unit"], lines, left=2) if lines else ""
+
+
+def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
+    """What a robust fit counted less, worst first."""
+    found = result["bad_seconds"]
+    lines = [[b["run"], b["row"], f"{b['start']:g} to {b['stop']:g} s", f"{b['weight']:.2f}"] for b in found[:most]]
+    more = f"\n  and {len(found) - most} more" if len(found) > most else ""
+    return table(["run", "row", "bad second", "counts as"], lines, left=3) + more
 
 
 def unknowns(result: Mapping[str, Any]) -> str:

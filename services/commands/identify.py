@@ -9,6 +9,7 @@ from identify.catalogue import base_model, catalogue, find_effect
 from identify.derived import damper_curves
 from identify.doubt import Knowledge
 from identify.fit import fit
+from identify.instruments import fit_instruments, pairs_of
 from identify.model import Model
 from identify.score import compare
 from services import tables
@@ -30,6 +31,7 @@ the runs cover. Logs carry their rig and vehicle; exchange tables need them name
   lacet identify run1.mcap --pictures pictures
   lacet identify sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml
   lacet identify run1.mcap --add anti_roll_bar.front --rows --json fit.json
+  lacet identify run1.mcap --robust        # bad seconds count less, and are named
   lacet identify run1.mcap --consistent    # bodies that can exist, and what that costs (docs/consistency.md)
 
 Exit code 3: done, but a run was damaged or left out, or nothing is identifiable."""
@@ -49,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("--why", action="store_true", help="also print why parameters cannot be identified")
     parser.add_argument(
+        "--robust", action="store_true", help="let seconds with a residual far beyond the usual count less"
+    )
+    parser.add_argument(
+        "--instruments", action="store_true", help="no bias from noise, whatever its level: instrumental variables"
+    )
+    parser.add_argument(
         "--consistent", action="store_true", help="fit bodies that can exist (needs the extra 'consistency')"
     )
 
@@ -61,13 +69,17 @@ def run(args: argparse.Namespace) -> int:
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.show("fitting")
-        fitted = fit(model, loaded.drives)
+        fitted = fit(model, loaded.drives, robust=args.robust)
+        if args.instruments:
+            line.show("fitting again with instruments")
+            fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
         mended = mend(fitted, line.show) if args.consistent else None
         fitted = mended[0] if mended else fitted
         line.show("simulating the noise floor")
         parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
         knowledge = Knowledge.of(fitted)
-        result = fit_result(fitted, loaded, parts, knowledge=knowledge)
+        drawn = None if args.instruments else fitted.bootstrap()
+        result = fit_result(fitted, loaded, parts, knowledge=knowledge, drawn=drawn)
         pictures: list[Path] = []
         if args.pictures is not None:
             line.show("drawing")
@@ -77,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
         result["consistency"] = mended[1]
     print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
+    print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if result["derived"]:
         print(f"\n{tables.derived(result)}")
     if lacking := tables.not_derived(result):
@@ -101,6 +114,8 @@ def run(args: argparse.Namespace) -> int:
         print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:
         print("\n" + tables.rows(result["rows"]["used"]))
+    if result["bad_seconds"]:
+        print("\n" + tables.bad_seconds(result))
     for warning in loaded.warnings:
         print(f"! {warning}")
     for file in pictures:
