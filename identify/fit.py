@@ -180,7 +180,7 @@ def _fit_linear(
     effects = model.physics
     parameters = [q for effect in effects for q in effect.parameters]
     plain = Assembly(effects, np.arange(len(parameters)), (), drives, None, zeros=False)
-    first = _accumulate(plain, len(parameters))
+    first = _accumulate(plain)
     rows = [row for row in ROWS if any(row in run.triangles for run in first)]
     if not rows:
         reasons = sorted({why for drive in drives for why in drive.motion.left_out.values()})
@@ -203,7 +203,7 @@ def _fit_linear(
     assembly = Assembly(effects, keep, model.faults, drives, at, zeros, stored.known if stored else None)
     known = known_beforehand(model, keep)
     for turn in range(_HUBER_TURNS if robust else 1):
-        equations = Equations(_accumulate(assembly, known.shape[1]), known, rows)
+        equations = Equations(_accumulate(assembly), known, rows)
         x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
         if turn < _HUBER_TURNS - 1 and robust:
             assembly.weights = huber_weights(assembly, equations, x, sigma)
@@ -222,7 +222,7 @@ def _fit_linear(
     return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments)
 
 
-def _accumulate(assembly: Assembly, p: int) -> list[RunEquations]:
+def _accumulate(assembly: Assembly) -> list[RunEquations]:
     """The equations of every run, piece by piece."""
     out: list[RunEquations | None] = [None] * len(assembly.drives)
     for piece in assembly.pieces():
