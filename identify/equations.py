@@ -130,13 +130,16 @@ class Equations:
         return {row: max(float(np.sqrt(squares[row] / self.counts[row])), least[row]) for row in self.rows}
 
     def _solve_normal(self, sigma: Weights) -> tuple[Array, list[Array]]:
-        """Quick, by normal equations: good enough to iterate the weights, which need three digits."""
+        """Quick, by normal equations: good enough to iterate the weights, which need three digits; or NaN."""
         total = self.known.T @ self.known
         right = np.zeros(self.p)
         kept: list[tuple[Array, Array]] = []
         for run in self.runs:
             z, normal = len(run.zeros), run.normal(sigma)
-            gain = np.asarray(np.linalg.solve(normal[:z, :z], normal[:z, z:]), float)
+            try:
+                gain = np.asarray(np.linalg.solve(normal[:z, :z], normal[:z, z:]), float)
+            except np.linalg.LinAlgError:
+                return np.full(self.p, np.nan), []
             left = normal[z:, z:] - normal[z:, :z] @ gain
             total = total + left[:-1, :-1]
             right = right + left[:-1, -1]

@@ -8,7 +8,7 @@ needed, only a motion.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,10 +19,12 @@ from identify.drive import Drive
 from identify.fit import Fit
 from identify.floor import simulate_floor
 from identify.model import Model
+from identify.noise_bias import given_back
 from identify.priors import known_beforehand
 from identify.sensitivity import Sensitivity
 from identify.stats import clustered_scores, hac
 from identify.triangle import triangle
+from identify.uncertainty import at_least
 from identify.vectors import Array
 from identify.zeros import zeros_of
 
@@ -38,34 +40,38 @@ class Information:
     ----------
     normal : (p, p) Wᵀ Σ⁻¹ W.
     scores : (p, p) covariance of Wᵀ Σ⁻¹ r: equals `normal` for white noise, larger for what a fit really sees.
+    noise : (p, p) the part of `normal` that is noise in the columns: a direction that is mostly noise is not known.
     root : (k, k) R factor of the weighted columns of the physics' k parameters, from which base parameters follow.
     """
 
     normal: Array
     scores: Array
+    noise: Array
     root: Array
 
     @classmethod
     def none(cls, model: Model) -> Information:
         """Of no run at all."""
         p, k = len(model.parameters), sum(len(effect.parameters) for effect in model.physics)
-        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((k, k)))
+        return cls(*np.zeros((3, p, p)), np.zeros((k, k)))
 
     def __add__(self, other: Information) -> Information:
-        return Information(self.normal + other.normal, self.scores + other.scores, triangle(self.root, other.root))
+        normal, scores, noise = self.normal + other.normal, self.scores + other.scores, self.noise + other.noise
+        return Information(normal, scores, noise, triangle(self.root, other.root))
 
 
 @dataclass(frozen=True)
 class RunInformation:
     """Information of one run before its sensor zeros are eliminated, so that the run can be made longer or shorter.
 
-    `normal`, `scores` : (p + z, p + z) of the parameters and the run's zeros; `prior` : (z,) 1 σ of the zeros;
-    `root` : as of `Information`; `seconds` : what remains of the run when the filters' transients are left out [s];
-    `edges` : what they take [s].
+    `normal`, `scores` : (p + z, p + z) of the parameters and the run's zeros; `noise` : (p, p) as of `Information`;
+    `prior` : (z,) 1 σ of the zeros; `root` : as of `Information`; `seconds` : what remains of the run when the filters'
+    transients are left out [s]; `edges` : what they take [s].
     """
 
     normal: Array
     scores: Array
+    noise: Array
     prior: Array
     root: Array
     seconds: float
@@ -88,7 +94,7 @@ class RunInformation:
             scores = out @ scores @ out.T
         else:
             normal, scores = normal[:p, :p], scores[:p, :p]
-        return Information(_symmetric(normal), _symmetric(scores), np.sqrt(share) * self.root)
+        return Information(_symmetric(normal), _symmetric(scores), share * self.noise, np.sqrt(share) * self.root)
 
 
 def run_information(
@@ -135,7 +141,19 @@ def run_information(
     k = sum(len(effect.parameters) for effect in model.physics)
     root = triangle(*roots) if roots else np.zeros((k, k))
     longest = max((len(drive.index[row]) for row in drive.rows), default=1) * step / drive.recording.filters.rate
-    return RunInformation(normal, scores, zeros.sigma, root, longest, edges)
+    return RunInformation(normal, scores, _noise(drive, model, sigma, [seed, draws]), zeros.sigma, root, longest, edges)
+
+
+def _noise(drive: Drive, model: Model, sigma: Mapping[str, float], seed: Sequence[int]) -> Array:
+    """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, from one draw added and taken away: its sums scatter little."""
+    p = len(model.parameters)
+    out = np.zeros((p, p))
+    added, taken = (drive.noisy(0, sign, seed) for sign in (1, -1))
+    k = sum(len(effect.parameters) for effect in model.physics)
+    for row in drive.rows:
+        moved = 0.5 * (added.matrix(model.physics, row) - taken.matrix(model.physics, row)) / sigma[row]
+        out[:k, :k] += moved.T @ moved
+    return out
 
 
 def fit_information(fitted: Fit) -> Information:
@@ -146,13 +164,19 @@ def fit_information(fitted: Fit) -> Information:
     known = equations.T @ equations
     R = fitted.root[:q, :q]
     A = R.T @ R
-    S = A @ fitted.covariance[np.ix_(fitted.place, fitted.place)] @ A
+    noise = fitted.moments.slopes.mean(axis=0)
+    size = np.sqrt(np.diag(A))
+    inverse = np.asarray(scipy.linalg.solve_triangular(triangle(R / size), np.eye(q)), float) / size[:, None]
+    found = fitted.covariance[np.ix_(fitted.place, fitted.place)]
+    S = A @ (found - given_back(inverse, noise, 1.0 / np.diag(equations)[:q])) @ A
     # Columns grouped into others are combinations of these: W = W_kept G.
     G = np.zeros((q, len(fitted.theta)))
     G[:rank, :physics] = fitted.base.grouping()
     G[rank:, physics:] = np.eye(len(fitted.theta) - physics)
     normal, scores = G.T @ (A - known) @ G, G.T @ (S - known) @ G
-    return Information(_symmetric(normal), _symmetric(scores), triangle((R @ G)[:, :physics]))
+    return Information(
+        _symmetric(normal), _symmetric(scores), _symmetric(G.T @ noise @ G), triangle((R @ G)[:, :physics])
+    )
 
 
 def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[str, float]:
@@ -181,8 +205,12 @@ def predicted(fitted: Fit, information: Information) -> Fit:
     known = equations.T @ equations
     iid = _inverse(information.normal[np.ix_(place, place)] + known)
     robust = iid @ (information.scores[np.ix_(place, place)] + known) @ iid
+    size = np.sqrt(np.diag(iid))
+    inverse = size[:, None] * np.linalg.cholesky(iid / np.outer(size, size)) if len(size) else iid
+    lost = given_back(inverse, information.noise[np.ix_(place, place)], 1.0 / np.diag(equations)[: len(place)])
     covariance, covariance_iid = np.zeros((2, len(fitted.theta), len(fitted.theta)))
-    covariance[np.ix_(place, place)], covariance_iid[np.ix_(place, place)] = _symmetric(robust), iid
+    covariance[np.ix_(place, place)] = at_least(_symmetric(robust), iid) + lost
+    covariance_iid[np.ix_(place, place)] = iid
     return replace(fitted, base=base, place=place, covariance=covariance, covariance_iid=covariance_iid)
 
 

@@ -28,6 +28,7 @@ from identify.fit import Fit, corrected_drive
 from identify.noise_bias import NOISE_DRAWS
 from identify.reconstruct import Recording, bring_together
 from identify.stats import hac
+from identify.uncertainty import at_least
 from identify.vectors import Array
 
 WEAK = 0.5
@@ -236,8 +237,8 @@ class _Solver:
             for (names, sigma, values), a, b in zip(fitted.zeros, ends, ends[1:], strict=False)
         ]
         return replace(
-            fitted, theta=theta, covariance=self._of_parameters(covariance), residual=residual, zeros=tuple(zeros),
-            correction=shift,
+            fitted, theta=theta, covariance=at_least(self._of_parameters(covariance), fitted.covariance_iid),
+            residual=residual, zeros=tuple(zeros), correction=shift,
         )  # fmt: skip
 
     def _of_parameters(self, covariance: Array) -> Array:

@@ -101,7 +101,22 @@ class NoiseMoments:
         corrected = inverse @ (V @ np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float))
         scores = self.constants - self.slopes @ corrected
         scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
-        lost = inverse @ V[:, ~sound]
-        known = np.sum((lost / priors[:, None]) ** 2, axis=0)
-        widening = np.maximum(0.0, 1.0 / np.maximum(known, 1e-12) - 1.0)
-        return corrected, scatter.T @ scatter / (self.draws * (self.draws - 1)) + (lost * widening) @ lost.T
+        doubt = scatter.T @ scatter / (self.draws * (self.draws - 1))
+        return corrected, doubt + given_back(inverse, slope, priors)
+
+
+def given_back(inverse: Array, noise: Array, priors: Array) -> Array:
+    """(p, p) covariance that directions get back from the prior because noise makes up most of what they seem to know.
+
+    Parameters
+    ----------
+    inverse : (p, p) with inverse · inverseᵀ the covariance of independent residuals.
+    noise : (p, p) E[δWᵀ δW] of the weighted columns.
+    priors : (p,) 1 σ.
+    """
+    spectrum = np.linalg.eigh(inverse.T @ (0.5 * (noise + noise.T)) @ inverse)
+    part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
+    lost = inverse @ V[:, part >= SOUND]
+    known = np.sum((lost / priors[:, None]) ** 2, axis=0)
+    widening = np.maximum(0.0, 1.0 / np.maximum(known, 1e-12) - 1.0)
+    return (lost * widening) @ lost.T

@@ -107,7 +107,9 @@ def _static(n: CornerNumbers, vehicle: Vehicle) -> Values:
     else:
         ride = np.diag(n.tyre) @ np.linalg.solve(total, _stiffness(n))
         lacking: Array = weight - plane.T @ design
-        load = design + ride @ plane @ np.linalg.solve(plane.T @ ride @ plane, lacking)
+        stiffness: Array = plane.T @ ride @ plane
+        sound = np.linalg.cond(stiffness) < 1e12
+        load = design + ride @ plane @ np.linalg.solve(stiffness, lacking) if sound else np.full(4, np.nan)
     out: Values = {f"static_load.{c}": (float(load[i]), "N") for i, c in enumerate(CORNERS)}
     xf, xr = x[:2].mean(), x[2:].mean()
     out["static_share.front"] = (100.0 * float((weight[1] / weight[0] - xr) / (xf - xr)), "%")

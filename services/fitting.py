@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from daq.errors import UsageError
 from identify.catalogue import base_model, find_effect
@@ -40,6 +41,12 @@ def silent(_: str) -> None:
 
 def fit_run(path: str | Path) -> dict[str, Any]:
     """Fit the base model to one run that carries its rig and vehicle (a log): what a worker does with it."""
+    # On one thread, as the command line has it: the same log then gives the same digits everywhere.
+    with threadpool_limits(1):
+        return _fit_run(path)
+
+
+def _fit_run(path: str | Path) -> dict[str, Any]:
     loaded = load([path])
     fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.drives)
     return fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])

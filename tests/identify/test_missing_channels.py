@@ -108,4 +108,4 @@ def test_the_fit_still_runs_and_names_the_channel(whole: Drive, lost: str) -> No
     if lost.startswith(("wheel", "imu.accel", "imu.rate", "laser.fl.hub", "camera")) and not lost.endswith("angle"):
         assert gone, "a channel of the equations"
     else:
-        assert lost.endswith(("angle", "attitude", "speed", "ground"))
+        assert lost.endswith(("angle", "attitude", "speed", "ground", "torque", "pressure"))

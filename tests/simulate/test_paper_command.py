@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from threadpoolctl import threadpool_limits
 
 from services.cli import main
 from services.paper_campaign import Places, experiment, identify, simulation
@@ -70,7 +71,9 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     (folder / "fit.json").unlink()
     hidden_away = shutil.move(tmp_path / "out" / "truth", tmp_path / "elsewhere")
     campaign_again = simulation().shortened(5.0)
-    assert identify(campaign_again, Places.of(tmp_path / "out", campaign_again), lambda text: None) == first
+    with threadpool_limits(1):  # as the command line has it
+        again = identify(campaign_again, Places.of(tmp_path / "out", campaign_again), lambda text: None)
+    assert again == first
     shutil.move(hidden_away, tmp_path / "out" / "truth")
     # finished steps are kept: nothing is driven or fitted
     monkeypatch.setattr("services.paper_campaign.fit", None)
