@@ -67,12 +67,13 @@ def modes(mass: Array, damping: Array, stiffness: Array) -> list[Mode]:
     for first, second in zip(still[::2], still[1::2], strict=False):
         size = float(np.sqrt(np.abs(roots[first] * roots[second])))
         sum_ = -float((roots[first] + roots[second]).real)
-        found.append(Mode(size / (2 * np.pi), sum_ / (2 * size), np.abs(vectors[:n, first])))
+        ratio = float(np.divide(sum_, 2 * size))  # NaN for a body without any stiffness
+        found.append(Mode(size / (2 * np.pi), ratio, np.abs(vectors[:n, first])))
     return sorted(found, key=lambda mode: mode.frequency)
 
 
 def _series(a: float, b: float) -> float:
-    return float(a * b / (a + b))
+    return float(np.divide(a * b, a + b))  # NaN where there is neither
 
 
 def _stiffness(n: CornerNumbers) -> Array:
@@ -113,8 +114,8 @@ def _static(n: CornerNumbers, vehicle: Vehicle) -> Values:
     out: Values = {f"static_load.{c}": (float(load[i]), "N") for i, c in enumerate(CORNERS)}
     xf, xr = x[:2].mean(), x[2:].mean()
     out["static_share.front"] = (100.0 * float((weight[1] / weight[0] - xr) / (xf - xr)), "%")
-    out["static_share.left"] = (100.0 * float(load[0] + load[2]) / float(weight[0]), "%")
-    out["static_share.cross"] = (100.0 * float(load[0] + load[3]) / float(weight[0]), "%")
+    out["static_share.left"] = (100.0 * float(np.divide(load[0] + load[2], weight[0])), "%")
+    out["static_share.cross"] = (100.0 * float(np.divide(load[0] + load[3], weight[0])), "%")
     return out
 
 

@@ -101,6 +101,7 @@ def block_bootstrap(
     """Estimates (draws, p) from runs put together anew of their own blocks (moving blocks, Künsch 1989).
 
     Blocks are about 2 s, longer when the runs are long; what is known beforehand is drawn anew as well. Weights stay.
+    NaN for data so nearly exact that the normal equations are lost in rounding.
     """
     rng = np.random.default_rng([seed, 1989])
     units = _units(assembly, equations, sigma)
@@ -108,6 +109,8 @@ def block_bootstrap(
     right = rng.standard_normal((draws, len(equations.known))) @ equations.known
     for run, unit in zip(equations.runs, units, strict=True):
         count, z = len(unit), len(run.zeros)
+        if count == 0:  # dead data: nothing to draw
+            continue
         length = min(_BLOCK_UNITS, count)
         starts = rng.integers(0, count, (draws, -(-count // length)))
         places = (starts[:, :, None] + np.arange(length)) % count  # around the end, so that all units count alike
@@ -120,7 +123,10 @@ def block_bootstrap(
         left = normal[:, z:, z:] - normal[:, z:, :z] @ gain
         total += left[:, :-1, :-1]
         right += left[:, :-1, -1]
-    lengths = np.sqrt(np.diagonal(total, axis1=1, axis2=2))
+    diagonal = np.diagonal(total, axis1=1, axis2=2)
+    if not np.all(diagonal > 0.0):  # data without noise: the zeros take all there is
+        return np.full(right.shape, np.nan)
+    lengths = np.sqrt(diagonal)
     scaled = total / lengths[:, :, None] / lengths[:, None, :]
     return np.asarray(np.linalg.solve(scaled, (right / lengths)[..., None])[..., 0], float) / lengths
 

@@ -49,7 +49,8 @@ def fit_run(path: str | Path) -> dict[str, Any]:
 def _fit_run(path: str | Path) -> dict[str, Any]:
     loaded = load([path])
     fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.drives)
-    return fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+    parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
+    return fit_result(fitted, loaded, parts, drawn=fitted.bootstrap())
 
 
 def fit_result(
