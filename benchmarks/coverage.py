@@ -203,8 +203,9 @@ def main() -> None:
     )
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)
-    found = {kind: run_kind(kind, args.campaigns, args.folder, args.workers) for kind in KINDS}
-    text = page(found)
+    with threadpool_limits(1):  # small matrices: more threads would only wait for each other
+        found = {kind: run_kind(kind, args.campaigns, args.folder, args.workers) for kind in KINDS}
+        text = page(found)
     print(text)
     args.page.write_text(text, encoding="utf-8")
 

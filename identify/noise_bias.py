@@ -51,28 +51,36 @@ class NoiseMoments:
         self, piece: Piece, effects: Sequence[Effect], keep: NDArray[np.int64], sigma: Mapping[str, float],
         zeros: tuple[Array, Array],
     ) -> None:  # fmt: skip
-        """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = shift − gain x."""
-        gain, shift = zeros
-        z, b = len(shift), len(keep)
+        """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = offset − gain x."""
+        gain, offset = zeros
+        z, b = len(offset), len(keep)
         place = (piece.run,) if piece.number is None else (piece.run, piece.number)
         plain = {
-            row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ shift)
+            row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ offset)
             for row, block in piece.blocks.items()
         }
         physics = {row: block[:, z : z + b] for row, block in piece.blocks.items()}
         for draw in range(self.draws):
-            for sign in (1, -1):
-                noisy = piece.drive.noisy(draw, sign, [2002, *place, draw])
-                for row, (W, y) in plain.items():
-                    moved = W.copy()
-                    moved[:, :b] += noisy.matrix(effects, row)[:, keep] - physics[row]
-                    right = y + noisy.measured[row] - piece.right[row]
-                    weight = 0.5 / sigma[row] ** 2
-                    if piece.weights is not None:
-                        weight = weight * piece.weights[row] ** 2
-                    one, other = moved.T * weight, W.T * weight
-                    self.slopes[draw] += one @ moved - other @ W
-                    self.constants[draw] += one @ right - other @ y
+            pair = [piece.drive.noisy(draw, sign, [2002, *place, draw]) for sign in (1, -1)]
+            for row, (W, y) in plain.items():
+                weight = np.full(len(y), sigma[row] ** -2.0)
+                if piece.weights is not None:
+                    weight = weight * piece.weights[row] ** 2
+                shifts = [noisy.matrix(effects, row)[:, keep] - physics[row] for noisy in pair]
+                errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
+                # (W + δ)ᵀ(W + δ) − WᵀW, where only the few columns that act on this row have a δ.
+                active = np.flatnonzero(np.any(shifts[0] != 0.0, axis=0))
+                mean: Array = 0.5 * (shifts[0] + shifts[1])[:, active].T * weight
+                across = mean @ W
+                self.slopes[draw][active] += across
+                self.slopes[draw][:, active] += across.T
+                self.constants[draw][active] += mean @ y
+                self.constants[draw] += W.T @ (0.5 * weight * (errors[0] + errors[1]))
+                for shift, error in zip(shifts, errors, strict=True):
+                    part: Array = 0.5 * shift[:, active].T * weight
+                    self.slopes[draw][np.ix_(active, active)] += part @ shift[:, active]
+                    self.constants[draw][active] += part @ error
+            for noisy in pair:
                 noisy.forget_motion()
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:

@@ -1,0 +1,9 @@
+"""One thread for linear algebra, as the command line has it: matrices are small, and threads would only wait."""
+
+from __future__ import annotations
+
+import os
+
+# Before NumPy and SciPy load their libraries; commands started by tests inherit it.
+for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
