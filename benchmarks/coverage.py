@@ -198,9 +198,7 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=1000)
     parser.add_argument("--folder", type=Path, default=Path("build/coverage"), help="where unfinished work is kept")
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument(
-        "--page", type=Path, default=None, help=f"where the table goes (default {PAGE.name} of the docs)"
-    )
+    parser.add_argument("--page", type=Path, default=PAGE, help="where the table goes")
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)
     with threadpool_limits(1):  # small matrices: more threads would only wait for each other
@@ -252,7 +250,7 @@ def page(found: Mapping[str, Array]) -> str:
         inside = np.mean((part >= 92) & (part <= 98))
         lines += [
             "",
-            f"{about}: from {part.min():.1f} to {part.max():.1f} %, {100 * inside:.0f} % of values within 92 to 98 %.",
+            f"{about}, without °: from {part.min():.1f} to {part.max():.1f} %, {100 * inside:.0f} % of values within 92 to 98 %.",
         ]
     return "\n".join(lines) + "\n"
 
