@@ -43,7 +43,7 @@ class Reader:
 
     def fault(self, place: str, message: str) -> None:
         """Note one fault."""
-        self.faults.append(f"{place}: {message}")
+        self.faults.append(f"{place}: {message}" if place else message)
 
     def finish(self) -> None:
         """Raise the file's error when there were faults."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from identify.chain_base import ChainBase, chain_base
-from identify.joint_states import absent_names, all_parameters, chosen, joint_states
+from identify.joint_states import absent_names, all_parameters, chosen, joint_states, symbol_values, unused
 from identify.par_file import read_par
 from identify.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
 from identify.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
@@ -110,15 +110,17 @@ class Chain:
         ----------
         rows : lengths [m] and angles [rad] as numbers, or as expressions with symbols (``"2*L1"``, ``"pi/2"``). A row
             may name parameters that do not exist, which `base_parameters` then leaves out: ``"absent": ["XX", "M"]``,
-            or ``"absent": "all"`` for a body without mass. Other keys are ignored.
+            or ``"absent": "all"`` for a body without mass. Other keys are ignored, misspelt ones refused.
         gravity : acceleration of gravity in the ground frame [m/s²].
         values : the symbols' values.
 
         Raises ValueError with every fault of the table.
         """
+        rows = list(rows)
         table = SymbolicTable.read(rows)
-        known = {str(name): float(value) for name, value in (values or {}).items()}
-        return cls._of(table, gravity, known, absent_names(rows))
+        known = symbol_values(values or {})
+        notes = unused(known, table.symbols, "table")
+        return cls._of(table, gravity, known, absent_names(rows), notes=notes)
 
     @classmethod
     def from_par(
@@ -136,13 +138,11 @@ class Chain:
         Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.
         Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
         """
-        known = {str(name): float(value) for name, value in (values or {}).items()}
+        known = symbol_values(values or {})
         par = read_par(Path(path).read_text(encoding="utf-8", errors="replace"), str(path))
         field, note = (gravity, "") if gravity is not None else par.field(known, GRAVITY)
-        spare = [name for name in known if name not in par.symbols]
-        unused = f"values that this file has no use for: {', '.join(spare)}" if spare else ""
         given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
-        notes = [*par.notes, *(n for n in (note, unused) if n)]
+        notes = [*par.notes, *([note] if note else []), *unused(known, par.symbols, "file")]
         return cls._of(par.table, field, known, par.absent, par.rotors, given, notes)
 
     @classmethod
@@ -157,8 +157,11 @@ class Chain:
         return cls(joints, gravity, absent, rotors, table, values, given, notes)
 
     def with_values(self, values: Mapping[str, float]) -> Chain:
-        """The same chain with values for (more of) the table's symbols."""
-        known = {**self.values, **values}
+        """The same chain with values for (more of) the table's symbols.
+
+        Raises ValueError for a symbol that stands elsewhere in a file (``G3``) or nowhere.
+        """
+        known = {**self.values, **symbol_values(values, self.table.symbols)}
         return self._of(self.table, tuple(self.gravity), known, self.absent, self.rotors, self.given, self.notes)
 
     @property

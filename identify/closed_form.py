@@ -11,6 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -154,7 +155,7 @@ def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
         return (column // 10 if column < 10 * n else (column - 10 * n) // 3) + 1
 
     ours, theirs = table.path(body(int(base.independent[i]))), table.path(body(int(base.dependent[k])))
-    return sorted(set(ours) ^ set(theirs))
+    return sorted(set(ours) ^ set(theirs)) or [theirs[0]]  # within one body: its own row
 
 
 def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
@@ -288,11 +289,9 @@ def _turns(angles: tuple[float, ...]) -> tuple[Array, tuple[str, ...]]:
 
 def _angle(a: float) -> str:
     """An angle as a fraction of π where it is one."""
-    twelfths = a * 12.0 / math.pi
-    if abs(twelfths - round(twelfths)) < 1e-12:
-        whole, below = round(twelfths), 12
-        common = math.gcd(whole, below)
-        whole, below = whole // common, below // common
+    part = Fraction(a / math.pi).limit_denominator(180)
+    if abs(float(part) * math.pi - a) < 1e-12:
+        whole, below = part.numerator, part.denominator
         times = {1: "pi", -1: "-pi"}.get(whole, f"{whole}*pi")
         return times if below == 1 else f"{times}/{below}"
     return repr(a)

@@ -84,6 +84,19 @@ def corner_numbers(fitted: Fit) -> Array:
     return out
 
 
+def rows_unseen(fitted: Fit) -> tuple[str, ...]:
+    """For each packed number the suspension or tyre row it is read from when no run has it, else nothing.
+
+    Such a number is 0 in `corner_numbers` for want of a motion, not because the car has no spring there.
+    """
+    seen = {row for drive in fitted.drives for row in drive.index}
+    lacking = {
+        kind: ["" if (row := f"{kind}.{c}") in seen else row for c in CORNERS] for kind in ("suspension", "tyre")
+    }
+    corner, pairs = lacking["suspension"], [row for row in lacking["suspension"] for _ in CORNERS]
+    return (*corner, *corner, *pairs, *pairs, *lacking["tyre"], *[""] * sum(_SIZES[5:]))
+
+
 def suspension_laws(
     effect: Effect, motion: Motion, travel: Mapping[str, Array], rate: Mapping[str, Array]
 ) -> dict[str, Array]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from daq.channels import CORNERS
 from daq.vehicle import Vehicle
-from identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, suspension_laws
+from identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from identify.doubt import Knowledge
 from identify.drive import Drive
 from identify.effect import SuspensionForce
@@ -60,13 +60,16 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     table = corner_numbers(fitted)
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
-    slopes = _jacobian(x, vehicle) @ table
+    by_number = _jacobian(x, vehicle)
+    slopes = by_number @ table
+    unseen = np.array(rows_unseen(fitted))
+    moved = (np.abs(by_number) > 0.0) & (unseen != "")
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
     spread = knowledge.spread(np.where(usable[:, None], slopes, 0.0))
     out: list[Derived] = []
     for k, name in enumerate(names):
         half = 1.96 * float(spread[k])
-        determined = bool(usable[k]) and half <= WIDE * abs(float(values[k]))
+        determined = bool(usable[k]) and not moved[k].any() and half <= WIDE * abs(float(values[k]))
         why = ""
         if not determined:
             which: tuple[int, ...] = ()
@@ -78,7 +81,9 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
                 why = (
                     "the masses, inertias and stiffnesses found do not make such a car (one of them is not above zero)"
                 )
-            why = _not_measured(fitted, name) or why
+            places = np.flatnonzero(moved[k] if usable[k] else unseen != "")
+            blind = str(unseen[places[0]]) if places.size else ""
+            why = _not_measured(fitted, name) or _left_out(fitted, blind) or why
         out.append(Derived(name, float(values[k]), units[k], half, determined, why))
     return out
 
@@ -106,10 +111,15 @@ def _not_measured(fitted: Fit, name: str) -> str:
     where = name.split(".")[1] if "." in name else ""
     corners = {"front": ("fl", "fr"), "rear": ("rl", "rr")}.get(where, (where,) if where in CORNERS else CORNERS)
     for row in (f"{kind}.{c}" for kind in ("suspension", "tyre") for c in corners):
-        reasons = [drive.motion.left_out[row] for drive in fitted.drives if row in drive.motion.left_out]
-        if len(reasons) == len(fitted.drives):
-            return f"{row}: {reasons[0]}"
+        if reason := _left_out(fitted, row):
+            return reason
     return ""
+
+
+def _left_out(fitted: Fit, row: str) -> str:
+    """The reason when a row exists in no run."""
+    reasons = [drive.motion.left_out[row] for drive in fitted.drives if row in drive.motion.left_out]
+    return f"{row}: {reasons[0]}" if reasons and len(reasons) == len(fitted.drives) else ""
 
 
 def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[str, DamperCurve]:

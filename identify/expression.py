@@ -65,8 +65,9 @@ class Expression:
 
     @cached_property
     def angles(self) -> tuple[Expression, ...]:
-        """Arguments of its functions that hold symbols."""
-        calls = (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
+        """Arguments of its sines, cosines and tangents that hold symbols (those of a root or an arc are no angles)."""
+        nodes = (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
+        calls = [n for n in nodes if isinstance(n.func, ast.Name) and n.func.id in ("sin", "cos", "tan")]
         found = (Expression(ast.unparse(a), a) for call in calls for a in call.args)
         return tuple(a for a in found if a.symbols)
 

@@ -13,6 +13,31 @@ from identify.rigid_body import FRICTION, PARAMETERS
 from identify.vectors import Array
 
 
+def real(name: str, value: Any) -> float:
+    """A value as a number. Raises ValueError that names the one that is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be a number, found {value!r}") from None
+
+
+def symbol_values(given: Mapping[str, Any], symbols: Collection[str] | None = None) -> dict[str, float]:
+    """Values of symbols as numbers. Raises ValueError for what is no number, or is none of the `symbols`."""
+    unknown = sorted({str(name) for name in given} - set(symbols)) if symbols is not None else []
+    if symbols is not None and unknown:
+        raise ValueError(
+            f"the table has no symbol {', '.join(unknown)}{nearest(unknown[0], symbols)} "
+            "(gravity and parameters take their values where the chain is made: from_par(…, values=…))"
+        )
+    return {str(name): real(str(name), value) for name, value in given.items()}
+
+
+def unused(values: Collection[str], symbols: Collection[str], what: str) -> list[str]:
+    """A note of the values that have no symbol, if there are any."""
+    spare = [name for name in values if name not in symbols]
+    return [f"values that this {what} has no use for: {', '.join(spare)}"] if spare else []
+
+
 def joint_states(n: int, hint: str = "", **states: ArrayLike) -> list[Array]:
     """States given as (N, n), each turned to (n, N). Raises ValueError that names the one at fault and the remedy."""
     out: list[Array] = []
@@ -45,7 +70,7 @@ def all_parameters(n: int, names: Sequence[str], given: ArrayLike | Mapping[str,
         for name, value in given.items():
             if name not in index:
                 raise KeyError(f"'{name}' is no parameter of this chain{nearest(str(name), index)}")
-            out[index[name]] = value
+            out[index[name]] = real(f"parameter {name}", value)
     else:
         values = np.asarray(given, float)
         if values.shape not in ((10 * n,), (13 * n,)):
@@ -70,8 +95,13 @@ def absent_names(rows: Sequence[Mapping[str, Any]]) -> set[str]:
     """Names of the parameters that rows of a table call absent. Raises ValueError for kinds there are not."""
     out: set[str] = set()
     for j, row in enumerate(rows, start=1):
-        kinds = row.get("absent", ())
-        kinds = PARAMETERS if kinds == "all" else (kinds,) if isinstance(kinds, str) else tuple(kinds)
+        asked = row.get("absent", ())
+        try:
+            kinds = PARAMETERS if asked == "all" else (asked,) if isinstance(asked, str) else tuple(map(str, asked))
+        except TypeError:
+            raise ValueError(
+                f"row {j}: absent is 'all' or a list of parameters such as 'XX', found {asked!r}"
+            ) from None
         if unknown := [str(k) for k in kinds if k not in (*PARAMETERS, *FRICTION)]:
             raise ValueError(f"row {j}: absent names what is no parameter of a body: {', '.join(unknown)}")
         out |= {f"{kind}{j}" for kind in kinds}

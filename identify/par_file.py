@@ -151,6 +151,9 @@ class _Reader:
             if "nl" not in self.lists:
                 self.fault(0, "NL, the number of bodies, is missing")
             out["NL"] = out.get("NJ", listed)
+        if listed and out["NL"] > listed:  # told here, before lists of that length are made
+            self.fault(self.lines["ant"], f"ant has {listed} entries, NL is {out['NL']}")
+            out["NL"] = listed
         out.setdefault("NJ", out["NL"])
         out.setdefault("NF", 2 * out["NJ"] - out["NL"])
         if not 0 < out["NL"] <= out["NJ"] <= out["NF"] and not self.faults:
@@ -232,6 +235,8 @@ class _Reader:
     def _rows(self, n: int, counts: Mapping[str, int]) -> tuple[list[Row], set[str]]:
         ants, sigmas = self._integers("ant", counts), self._integers("sigma", counts)
         columns = {key: self._list(key, counts) for key in GEOMETRY}
+        if silent := [key for key in GEOMETRY if key not in self.lists]:
+            self.notes.append(f"the file has no {', '.join(silent)}: taken as 0")
         entries: list[dict[str, Expression]] = []
         for j in range(1, n + 1):
             found = {key: self._expression(column[j - 1], f"{key} of joint {j}") for key, column in columns.items()}

@@ -15,6 +15,7 @@ from identify.expression import Expression
 LENGTHS = ("b", "d", "r")
 ANGLES = ("gamma", "alpha", "theta")
 GEOMETRY = ("gamma", "b", "alpha", "d", "theta", "r")
+_KEYS = ("j", "ant", "sigma", *GEOMETRY, "absent")
 FIXED = 2
 """σ of a frame that does not move in its antecedent."""
 
@@ -50,11 +51,18 @@ class SymbolicTable:
         """
         faults: list[str] = []
         out: list[Row] = []
-        for place, row in enumerate(rows, start=1):
+        for place, given in enumerate(rows, start=1):
+            try:
+                row = dict(given)
+            except (TypeError, ValueError):
+                raise ValueError(f"row {place}: a mapping such as {{'j': {place}}} expected, found {given!r}") from None
 
             def fault(text: str, place: int = place) -> None:
                 faults.append(f"row {place}: {text}")
 
+            for key in row:
+                if meant := _misspelt(str(key)):
+                    fault(f"there is no key '{key}'; did you mean '{meant}'?")
             numbers = {key: _whole(row.get(key, default), key, fault) for key, default in _WHOLE(place)}
             entries = {key: _entry(row.get(key, 0.0), key, fault) for key in GEOMETRY}
             out.append(Row(numbers["j"], numbers["ant"], numbers["sigma"], entries))
@@ -126,6 +134,15 @@ def _WHOLE(place: int) -> tuple[tuple[str, int], ...]:
     return (("j", place), ("ant", 0), ("sigma", 0))
 
 
+def _misspelt(key: str) -> str:
+    """The key that another one is too like to be a column of the user's own; nothing for those and for right ones."""
+    if key in _KEYS:
+        return ""
+    long = [k for k in _KEYS if len(k) > 2]
+    exact = [k for k in _KEYS if k == key.strip().casefold()]
+    return next(iter(exact or difflib.get_close_matches(key.casefold(), long, n=1, cutoff=0.65)), "")
+
+
 def _whole(value: Any, key: str, fault: Callable[[str], None]) -> int:
     try:
         number = float(value)
@@ -145,7 +162,9 @@ def _entry(value: Any, key: str, fault: Callable[[str], None]) -> Expression:
         if np.isfinite(number):
             return Expression.of(number)
         fault(f"{key} is {number}")
-    except (TypeError, ValueError) as error:
+    except TypeError:
+        fault(f"{key} must be a number or an expression, found {value!r}")
+    except ValueError as error:
         fault(f"{key}: {error}")
     return Expression.of(0.0)
 

@@ -221,7 +221,7 @@ def bias_text(found: Instruments, vehicle: Vehicle, most: int = 12) -> str:
         if len(moved) > most:
             lines.append(f"  and {len(moved) - most} more, less in proportion to their intervals (--json has them all)")
     if found.weak:
-        lines.append(f"{found.weak} directions of the parameters are mostly noise: nothing is said of them.")
+        lines.append(f"Directions of the parameters that are mostly noise, of which nothing is said: {found.weak}.")
     return "\n".join(lines)
 
 

@@ -78,6 +78,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except BrokenPipeError:
         return BAD_INPUT
+    except OSError as error:  # a folder that cannot be made, a full disk
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"lacet {args.command}: {where}{error.strerror or error}", file=sys.stderr)
+        return BAD_INPUT
     except KeyboardInterrupt:
         print(f"\nlacet {args.command}: stopped", file=sys.stderr)
         return WITH_LOSSES

@@ -61,7 +61,7 @@ def kinds(only: Sequence[str] = (), without: Sequence[str] = ()) -> list[str]:
     for name in (*only, *without):
         if name not in MANOEUVRES:
             raise UsageError(
-                f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES)} Known: {', '.join(MANOEUVRES)}"
+                f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES) or '.'} Known: {', '.join(MANOEUVRES)}"
             )
     left = [name for name in MANOEUVRES if (not only or name in only) and name not in without]
     if not left:

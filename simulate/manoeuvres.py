@@ -214,7 +214,7 @@ def make_manoeuvre(name: str, **settings: Any) -> Manoeuvre:
     """A manoeuvre by name with some of its fields set. Raises UsageError for an unknown name or field."""
     if name not in MANOEUVRES:
         raise UsageError(
-            f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES)} Known: {', '.join(sorted(MANOEUVRES))}"
+            f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES) or '.'} Known: {', '.join(sorted(MANOEUVRES))}"
         )
     kind = MANOEUVRES[name]
     known = [field.name for field in dataclasses.fields(kind)]

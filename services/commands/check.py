@@ -75,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
             "runs": [run.name for run in loaded.runs],
             "effects": [effect.key for effect in model.effects],
         }
-        print(f"{loaded.vehicle.name}, {len(loaded.runs)} runs, rig {loaded.rig.name}")
+        print(
+            f"{loaded.vehicle.name}, {len(loaded.runs)} run{'s' if len(loaded.runs) > 1 else ''}, rig {loaded.rig.name}"
+        )
         if "noise" in asked:
             levels = measured_noise(loaded.runs, loaded.rig)
             result["noise"] = checking.noise_result(levels)

@@ -87,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
             pictures += draw_dampers(damper_curves(fitted, knowledge), args.pictures, "dampers")
     if mended:
         result["consistency"] = mended[1]
-    print(f"{loaded.vehicle.name}, {len(loaded.drives)} runs, {loaded.reference} wheel loads\n")
+    many = "s" if len(loaded.drives) > 1 else ""
+    print(f"{loaded.vehicle.name}, {len(loaded.drives)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
     print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if result["derived"]:

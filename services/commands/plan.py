@@ -106,12 +106,14 @@ def run(args: argparse.Namespace) -> int:
     names = kinds(_split(args.only), _split(args.without))
     with Line() as line:
         start = _start(args, line)
+        if start.fitted is not None:  # a name there is not is refused before the long work
+            chosen(quantities(start.fitted, start.vehicle), args.want)
         runs, assumed, problems = _runs(args, start, limits, names, line)
         if not runs:
             raise UsageError("no motion could be made:\n" + "\n".join(problems))
         goal = (0.0 if args.want else 0.02) if args.goal is None else args.goal / 100.0
         values = start.fitted or first_fit(start.model, runs)
-        wanted = chosen(quantities(values, start.vehicle), args.want)  # refused before the long work
+        wanted = chosen(quantities(values, start.vehicle), args.want)
         measured = start.fitted is not None
         fitted, rankings = next_runs(
             values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.show

@@ -90,7 +90,9 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
             call(chain)
     with pytest.raises(ValueError, match="'LFF' was given: is 'LF' meant"):
         Chain.from_par(FOLDER / "CarLite.par", {"LFF": 1.0}).pose(1, zero)
-    full = chain.with_values(CARLITE["geometry_values"])
+    full = chain.with_values({k: v for k, v in CARLITE["geometry_values"].items() if k in chain.missing})
+    with pytest.raises(ValueError, match=r"no symbol G3 .*from_par"):
+        chain.with_values({"G3": 9.81})  # gravity was settled when the file was read
     assert full.pose(7, zero)[0, :3, 3] == pytest.approx(
         Chain.from_table(CARLITE["mdh"]).pose(7, zero)[0, :3, 3], abs=1e-12
     )
@@ -129,6 +131,7 @@ def test_a_loop_is_read_as_its_tree(tmp_path: Path) -> None:
         ("t3,t4", "t2,t4", "line 16: t2 is the position of joint 2 and of 3"),
         ("YY = {0,YY2,JY,YY4}", "YY = {0,YY2,JY,YY4", "line 18: 'YY = .*brace is never closed"),
         ("NL = 4", "NL = four", "line 5: NL must be a whole number"),
+        ("NL = 4", "NL = 100000000", "line 8: ant has 6 entries, NL is 100000000"),
         ("NL = 4", "", "NL, the number of bodies, is missing"),
         ("(* Closed *)", "(* Closed", "a comment .* never closed"),
         ("G = {0,0,-G3}", "G = {0,-G3}", "line 28: G has 2 entries"),
@@ -152,6 +155,13 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
         Chain.from_par(written(tmp_path, bad))
     assert [fault.split(":")[0] for fault in caught.value.faults] == ["line 9", "line 12", "line 16"]
     assert isinstance(caught.value, ValueError)
+
+
+def test_a_file_without_a_column_says_so(tmp_path: Path) -> None:
+    """A column left out, or written with another name, is no reason to be silent."""
+    assert (
+        "the file has no b, r: taken as 0" in Chain.from_par(written(tmp_path, LOOP.replace("R = {", "RR = {"))).notes
+    )
 
 
 def test_gravity_sideways_needs_its_value(tmp_path: Path) -> None:

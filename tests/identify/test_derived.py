@@ -20,7 +20,7 @@ from identify.derived import Derived, damper_curves, derived_values, ranges
 from identify.doubt import Knowledge
 from identify.drive import Drive
 from identify.effect import Effect
-from identify.fit import Fit
+from identify.fit import Fit, fit
 from identify.model import Model
 from identify.ride_model import G, modes, ride_values, roll_centre
 from identify.rigid_body import move_parameters
@@ -269,6 +269,22 @@ def test_the_reference_car_s_values_are_found(derived: list[Derived], truth: dic
         assert d.half < 0.03 * abs(target) + 1e-9, d.name
         inside.append(abs(d.value - target) <= d.half)
     assert np.mean(inside) > 0.85, [d.name for d, good in zip(derived, inside, strict=True) if not good]
+
+
+@pytest.mark.parametrize("corner", ["fl", "rr"])
+def test_a_corner_that_no_run_measures_is_not_taken_for_a_car_without_a_spring(
+    models: dict[str, Model], corner: str
+) -> None:
+    """Roll stiffness, its share and the roll modes stand on all corners they are made of; the other axle's are told."""
+    run = cars.piece("rough", 2.0, 14.0)
+    run = replace(run, signals={n: s for n, s in run.signals.items() if n != f"wheel.{corner}.force"})
+    fitted = fit(models["base"], [Drive.of(run, VEHICLE, RIG)])
+    found = {d.name: d for d in derived_values(fitted, VEHICLE, Knowledge.of(fitted))}
+    own, other = ("front", "rear") if corner == "fl" else ("rear", "front")
+    for name in (f"roll_stiffness.{own}", "roll_stiffness_share.front", "roll_gradient", f"ride_rate.{corner}"):
+        assert not found[name].determined, name
+        assert f"{corner}: not measured: wheel.{corner}.force" in found[name].why
+    assert found[f"roll_stiffness.{other}"].determined
 
 
 def test_intervals_are_those_of_drawn_parameters(fitted: Fit, knowledge: Knowledge, derived: list[Derived]) -> None:

@@ -153,6 +153,10 @@ def test_on_top_of_runs_with_runs_like_others_and_no_simulator(
     assert "YY6 ±" in result["says"]
     assert main(["plan", used, *FILES, "--like", like, "--want", "YY7"]) == 2
     assert "YY6" in capsys.readouterr().err
+    assert main(["plan", used, *FILES, "--want", "YY7"]) == 2  # before anything is simulated
+    assert "YY6" in capsys.readouterr().err
+    assert main(["plan", used, *FILES, "--only", "nosuch"]) == 2
+    assert "'nosuch'. Known: straight" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

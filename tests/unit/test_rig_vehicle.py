@@ -295,3 +295,9 @@ def test_every_unit_goes_to_si_and_si_stays(unit: str, value: float) -> None:
 def test_spellings(written: str, meant: str) -> None:
     """Plain keyboards are welcome."""
     assert canonical(written) == meant
+
+
+def test_faults_of_the_whole_file_have_no_place_before_them() -> None:
+    """``[geometry] is missing``, not ``: [geometry] is missing``."""
+    with pytest.raises(VehicleError, match=r"- \[geometry\] is missing"):
+        Vehicle.parse('format = "lacet-vehicle 1"\n', "empty.toml")

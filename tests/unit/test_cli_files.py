@@ -1,0 +1,27 @@
+"""Files and folders that cannot be written: one line and exit code 2, no traceback."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from services.cli import main
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As `lacet identify --pictures` does with a folder below a file."""
+    (tmp_path / "file").write_text("", encoding="utf-8")
+
+    def run(_: argparse.Namespace) -> int:
+        (tmp_path / "file" / "pictures").mkdir(parents=True)
+        return 0
+
+    parsed = argparse.Namespace(command="identify", json=None, run=run)
+    monkeypatch.setattr("services.cli.build_parser", lambda _: SimpleNamespace(parse_args=lambda _: parsed))
+    assert main(["identify"]) == 2
+    assert capsys.readouterr().err == f"lacet identify: {tmp_path / 'file' / 'pictures'}: Not a directory\n"
