@@ -250,7 +250,8 @@ def page(found: Mapping[str, Array]) -> str:
         inside = np.mean((part >= 92) & (part <= 98))
         lines += [
             "",
-            f"{about}, without °: from {part.min():.1f} to {part.max():.1f} %, {100 * inside:.0f} % of values within 92 to 98 %.",
+            f"{about}, without °: from {part.min():.1f} to {part.max():.1f} %, "
+            f"{100 * inside:.0f} % of values within 92 to 98 %.",
         ]
     return "\n".join(lines) + "\n"
 

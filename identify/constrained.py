@@ -108,6 +108,8 @@ class Consistency:
     @property
     def says(self) -> str:
         """The answer in one line."""
+        if not any(body.separable for body in self.bodies):
+            return "cannot be judged: these runs tell no body's parameters"
         if self.consistent:
             return "consistent: bodies with these values can exist"
         if self.p > 0.05:

@@ -107,10 +107,23 @@ def _grouped(fitted: Fit, i: int, effect: Effect) -> str:
     """Why a parameter has no value of its own."""
     name = fitted.model.names[i]
     if i in fitted.base.absent:
-        return f"nothing these runs measure depends on it; {hint(name, effect)}"
+        lacking = _rows_left_out(fitted, effect)
+        return lacking or f"nothing these runs measure depends on it; {hint(name, effect)}"
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return f"acts only together with {', '.join(holders[:4])}, and is counted there"
+
+
+def _rows_left_out(fitted: Fit, effect: Effect) -> str:
+    """The reason when every row the effect acts on is left out of every run for a channel, not for the manoeuvre."""
+    reasons: dict[str, str] = {}
+    for drive in fitted.drives:
+        rows = tuple(effect.columns(next(drive.pieces()).motion))
+        if not rows or any(row in drive.rows for row in rows):
+            return ""
+        reasons |= {row: drive.motion.left_out.get(row, "no usable sample") for row in rows}
+    row, reason = next(iter(reasons.items()))
+    return f"{row}{' and others' if len(reasons) > 1 else ''} left out: {reason}"
 
 
 def _natural(fitted: Fit, name: str) -> float:

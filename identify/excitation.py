@@ -53,7 +53,7 @@ class Information:
     def none(cls, model: Model) -> Information:
         """Of no run at all."""
         p, k = len(model.parameters), sum(len(effect.parameters) for effect in model.physics)
-        return cls(*np.zeros((3, p, p)), np.zeros((k, k)))
+        return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, p)), np.zeros((k, k)))
 
     def __add__(self, other: Information) -> Information:
         normal, scores, noise = self.normal + other.normal, self.scores + other.scores, self.noise + other.noise
@@ -206,7 +206,8 @@ def predicted(fitted: Fit, information: Information) -> Fit:
     iid = _inverse(information.normal[np.ix_(place, place)] + known)
     robust = iid @ (information.scores[np.ix_(place, place)] + known) @ iid
     size = np.sqrt(np.diag(iid))
-    inverse = size[:, None] * np.linalg.cholesky(iid / np.outer(size, size)) if len(size) else iid
+    factor = np.linalg.cholesky(iid / np.outer(size, size)) if len(size) else iid
+    inverse = np.asarray(size[:, None] * factor, float)
     lost = given_back(inverse, information.noise[np.ix_(place, place)], 1.0 / np.diag(equations)[: len(place)])
     covariance, covariance_iid = np.zeros((2, len(fitted.theta), len(fitted.theta)))
     covariance[np.ix_(place, place)] = at_least(_symmetric(robust), iid) + lost

@@ -401,3 +401,13 @@ def test_a_study_whose_making_failed_leaves_nothing_behind(lacet, tmp_path: Path
     said = lacet("study", "new", sound, "--use", sound, *FILES)
     assert said.code == 2
     assert "no folder can be made there" in said.text
+
+
+def test_why_names_the_channel_and_not_a_manoeuvre(lacet, tmp_path: Path):
+    run = piece()
+    lacking = replace(run, signals={n: s for n, s in run.signals.items() if n != "wheel.fl.force"})
+    said = lacet("identify", written(lacking, tmp_path / "run.parquet"), *FILES)
+    why = {item["name"]: item["why"] for item in said.result["not_identifiable"]}
+    for name in ("XX6", "M6", "spring.fl.k", "tyre_stiffness.fl.kt"):
+        assert "wheel.fl.force" in why[name], why[name]
+        assert "steering" not in why[name]
