@@ -6,7 +6,7 @@ any other. What does not change from one campaign to the next is computed once: 
 from which each campaign takes six for its correction.
 
     python benchmarks/coverage.py                       # 1,000 campaigns of each kind, resumable, writes the table
-    python benchmarks/coverage.py --campaigns 60 --folder /tmp/try
+    python benchmarks/coverage.py --campaigns 60 --folder build/try
 """
 
 from __future__ import annotations
