@@ -31,8 +31,8 @@ class Knowledge:
     ----------
     names : (p,) parameters of the physics.
     hints : (p,) which run shows each.
-    covariance : (p, p) of their values: the fit's, with what grouping shares out and what only noise seemed to
-        determine as wide as the priors.
+    covariance : (p, p) of their values: the fit's (as wide as the prior where columns are mostly noise), and what
+        grouping shares out.
     """
 
     names: tuple[str, ...]
