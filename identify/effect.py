@@ -15,6 +15,7 @@ import numpy as np
 
 from daq.vehicle import Vehicle
 from identify.motion import Motion
+from identify.reconstruct import Recording
 from identify.vectors import Array
 
 AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
@@ -74,6 +75,10 @@ class Effect(ABC):
     """Which manoeuvre shows it."""
     source: ClassVar[str]
     """Where the law is written down."""
+    rows: ClassVar[tuple[str, ...]] = ()
+    """Rows it acts on: kinds (``suspension``, ``tyre``, ``spin``, ``chassis``) or single rows (``chassis.fx``)."""
+    looks_like: ClassVar[tuple[str, ...]] = ()
+    """Families it cannot be told from by construction, whatever the runs or nearly so; the docstring says why."""
     base: ClassVar[bool] = False
     """Whether it belongs to the base model."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -126,6 +131,8 @@ class SuspensionForce(Effect):
     A subclass gives `law` and one parameter; front and rear axle and each single corner are its variants.
     """
 
+    rows = ("suspension",)
+
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """Both axles (the same parameter left and right) and each corner."""
@@ -142,7 +149,9 @@ class SuspensionForce(Effect):
 
 
 class SensorFault(Effect):
-    """A fault of the instruments. It competes with the physics: its column is the change of Y − W θ̂ per unit."""
+    """A fault of the instruments, of one parameter. It competes with the physics: its column is the change of Y − W θ̂
+    per unit. It acts on whatever rows its channels enter, so that `rows` is empty.
+    """
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """A fault has no columns of its own: they follow from the model it is seen through."""
@@ -153,14 +162,17 @@ class SensorFault(Effect):
         """The channels the fault is in."""
 
     @abstractmethod
-    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
-        """Change of a channel (k, N) per unit of the parameter, from its values and their rates (k, N)."""
+    def perturb(self, channel: str, recording: Recording) -> Array:
+        """Change of a channel of the recording (k, N) per unit of the parameter, for a small fault.
+
+        `recording` has the channel; of others it has whatever the run has (`recording.signals`).
+        """
 
     @property
     @abstractmethod
     def tolerance(self) -> str:
-        """Which entry of the rig's sensor sheet bounds it: ``zero``, ``gain``, ``latency``."""
+        """Which entry of the rig's sensor sheet bounds it: ``gain``, ``latency`` … (`daq.rig.Rig.tolerance`)."""
 
-    def correct(self, channel: str, value: Array, rate: Array, p: float, sample_rate: float) -> Array:
-        """A channel (k, N) with a fault of size `p` taken out, to first order."""
-        return value - p * self.perturb(channel, value, rate)
+    def correct(self, channel: str, recording: Recording, p: float) -> Array:
+        """A channel of a recording (k, N) with a fault of size `p` taken out: here to first order."""
+        return recording.signals.value[channel] - p * self.perturb(channel, recording)

@@ -16,11 +16,10 @@ from identify.base import BaseParameters, find_base
 from identify.drive import Drive
 from identify.equations import Equations, RunEquations, zeros_following
 from identify.explain import refuse_not_finite
-from identify.filters import derivative
 from identify.model import Model
 from identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from identify.priors import known_beforehand
-from identify.reconstruct import Recording, Signals
+from identify.reconstruct import Recording
 from identify.robust import BadSecond, bad_seconds, huber_weights
 from identify.rows import ROWS
 from identify.sensitivity import Sensitivity
@@ -306,14 +305,8 @@ def corrected_drive(drive: Drive, fitted: Fit) -> Drive:
 
 def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
     """A recording with sensor faults of these sizes taken out."""
-    rate = recording.filters.rate
-    channels = dict(recording.signals.value)
-    derived = Signals.differentiated(channels, rate)
     for fault, p in zip(model.faults, values, strict=True):
-        for channel in fault.channels():
-            if channel in channels:
-                slope = derived.rate.get(channel)
-                if slope is None:
-                    slope = derivative(channels[channel], rate)
-                channels[channel] = fault.correct(channel, channels[channel], slope, float(p), rate)
-    return recording.with_signals(Signals.differentiated(channels, rate))
+        there = [channel for channel in fault.channels() if channel in recording.signals.value]
+        undone = {channel: fault.correct(channel, recording, float(p)) for channel in there}
+        recording = recording.with_signals(recording.signals.changed(undone, recording.filters.rate))
+    return recording

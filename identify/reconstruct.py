@@ -40,6 +40,11 @@ class Signals:
         second = {name: derivative(first[name], rate) for name in first if _derived(name) == 2}
         return cls(value, first, second)
 
+    def changed(self, value: Mapping[str, Array], rate: float) -> Signals:
+        """These signals with some channels replaced, their derivatives taken anew at `rate` [Hz]."""
+        new = Signals.differentiated(value, rate)
+        return Signals({**self.value, **new.value}, {**self.rate, **new.rate}, {**self.accel, **new.accel})
+
     def scalar(self, channel: str, n: int) -> tuple[Array, Array, Array]:
         """A scalar channel with its two derivatives, (n,) each; zeros for what there is not."""
         parts = (part.get(channel) for part in (self.value, self.rate, self.accel))
@@ -72,6 +77,7 @@ class Recording:
     signals : channels and derivatives.
     usable : (N,) by channel: outside flagged holes and what the filters smear of them.
     rates : each channel's own sample rate [Hz].
+    start : time of the run's first sample [s]; that of `t` too, but in a piece of a long run.
     """
 
     run: str
@@ -85,6 +91,7 @@ class Recording:
     reference: str
     brakes: str
     notes: tuple[str, ...] = ()
+    start: float = 0.0
 
     def at(self, index: NDArray[np.intp] | slice) -> Recording:
         """The same recording at some of its samples."""
@@ -125,7 +132,10 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
     signals = Signals.differentiated(values, filters.rate)
     reference = run.wheel_reference or rig.wheel_reference
     rates = {name: (len(run.signals[name].t) - 1) / float(np.ptp(run.signals[name].t)) for name in values}
-    return Recording(run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, tuple(notes))
+    return Recording(
+        run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, tuple(notes),
+        float(grid[0]),
+    )  # fmt: skip
 
 
 def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[str]]:

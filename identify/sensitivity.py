@@ -108,12 +108,7 @@ class Sensitivity:
     def fault(self, fault: SensorFault) -> dict[str, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
         values = self.recording.signals.value
-        rate = self.recording.filters.rate
-        changes = {
-            channel: fault.perturb(channel, values[channel], derivative(values[channel], rate))
-            for channel in fault.channels()
-            if channel in values
-        }
+        changes = {name: fault.perturb(name, self.recording) for name in fault.channels() if name in values}
         return self.response(changes)
 
     def noise(self, rng: np.random.Generator) -> dict[str, Array]:

@@ -22,6 +22,7 @@ class AeroDrag(Effect):
     """Drag, with the pitching moment of its height above the body origin: ΣFx = … + d v², ΣMy = … + m v²."""
 
     name = "aero_drag"
+    rows = ("chassis.fx", "chassis.my")
     about = "aerodynamic drag and its pitching moment"
     signature = "longitudinal force and pitch moment grow with the square of speed"
     shown_by = "a change of speed: coasting, sudden deceleration; not constant speed"
@@ -51,6 +52,7 @@ class AeroLift(Effect):
     """Lift at one axle: the wheels carry less by l v²."""
 
     name = "aero_lift"
+    rows = ("chassis.fz", "chassis.my")
     about = "aerodynamic lift at an axle (negative: downforce)"
     signature = "vertical force and pitch moment fall with the square of speed"
     shown_by = "a change of speed"

@@ -14,6 +14,7 @@ class AntiRollBar(Effect):
     """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite."""
 
     name = "anti_roll_bar"
+    rows = ("suspension",)
     about = "anti-roll bar: couples left and right travel of an axle"
     signature = "left and right suspension rows follow the difference of travel, with opposite signs"
     shown_by = "steering or one-sided bumps together with heave: roll against heave"

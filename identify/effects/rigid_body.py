@@ -32,6 +32,7 @@ class RigidBody(Effect):
     """
 
     name = "body"
+    rows = ("chassis", "suspension", "spin")
     about = "inertia of a rigid body: mass, first moments, inertia tensor"
     signature = "every chassis row follows acceleration and angular acceleration"
     shown_by = "sinus steering for yaw and roll, braking or bumps for pitch"

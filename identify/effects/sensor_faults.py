@@ -12,6 +12,8 @@ from daq.channels import CHANNELS, CORNERS
 from daq.rig import Sensor
 from daq.vehicle import Vehicle
 from identify.effect import Parameter, SensorFault
+from identify.filters import derivative
+from identify.reconstruct import Recording
 from identify.vectors import Array
 
 _GROUPS: dict[str, tuple[str, ...]] = {
@@ -63,14 +65,15 @@ class SensorLatency(SensorFault):
         """All channels of the instrument."""
         return self.members or _channels(_GROUPS[self.where])
 
-    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
+    def perturb(self, channel: str, recording: Recording) -> Array:
         """−dx/dt."""
-        return -rate
+        return -derivative(recording.signals.value[channel], recording.filters.rate)
 
-    def correct(self, channel: str, value: Array, rate: Array, p: float, sample_rate: float) -> Array:
+    def correct(self, channel: str, recording: Recording, p: float) -> Array:
         """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""
+        value, shift = recording.signals.value[channel], p * recording.filters.rate
         samples = np.arange(value.shape[1], dtype=float)
-        return np.asarray(CubicSpline(samples, value, axis=1)(np.clip(samples + p * sample_rate, 0, samples[-1])))
+        return np.asarray(CubicSpline(samples, value, axis=1)(np.clip(samples + shift, 0, samples[-1])))
 
     @property
     def tolerance(self) -> str:
@@ -103,9 +106,13 @@ class SensorGain(SensorFault):
         what, corner = self.where.split(".")
         return (f"wheel.{corner}.force" if what == "force" else f"laser.{corner}.hub",)
 
-    def perturb(self, channel: str, value: Array, rate: Array) -> Array:
+    def perturb(self, channel: str, recording: Recording) -> Array:
         """x."""
-        return value
+        return recording.signals.value[channel]
+
+    def correct(self, channel: str, recording: Recording, p: float) -> Array:
+        """y / (1 + g)."""
+        return recording.signals.value[channel] / (1.0 + p)
 
     @property
     def tolerance(self) -> str:

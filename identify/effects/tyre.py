@@ -15,6 +15,8 @@ from identify.vectors import Array, dot
 class _TyreForce(Effect):
     """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter."""
 
+    rows = ("tyre",)
+
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """Both axles."""
@@ -84,6 +86,7 @@ class TyreDamping(_TyreForce):
     """Vertical damping of the tyre: c δ̇."""
 
     name = "tyre_damping"
+    looks_like = ("sensor_latency",)
     about = "vertical damping of the tyres"
     signature = "tyre row follows the rate of deflection; a late ground laser looks the same"
     shown_by = "rough road"

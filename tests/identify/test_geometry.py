@@ -319,6 +319,9 @@ def test_correction_of_a_latency_undoes_it() -> None:
     t = np.arange(0, 8, 1 / 250.0)
     tau = 0.0137
     late = curve.at(t - tau)
-    found = fault.correct("laser.fl.hub", late, curve.at(t - tau, 1), tau, 250.0)
+    signals = Signals.differentiated({"laser.fl.hub": late}, 250.0)
+    record = cars.recording(signals, VEHICLE, RIG)
+    found = fault.correct("laser.fl.hub", record, tau)
     np.testing.assert_allclose(found[:, 50:-50], curve.at(t)[:, 50:-50], atol=1e-7)
-    np.testing.assert_allclose(fault.perturb("laser.fl.hub", late, curve.at(t, 1)), -curve.at(t, 1))
+    slope = fault.perturb("laser.fl.hub", record)
+    np.testing.assert_allclose(slope[:, 50:-50], -curve.at(t - tau, 1)[:, 50:-50], atol=1e-5)

@@ -9,7 +9,6 @@ import pytest
 from identify.catalogue import base_model, catalogue
 from identify.drive import Drive
 from identify.effect import SensorFault
-from identify.filters import derivative
 from identify.noise import draw_noise
 from identify.reconstruct import Signals
 from identify.sensitivity import Sensitivity, residual
@@ -105,11 +104,8 @@ def test_faults(seen, key: str) -> None:
     assert isinstance(fault, SensorFault)
     values, rate = drive.recording.signals.value, drive.recording.filters.rate
     p = {"latency": 1e-3, "gain": 2e-3}.get(fault.tolerance, 1e-3)
-    moved = {
-        name: p * fault.perturb(name, values[name], derivative(values[name], rate))
-        for name in fault.channels()
-        if name in values
-    }
+    record = drive.recording
+    moved = {name: p * fault.perturb(name, record) for name in fault.channels() if name in values}
     column = {row: p * series for row, series in sensitivity.fault(fault).items()}
     heard = {name for name, _, _ in sensitivity.slopes}
     if not set(moved) & heard:
@@ -117,9 +113,10 @@ def test_faults(seen, key: str) -> None:
         return
     compare(drive, column, change(drive, effects, theta, moved), 0.04, key)
     # And the correction undoes the fault, to first order.
+    faulty = {name: values[name] + part for name, part in moved.items()}
+    wrong = record.with_signals(record.signals.changed(faulty, rate))
     for name, part in moved.items():
-        faulty = values[name] + part
-        undone = fault.correct(name, faulty, derivative(faulty, rate), p, rate)
+        undone = fault.correct(name, wrong, p)
         inner = slice(50, -50)
         assert np.max(np.abs(undone - values[name])[:, inner]) < 0.1 * np.max(np.abs(part[:, inner]))
 
