@@ -16,6 +16,10 @@ from identify.vectors import Array
 from identify.zeros import Zeros, zeros_of
 
 
+KEPT = 900.0
+"""Pieces of long runs are kept, without their full-rate motion, until they are this long together [s]."""
+
+
 @dataclass(frozen=True)
 class Piece:
     """A run, or a part of a long one, with its equations.
@@ -47,7 +51,7 @@ class Known:
 
 
 class Assembly:
-    """Makes the pieces of all runs, as often as asked; those of short runs are kept, those of long ones made anew.
+    """Makes the pieces of all runs, as often as asked; those of very long runs are made anew each time.
 
     Parameters
     ----------
@@ -68,23 +72,36 @@ class Assembly:
         self.known = known
         self._responses: dict[int, dict[SheetEntry, dict[str, Array]]] = {}
         self.weights: dict[tuple[int, int | None], Mapping[str, Array]] = {}
-        self._kept: dict[int, Piece] = {}
+        self._kept: dict[tuple[int, int | None], Piece] = {}
+        self._long = 0.0
 
     def pieces(self) -> Iterator[Piece]:
         """Every piece of every run, in order."""
-        for run, drive in enumerate(self.drives):
-            for number, part in enumerate(drive.pieces()):
-                whole = part is drive
-                place = None if whole else number
-                if whole and run in self._kept:
-                    piece = self._kept[run]
-                else:
-                    piece = self._make(run, place, part)
-                    if whole:
-                        self._kept[run] = piece
-                if (run, place) in self.weights:
-                    piece = replace(piece, weights=self.weights[run, place])
-                yield piece
+        for run in range(len(self.drives)):
+            yield from self.pieces_of(run)
+
+    def pieces_of(self, run: int) -> Iterator[Piece]:
+        """Every piece of one run, in order."""
+        drive = self.drives[run]
+        for number, part in enumerate(drive.pieces()):
+            place = None if part is drive else number
+            piece = self._kept.get((run, place))
+            if piece is None:
+                piece = self._make(run, place, part)
+                self._keep(piece)
+            weights = self.weights.get((run, place))
+            yield piece if weights is None else replace(piece, weights=weights)
+            if place is not None:
+                piece.drive.forget_motion()
+                if piece.sensitivity is not None:
+                    piece.sensitivity.forget_slopes()
+
+    def _keep(self, piece: Piece) -> None:
+        if piece.number is not None:
+            self._long += float(np.ptp(piece.drive.recording.t))
+            if self._long > KEPT:
+                return
+        self._kept[piece.run, piece.number] = piece
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
         """What the sensor sheet's gains and latencies do to a piece."""
@@ -99,9 +116,9 @@ class Assembly:
 
     def as_known(self) -> Known:
         """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""
-        if set(self._kept) != set(range(len(self.drives))) or self.at is None:
-            raise ValueError("a long run is in pieces, and nothing of it is kept")
-        responses = tuple(self.sheet_responses(self._kept[run]) for run in range(len(self.drives)))
+        if not all((run, None) in self._kept for run in range(len(self.drives))) or self.at is None:
+            raise ValueError("a long run is in pieces, which have no sensitivity in common")
+        responses = tuple(self.sheet_responses(self._kept[run, None]) for run in range(len(self.drives)))
         return Known(self.sensitivities(), responses)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -111,7 +128,7 @@ class Assembly:
             return ()
         return tuple(
             kept.sensitivity
-            if (kept := self._kept.get(run)) is not None and kept.sensitivity is not None
+            if (kept := self._kept.get((run, None))) is not None and kept.sensitivity is not None
             else Sensitivity.of(drive.recording, self.physics, at)
             for run, drive in enumerate(self.drives)
         )

@@ -11,17 +11,26 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
+from identify.candidate import Candidate
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.trials import Candidate, TrialSpace
+from identify.lack_of_fit import Left, best_set, left_by, louder_rows
+from identify.ties import with_ties
+from identify.trials import TrialSpace
+from identify.verdicts import SIGNIFICANCE, implausible, judged
+from identify.whiteness import whiteness
 
-SIGNIFICANCE = 0.05
-"""Family-wise error of a proposal."""
-LEAST_GAIN = 0.01
-"""A proposal must take away at least this part of the weighted residual of the rows it acts on."""
-EXCESS = 1.1
-"""Residual ÷ floor above which a row is said to fail."""
+EXCESS = 1.05
+"""Residual ÷ floor above which a row can be said to fail, if no simulated run leaves as much."""
+HALF = 0.5
+"""Part of the excess over the floor that the best set of effects must explain, else the cause is not listed."""
+STAYS = 0.15
+"""Part of the excess that may stay behind the best set before the cause is called unlisted."""
+LOUD = 1.3
+"""Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,9 @@ class Diagnosis:
     ratios : row → residual ÷ floor of the present model on the runs used.
     excess : weighted squares above the floor; `explained` the part the best set of up to three candidates takes away.
     draws : number of noise-floor simulations behind p.
+    louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
+    failing : rows above their floor by more than chance.
+    together : the best set of up to three candidates.
     """
 
     verdict: str
@@ -47,6 +59,9 @@ class Diagnosis:
     excess: float
     explained: float
     draws: int
+    louder: Mapping[str, float]
+    failing: tuple[str, ...]
+    together: tuple[str, ...]
 
 
 def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0) -> Diagnosis:
@@ -55,56 +70,81 @@ def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed:
     `floor` is the noise floor of this fit's runs; its σ are the weights.
     """
     space = TrialSpace(fitted, floor, candidates, seed)
-    tried = [space.try_candidate(effect) for effect in candidates if effect.key not in fitted.model]
-    tried = space.family_wise(tried)
-    ranked = sorted((c for c in tried if c.answer != "not testable"), key=lambda c: -c.total_gain)
-    untestable = [c for c in tried if c.answer == "not testable"]
-    excess, explained = space.explained(ranked)
-    ranked = [_judged(c, space) for c in ranked]
-    ranked = space.with_ties(ranked)
-    missing = [c for c in ranked if c.answer == "missing"]
-    ratios = space.ratios
-    failing = [row for row, ratio in ratios.items() if ratio > EXCESS]
-    best = missing[0] if missing else None
-    if best is not None:
-        alike = {best.key, *(key for key, _ in best.ties)}
-        later = f" It is judged again once {best.key} is added."
-        ranked = [
-            replace(c, answer="undecided", why=c.why + later) if c.answer == "missing" and c.key not in alike else c
-            for c in ranked
-        ]
-    if best is not None and explained >= 0.5:
-        verdict = "missing"
-        says = f"{best.key} is missing. {best.why}"
-        if best.ties:
-            says += f" It cannot be told apart from {', '.join(k for k, _ in best.ties)} on these runs."
-    elif failing and excess > 0 and explained < 0.5:
-        verdict = "unlisted cause"
+    found = space.try_all()
+    louder = louder_rows(space)
+    found = space.family_wise(found, louder)
+    effects = {effect.key: effect for effect in space.effects}
+    ranked = sorted((c for c in found if c.tested), key=lambda c: -c.total_gain)
+    ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
+    plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
+    now = left_by(space, [])
+    together = best_set(space, plausible)
+    after = left_by(space, [space.tried[key] for key in together])
+    explained = (now.excess - after.excess) / now.excess if now.excess > 0.0 else 0.0
+    failing = tuple(row for row in now.ratios if now.ratios[row] > EXCESS and now.p[row] <= SIGNIFICANCE)
+    best = next((c for c in ranked if c.answer == "missing"), None)
+    fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
+    stays = after.family <= SIGNIFICANCE and after.excess > STAYS * now.excess and structured(after)
+    unlisted = fails and (best is None or explained < HALF or stays)
+    if unlisted:
         best = None
-        ranked = [replace(c, answer="undecided") if c.answer == "missing" else c for c in ranked]
-        worst = max(failing, key=lambda row: ratios[row])
-        says = (
-            f"The model fails ({worst} at {ratios[worst]:.2f} times its floor), but the best set of three effects of "
-            f"the catalogue explains only {100 * max(0.0, explained):.0f} % of what is left: the cause is not listed."
-        )
-    else:
-        verdict = "nothing missing"
-        best = None
-        worst = max(ratios, key=lambda row: ratios[row])
-        says = (
-            f"Nothing is missing that these runs can show: no row is far above its noise floor (most: {worst}, "
-            f"{ratios[worst]:.2f}) and no candidate beats what noise alone does."
-        )
-    return Diagnosis(verdict, says, best, (*ranked, *untestable), ratios, excess, explained, floor.count)
+    ranked = [_open(c, best) for c in ranked]
+    verdict = "unlisted cause" if unlisted else "missing" if best else "nothing missing"
+    says = {
+        "unlisted cause": lambda: _unlisted(now, failing, explained, together),
+        "missing": lambda: _missing(best),
+        "nothing missing": lambda: _nothing(space, ranked, louder),
+    }[verdict]()
+    untestable = [c for c in found if not c.tested]
+    return Diagnosis(
+        verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, louder, failing,
+        tuple(together),
+    )  # fmt: skip
 
 
-def _judged(c: Candidate, space: TrialSpace) -> Candidate:
-    unit = space.unit_of(c.key)
-    evidence = (
-        f"It takes away {100 * c.gain:.1f} % of the weighted residual of its rows ({c.gain_rms:.3g} {unit} RMS) in "
-        f"cross-validation; chance alone does as well with p = {c.p:.3g}."
+def structured(left: Left) -> bool:
+    """Whether what is left has another colour than the noise; sensors louder than their sheet leave its colour."""
+    smallest, count = 1.0, 0
+    for key, residual in left.residual.items():
+        if left.ratios[key[1]] > EXCESS:
+            place = np.arange(residual.size)
+            found = whiteness(residual, left.draws[key], place, 1.0)
+            if found is not None:
+                smallest, count = min(smallest, found.ljung_box), count + 1
+    return smallest * count <= SIGNIFICANCE and count > 0
+
+
+def _open(c: Candidate, best: Candidate | None) -> Candidate:
+    """A candidate that passes is missing only if it is the one proposed, or tied with it; else it is judged later."""
+    if c.answer != "missing" or (best and (c.key == best.key or c.key in dict(best.ties))):
+        return c
+    later = f"It is judged again once {best.key} is added." if best else "It does not explain what is left."
+    return replace(c, answer="undecided", why=f"{c.why} {later}")
+
+
+def _missing(best: Candidate | None) -> str:
+    assert best is not None
+    tied = f" It cannot be told apart from {', '.join(key for key, _ in best.ties)} on these runs." if best.ties else ""
+    return f"{best.key} is missing. {best.why}{tied}"
+
+
+def _unlisted(now: Left, failing: Sequence[str], explained: float, together: Sequence[str]) -> str:
+    worst = max(failing, key=lambda row: now.ratios[row])
+    return (
+        f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best set "
+        f"of effects of the catalogue ({', '.join(together) or 'none'}) explains {100 * max(0.0, explained):.0f} % of "
+        "what is above the floor, and the rest is no noise."
     )
-    if c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN:
-        return replace(c, answer="missing", why=evidence)
-    lacking = f"p = {c.p:.2g} is above {SIGNIFICANCE:g}" if c.p > SIGNIFICANCE else f"less than {100 * LEAST_GAIN:g} %"
-    return replace(c, answer="not needed", why=f"{evidence} Not needed: {lacking}.")
+
+
+def _nothing(space: TrialSpace, ranked: Sequence[Candidate], louder: Mapping[str, float]) -> str:
+    worst = max(space.ratios, key=lambda row: space.ratios[row])
+    least = min((c.p for c in ranked), default=1.0)
+    says = (
+        f"Nothing is missing that these runs can show: the row farthest above its noise floor is {worst}, at "
+        f"{space.ratios[worst]:.2f}, and the best of {len(ranked)} candidates does as well by chance with p = {least:.2g}."
+    )
+    loud = [f"{row} {ratio:.1f} times" for row, ratio in louder.items() if ratio > LOUD]
+    if loud:
+        says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
+    return says

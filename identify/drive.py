@@ -93,14 +93,14 @@ class Drive:
     def matrix(self, effects: Sequence[Effect], row: str) -> Array:
         """(n, p) observation matrix of a row, all effects side by side, zero where an effect does not act."""
         n = len(self.index[row])
-        self._prepare(effects)
+        self.prepare(effects)
         parts = [
             columns[row] if row in (columns := self.columns(effect)) else np.zeros((len(effect.parameters), n))
             for effect in effects
         ]
         return np.concatenate(parts).T if parts else np.zeros((n, 0))
 
-    def _prepare(self, effects: Sequence[Effect]) -> None:
+    def prepare(self, effects: Sequence[Effect]) -> None:
         """Make the columns of all effects that are not there yet, through the filter together."""
         keys = [(effect.key, tuple(sorted(effect.shape.items()))) for effect in effects]
         fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]
@@ -157,6 +157,10 @@ class Drive:
     def forget_motion(self) -> None:
         """Let go of the full-rate motion, which is rebuilt if asked for again; columns made so far are kept."""
         self.__dict__.pop("motion", None)
+
+    def forget_noisy(self) -> None:
+        """Let go of the runs with more noise, which hold all their channels; they are drawn again if asked for."""
+        self._noisy.clear()
 
     def can(self, effect: Effect) -> str:
         """Why an effect cannot be computed on this run, or an empty string."""

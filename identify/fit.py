@@ -215,6 +215,8 @@ def _fit_linear(
         followers = zeros_following(equations.runs, sigma)
         for piece in assembly.pieces():
             moments.add(piece, effects, keep, sigma, followers[piece.run])
+            if piece.number is not None:
+                piece.drive.forget_noisy()
     if unbias:
         corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])
         x, correction = corrected, corrected - x

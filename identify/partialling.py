@@ -1,63 +1,102 @@
-"""Taking out of rows and candidates what a set of columns with priors can explain, whole or fold by fold."""
+"""What is left of every column once some of them are partialled out, from sums of products alone."""
 
 from __future__ import annotations
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
+from identify.trial_sums import FOLDS, TrialSums
 from identify.vectors import Array
 
-FOLDS = 5
+
+class Partialled:
+    """All columns of `sums` less what some of them, with priors, explain.
+
+    Parameters
+    ----------
+    sums : products of all columns.
+    noise : (w, w) part of them that is noise in the columns themselves.
+    taken : places of the columns partialled out.
+    prior : (a, a) normal matrix of what is known of their parameters.
+
+    Attributes
+    ----------
+    gain : (a, w) what the columns taken explain of each.
+    left : (w, w) products of what is left; `noise` (w, w) what of it is noise in the columns.
+    """
+
+    def __init__(self, sums: TrialSums, noise: Array, taken: NDArray[np.intp], prior: Array):
+        self.sums, self.taken, self.prior = sums, taken, prior
+        self.gain, self.left = _without(sums.total, taken, prior)
+        self.noise = at_gain(noise, taken, self.gain)
+        self._folds: list[tuple[Array, Array]] | None = None
+
+    @property
+    def folds(self) -> list[tuple[Array, Array]]:
+        """For each fold, `left` of the samples outside it, and the products inside at the gain found outside."""
+        if self._folds is None:
+            self._folds = []
+            for fold in range(FOLDS):
+                gain, left = _without(self.sums.train[fold], self.taken, self.prior)
+                self._folds.append((left, at_gain(self.sums.test[fold], self.taken, gain)))
+        return self._folds
+
+    def fall(self, place: slice) -> float:
+        """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added."""
+        right, total = self.sums.layout.right, 0.0
+        shift = self.noise[place, right]
+        for train, test in self.folds:
+            outside = 1.0 - 1.0 / FOLDS
+            beta = _solved(train[place, place], train[place, right] - outside * shift)
+            total += float(2.0 * beta @ (test[place, right] - shift / FOLDS) - beta @ test[place, place] @ beta)
+        return total
+
+    def scores(self, place: slice, null: Array) -> tuple[float, Array]:
+        """Fall of the weighted squares on all data, and (D,) that in simulated runs with products `null` (w, D)."""
+        G = self.left[place, place]
+        score = self.left[place, self.sums.layout.right] - self.noise[place, self.sums.layout.right]
+        drawn = null[place] - self.gain[:, place].T @ null[self.taken]
+        return float(score @ _solved(G, score)), np.einsum("kd,kd->d", drawn, _solved(G, drawn))
+
+    def values(self, place: slice) -> tuple[Array, Array]:
+        """Parameters of the columns at `place` when they are added, and 1 σ as if residuals were independent."""
+        G = self.left[place, place]
+        sound = G - self.noise[place, place]
+        score = self.left[place, self.sums.layout.right] - self.noise[place, self.sums.layout.right]
+        if np.any(np.linalg.eigvalsh(sound) <= 0.0):
+            sound = G
+        inverse = np.linalg.inv(sound)
+        return inverse @ score, np.sqrt(np.diag(inverse @ G @ inverse.T))
+
+    def remaining(self, place: slice) -> Array:
+        """(k,) part of each column's energy that is left."""
+        whole = np.diag(self.sums.total)[place]
+        return np.diag(self.left)[place] / np.where(whole > 0.0, whole, 1.0)
+
+    def noisy_part(self, place: slice) -> float:
+        """Largest part of the energy left in a direction of the columns that is noise in them."""
+        G = self.left[place, place]
+        root = np.linalg.cholesky(G)
+        half = np.linalg.solve(root, self.noise[place, place])
+        return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
+
+    def coefficients(self, places: Array) -> Array:
+        """(w, k) coefficients, for `TrialSums.series`, of combinations `places` (w, k) less what is partialled out."""
+        out = places.copy()
+        out[self.taken] -= self.gain @ places
+        return out
 
 
-class Basis:
-    """An orthonormal basis of columns with priors; priors are further equations below the data."""
+def _without(normal: Array, taken: NDArray[np.intp], prior: Array) -> tuple[Array, Array]:
+    gain = _solved(normal[np.ix_(taken, taken)] + prior, normal[taken])
+    return gain, normal - normal[taken].T @ gain
 
-    def __init__(self, columns: Array, priors: Array):
-        self.rows = columns.shape[0]
-        lengths = np.linalg.norm(columns, axis=0)
-        keep = lengths > 0
-        self.columns, self.priors = columns[:, keep], priors[keep]
-        augmented = np.concatenate([self.columns, np.diag(1.0 / self.priors)])
-        self._folds: dict[int, tuple[tuple[Array, bool], Array]] = {}
-        q = scipy.linalg.qr(augmented / np.linalg.norm(augmented, axis=0), mode="economic")[0]
-        self.q: Array = np.asarray(q, float)
 
-    def partial(self, y: Array) -> Array:
-        """(n + priors, k): what the basis cannot explain of data columns (n, k)."""
-        padded = np.concatenate([y, np.zeros((self.q.shape[0] - self.rows, y.shape[1]))])
-        left = padded - self.q @ (self.q.T @ padded)
-        return left - self.q @ (self.q.T @ left)
+def at_gain(normal: Array, taken: NDArray[np.intp], gain: Array) -> Array:
+    """(w, w) products of the columns less those taken times `gain` (a, w)."""
+    across = gain.T @ normal[taken]
+    return normal - across - across.T + gain.T @ normal[np.ix_(taken, taken)] @ gain
 
-    def cross_validated(self, y: Array, candidate: Array, blocks: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Residual without and with a candidate, (n,) each; each block is predicted from folds that do not hold it."""
-        n = self.rows
-        folds = blocks % FOLDS
-        data, priors = self.q[:n], self.q[n:]
-        after, before = np.zeros(n), np.zeros(n)
-        for fold in range(FOLDS):
-            test = folds == fold
-            factor, b = self._fold(y, folds, fold)
-            K = scipy.linalg.cho_solve(factor, data.T @ candidate - data[test].T @ candidate[test])
-            r, c = y - data @ b, candidate - data @ K
-            r[test], c[test] = 0.0, 0.0
-            below_r, below_c = -priors @ b, -priors @ K
-            beta = np.linalg.solve(c.T @ c + below_c.T @ below_c, c.T @ r + below_c.T @ below_r)
-            before[test] = y[test] - data[test] @ b
-            after[test] = before[test] - (candidate[test] - data[test] @ K) @ beta
-        return before, after
 
-    def _fold(self, y: Array, folds: NDArray[np.intp], fold: int) -> tuple[tuple[Array, bool], Array]:
-        """Factor of the training data's normal matrix and the solution without candidate, kept for all of them.
-
-        In an orthonormal basis the matrix is the identity less the fold's own part, so normal equations are safe.
-        """
-        if fold not in self._folds:
-            test = folds == fold
-            part = self.q[: self.rows][test]
-            G = np.eye(part.shape[1]) * (1.0 + 1e-12) - part.T @ part
-            factor = scipy.linalg.cho_factor(G)
-            moments = self.q[: self.rows].T @ y - part.T @ y[test]
-            self._folds[fold] = (factor, scipy.linalg.cho_solve(factor, moments))
-        return self._folds[fold]
+def _solved(G: Array, right: Array) -> Array:
+    return np.asarray(np.linalg.solve(G, right), float)

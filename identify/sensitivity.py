@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from identify.effect import Effect, SensorFault
 from identify.filters import derivative
@@ -49,11 +51,26 @@ class Sensitivity:
     Attributes
     ----------
     recording : what it was taken on.
-    slopes : (channel, component, order of derivative) → row → (N,) or a scalar where it is constant.
+    comb : indices of the samples at which the derivatives were taken.
+    coarse : (channel, component, order of derivative) → row → values there, or a scalar where it is constant.
     """
 
     recording: Recording
-    slopes: Mapping[tuple[str, int, int], Mapping[str, Array]]
+    comb: NDArray[np.intp]
+    coarse: Mapping[tuple[str, int, int], Mapping[str, Array]]
+
+    @cached_property
+    def slopes(self) -> Mapping[tuple[str, int, int], Mapping[str, Array]]:
+        """As `coarse`, at every sample (N,)."""
+        t, at = self.recording.t, self.recording.t[self.comb]
+        return {
+            key: {row: slope if slope.ndim == 0 else np.interp(t, at, slope) for row, slope in rows.items()}
+            for key, rows in self.coarse.items()
+        }
+
+    def forget_slopes(self) -> None:
+        """Let go of the full-rate slopes, which are made again if asked for."""
+        self.__dict__.pop("slopes", None)
 
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[Effect], values: Array) -> Sensitivity:
@@ -78,12 +95,10 @@ class Sensitivity:
             after = residual(build_motion(_copies(coarse, group, steps)), active, theta)
             for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
                 part = slice(copy * comb.size, (copy + 1) * comb.size)
-                found = _slopes(
-                    before, {row: a[part] for row, a in after.items()}, step, recording.t, recording.t[comb]
-                )
+                found = _slopes(before, {row: a[part] for row, a in after.items()}, step)
                 if found:
                     slopes[key] = found
-        return cls(recording, slopes)
+        return cls(recording, comb, slopes)
 
     def response(self, perturbation: Perturbation) -> dict[str, Array]:
         """Change of the residual at full rate, row → (N,), for a change of channels."""
@@ -140,9 +155,7 @@ def _copies(recording: Recording, group: Sequence[tuple[str, int, int]], steps: 
     return replace(recording.at(np.tile(np.arange(n), count)), signals=Signals(**parts))
 
 
-def _slopes(
-    before: Mapping[str, Array], after: Mapping[str, Array], step: float, t: Array, coarse: Array
-) -> dict[str, Array]:
+def _slopes(before: Mapping[str, Array], after: Mapping[str, Array], step: float) -> dict[str, Array]:
     """Differences of residuals as slopes; rows without any are left out, constant ones are scalars."""
     out: dict[str, Array] = {}
     for row, base in before.items():
@@ -152,5 +165,5 @@ def _slopes(
             continue
         spread = float(np.ptp(slope))
         constant = spread < 1e-6 * largest
-        out[row] = np.asarray(np.mean(slope) if constant else np.interp(t, coarse, slope), float)
+        out[row] = np.asarray(np.mean(slope) if constant else slope, float)
     return out

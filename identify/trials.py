@@ -1,359 +1,302 @@
-"""Candidates tried on top of a fitted model, all rows of all runs as one vector weighted by the noise floor."""
+"""Candidates tried on top of a fitted model, all rows of all runs weighted by the noise floor."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
+from identify.candidate import Candidate
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.partialling import Basis
+from identify.layout import Layout, Trial
+from identify.partialling import Partialled
 from identify.rows import row_unit
+from identify.trial_sums import BLOCK, TrialSums, noise_products
 from identify.vectors import Array
-from identify.zeros import zeros_of
 
 LEAST_COVERAGE = 3.0
 """Effective number of blocks in which a candidate must act."""
 LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
-BLOCK = 2.0
-"""Length of a block of the cross-validation [s]."""
-TIED = 0.05
-"""Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""
-ALIKE = 0.5
-"""… when the candidates are also at least this correlated: unlike effects that are both missing are no tie."""
+NOISE_PAIRS = 2
+"""Pairs of draws behind the noise in the candidates' own columns."""
+MOSTLY_NOISE = 0.5
+"""Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
+_GONE = 1e-9
+"""Part of a column's energy below which nothing of it is left."""
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """One effect tried on top of the model.
+class Tried:
+    """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run."""
 
-    Attributes
-    ----------
-    key : the effect, with `shape` the constants that fit best.
-    answer : ``missing`` (the one proposed, and those tied with it), ``undecided`` (it helps now, and is judged again
-        once that one is added), ``not needed`` or ``not testable``.
-    why : one or two plain sentences with numbers.
-    gain : part of the weighted residual of its rows that it takes away in blocked cross-validation.
-    gain_rms : by row kind's unit, the residual it takes away, as RMS over its rows [N or N·m].
-    drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
-    coverage : effective number of blocks it acts in.
-    size : √λ of the largest plausible effect after everything else is partialled out.
-    values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
-    ties : candidates that cannot be told apart from it on these runs, with their correlation.
-    """
-
-    key: str
-    shape: Mapping[str, float]
-    answer: str
-    why: str
-    gain: float = 0.0
-    gain_rms: float = 0.0
-    total_gain: float = 0.0
-    drop: float = 0.0
-    p: float = 1.0
-    coverage: float = 0.0
-    size: float = 0.0
-    values: tuple[float, ...] = ()
-    interval: tuple[float, ...] = ()
-    ties: tuple[tuple[str, float], ...] = ()
-    block_gain: Array = field(default_factory=lambda: np.zeros(0), repr=False)
-
-
-@dataclass(frozen=True)
-class _Trial:
-    """Columns of one candidate at one shape, after everything else was partialled out."""
-
-    effect: Effect
-    columns: Array
-    basis: Array
+    trial: Trial
+    space: Partialled
     drop: float
     null: Array
+    values: Array
+    spread: Array
+
+    @property
+    def key(self) -> str:
+        """The effect's key."""
+        return self.trial.effect.key
+
+    def combination(self) -> Array:
+        """(w, 1) coefficients of what it explains, the model partialled out."""
+        out = np.zeros((self.space.sums.layout.width, 1))
+        out[self.trial.place, 0] = self.values
+        return self.space.coefficients(out)
 
 
 class TrialSpace:
-    """All rows of all runs as one weighted vector, with everything the model may explain partialled out."""
+    """A fitted model with every candidate beside it.
+
+    Parameters
+    ----------
+    fitted : the model, on the runs used.
+    floor : their noise floor: the weights, and simulated runs that lack nothing.
+    candidates : effects to try; those of the model are passed over.
+    seed : of the simulated zeros and tolerances.
+
+    Attributes
+    ----------
+    cannot : key → why a candidate cannot be computed on these runs.
+    ratios : row → residual ÷ floor of the present model.
+    physics : everything less model, zeros and the sensor sheet's faults; `plain` : less model and zeros alone, what
+        sensor faults are tried in.
+    null : (w, D) products of all columns with simulated runs that lack nothing.
+    """
 
     def __init__(self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int):
         self.fitted, self.floor = fitted, floor
-        self.drives = fitted.drives
-        self.sigma = floor.sigma
-        self.segments: list[tuple[int, str, slice]] = []
-        start = 0
-        for d, drive in enumerate(self.drives):
-            for row in drive.rows:
-                n = len(drive.index[row])
-                self.segments.append((d, row, slice(start, start + n)))
-                start += n
-        self.n = start
-        self.blocks = self._blocks()
-        physics, priors = self._physics()
-        zeros, zero_priors = self._zeros()
-        faults = [c for c in candidates if isinstance(c, SensorFault) and c.key not in fitted.model]
-        self.fault_columns = {fault.key: self._fault(fault) for fault in faults}
-        tolerances = {fault.key: self._tolerance(fault) for fault in faults}
-        sheet = [key for key in self.fault_columns if tolerances[key] > 0 and np.any(self.fault_columns[key])]
-        measured = self._stack([drive.measured for drive in self.drives])
-        wide = np.column_stack([physics, zeros])
-        sheet_columns = np.column_stack([np.zeros((self.n, 0)), *(self.fault_columns[k] for k in sheet)])
-        sheet_priors = np.array([tolerances[k] for k in sheet])
+        fresh = [effect for effect in candidates if effect.key not in fitted.model]
+        self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
+        self.effects = [effect for effect in fresh if effect.key not in self.cannot]
         self.ratios = _ratios(fitted, floor)
         # Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
         # effect up. The priors are stiffened by the misfit, which leaves them as they are when nothing is missing.
         temper = max(1.0, float(np.sqrt(np.mean(np.square(list(self.ratios.values()))))))
-        narrow_priors = np.concatenate([priors, zero_priors / temper])
-        # Sensor faults are tried against the model and zeros; physics against the sheet's tolerances as well.
-        self.against_zeros = Basis(wide, narrow_priors)
-        self.against_sheet = Basis(
-            np.column_stack([wide, sheet_columns]), np.concatenate([narrow_priors, sheet_priors / temper])
-        )
-        self.y = measured
-        self.null = self._null(zeros, zero_priors, sheet_columns, sheet_priors, seed)
-        self.left = self.against_sheet.partial(self.y[:, None])[:, 0]
-        self.null_left = self.against_sheet.partial(self.null)
-        self.zeros_left = self.against_zeros.partial(self.y[:, None])[:, 0]
-        self.zeros_null_left = self.against_zeros.partial(self.null)
-        self.trials: dict[str, _Trial] = {}
-
-    # -- assembling ---------------------------------------------------------------------------------------------------
-
-    def _stack(self, parts: Sequence[Mapping[str, Array]]) -> Array:
-        """Row series of every drive, (n,) each, as one weighted vector."""
-        out = np.zeros(self.n)
-        for d, row, place in self.segments:
-            if row in parts[d]:
-                out[place] = parts[d][row] / self.sigma[row]
-        return out
-
-    def _physics(self) -> tuple[Array, Array]:
-        effects, keep = self.fitted.model.physics, self.fitted.base.independent
-        parts = [self.drives[d].matrix(effects, row)[:, keep] / self.sigma[row] for d, row, _ in self.segments]
-        priors = np.array([q.prior for effect in effects for q in effect.parameters])[keep]
-        columns = np.concatenate(parts)
-        for fault in self.fitted.model.faults:
-            columns = np.column_stack([columns, self._fault(fault)])
-            priors = np.append(priors, [q.prior for q in fault.parameters])
-        return columns, priors
-
-    def _zeros(self) -> tuple[Array, Array]:
-        found = [zeros_of(d, s) for d, s in zip(self.drives, self.fitted.sensitivities, strict=True)]
-        starts = np.concatenate([[0], np.cumsum([len(z.names) for z in found])]).astype(int)
-        out = np.zeros((self.n, starts[-1]))
-        for d, row, place in self.segments:
-            out[place, starts[d] : starts[d + 1]] = found[d].columns[row] / self.sigma[row]
-        return out, np.concatenate([z.sigma for z in found])
-
-    def _fault(self, fault: SensorFault) -> Array:
-        parts = [
-            drive.decimated(sensitivity.fault(fault))
-            for drive, sensitivity in zip(self.drives, self.fitted.sensitivities, strict=True)
-        ]
-        return self._stack(parts)
-
-    def _tolerance(self, fault: SensorFault) -> float:
-        rig = self.drives[0].recording.rig
-        return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
-
-    def _columns(self, effect: Effect) -> Array:
-        if isinstance(effect, SensorFault):
-            return self.fault_columns[effect.key][:, None]
-        p = len(effect.parameters)
-        out = np.zeros((self.n, p))
-        for d, row, place in self.segments:
-            found = self.drives[d].columns(effect)
-            if row in found:
-                out[place] = found[row].T / self.sigma[row]
-        return out
-
-    def _null(self, zeros: Array, zero_priors: Array, sheet: Array, sheet_priors: Array, seed: int) -> Array:
-        """(n, D) runs that lack nothing: noise, zeros and tolerances drawn from the sensor sheet."""
         rng = np.random.default_rng([seed, 6])
-        out = np.zeros((self.n, self.floor.count))
-        for d, row, place in self.segments:
-            out[place] = self.floor.draws[d][row].T / self.sigma[row]
-        out += zeros @ (zero_priors[:, None] * rng.standard_normal((len(zero_priors), self.floor.count)))
-        out += sheet @ (sheet_priors[:, None] * rng.standard_normal((len(sheet_priors), self.floor.count)))
-        return out
+        rig = fitted.drives[0].recording.rig
+        bounds = {
+            fault.key: max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
+            for fault in self.effects
+            if isinstance(fault, SensorFault)
+        }
+        drifting = {f.key for f in self.effects if isinstance(f, SensorFault) and f.tolerance == "drift"}
+        drifts = {key: bounds[key] for key in drifting if bounds[key] > 0.0}
+        self.sheet = {key: bound for key, bound in bounds.items() if bound > 0.0 and key not in drifting}
+        self.layout = Layout.of(len(fitted.place), self.effects)
+        self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
+        noise = noise_products(fitted, self.layout, self.sums, floor.sigma, temper, NOISE_PAIRS)
+        model, sheet = np.arange(self.layout.model), self._sheet_places()
+        self.plain = Partialled(self.sums, noise, model, self.sums.known)
+        prior = np.zeros((len(model) + len(sheet),) * 2)
+        prior[: len(model), : len(model)] = self.sums.known
+        if len(sheet):
+            stiff = [(temper / self.sheet[t.effect.key]) ** 2 for t in self._sheet_trials()]
+            prior[len(model) :, len(model) :] = np.diag(stiff)
+        self.physics = Partialled(self.sums, noise, np.concatenate([model, sheet]).astype(np.intp), prior)
+        self._sheet_null = self.sums.null_sheet
+        for trial in self._sheet_trials():
+            size = self.sheet[trial.effect.key] * rng.standard_normal((1, floor.count))
+            self._sheet_null = self._sheet_null + self.sums.total[:, trial.place] @ size
+        self.null = self.null_at({})
+        self.tried: dict[str, Tried] = {}
 
-    def _blocks(self) -> NDArray[np.intp]:
-        """(n,) block number of every sample; a run's blocks follow those of the run before."""
-        out = np.zeros(self.n, np.intp)
-        counts = [int(np.ptp(drive.motion.t) // BLOCK) + 1 for drive in self.drives]
-        firsts = np.concatenate([[0], np.cumsum(counts)])
-        for d, row, place in self.segments:
-            t = self.drives[d].motion.t
-            out[place] = firsts[d] + ((t[self.drives[d].index[row]] - t[0]) // BLOCK).astype(np.intp)
-        return out
+    def null_at(self, louder: Mapping[str, float]) -> Array:
+        """(w, D) products with simulated runs whose noise is `louder` than the sheet's by a factor, row by row."""
+        return self._sheet_null + np.sum([louder.get(row, 1.0) * n for row, n in self.sums.null.items()], axis=0)
 
-    # -- trying one candidate -----------------------------------------------------------------------------------------
+    def _sheet_trials(self) -> list[Trial]:
+        return [
+            trial
+            for trial in self.layout.trials
+            if trial.effect.key in self.sheet and np.any(np.diag(self.sums.total)[trial.place])
+        ]
 
-    def try_candidate(self, effect: Effect) -> Candidate:
-        """Search the candidate's shape constants, and measure gain, coverage and size."""
-        cannot = next((why for drive in self.drives if (why := drive.can(effect))), "")
-        if cannot:
-            return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {cannot}.")
-        basis = self.against_zeros if isinstance(effect, SensorFault) else self.against_sheet
-        fault = basis is self.against_zeros
-        left, null_left = (self.zeros_left, self.zeros_null_left) if fault else (self.left, self.null_left)
-        best: _Trial | None = None
-        nulls: list[Array] = []
-        for one in effect.shapes():
-            raw = self._columns(one)
-            columns = basis.partial(raw)
-            lengths = np.linalg.norm(raw, axis=0)
-            remain = np.linalg.norm(columns, axis=0)
-            if not np.any(lengths) or np.any(remain < 1e-6 * np.maximum(lengths, 1e-300)):
-                continue
-            q = np.linalg.qr(columns)[0]
-            drop, null = float(np.sum((q.T @ left) ** 2)), np.sum((q.T @ null_left) ** 2, axis=0)
-            nulls.append(null)
-            if best is None or drop > best.drop:
-                best = _Trial(one, columns, q, drop, null)
-        if best is None:
-            acts = bool(np.any(self._columns(effect.shapes()[-1])))
-            why = (
-                "Cannot be tested: the model already explains all it does on these runs."
-                if acts
-                else "Cannot be tested: it never acts on these runs."
-            )
-            return Candidate(
-                effect.key, {}, "not testable", f"{why} {effect.shown_by[0].upper()}{effect.shown_by[1:]}."
-            )
-        best = replace(best, null=np.max(nulls, axis=0))
-        self.trials[effect.key] = best
-        return self._measure(best, basis, left)
+    def _sheet_places(self) -> NDArray[np.intp]:
+        return np.array([trial.place.start for trial in self._sheet_trials()], np.intp)
 
-    def _measure(self, trial: _Trial, basis: Basis, left: Array) -> Candidate:
-        effect, columns = trial.effect, trial.columns
-        energy = np.bincount(self.blocks, weights=np.sum(columns[: self.n] ** 2, axis=1))
-        coverage = float(np.sum(energy) ** 2 / np.sum(energy**2)) if np.any(energy) else 0.0
+    # -- one candidate ------------------------------------------------------------------------------------------------
+
+    def try_all(self) -> list[Candidate]:
+        """Every candidate: its best shape, what these runs can tell of it, and how far the error falls."""
+        out = [Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.cannot.items()]
+        for effect in self.effects:
+            shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
+            space = self.plain if shapes[0].fault else self.physics
+            seen = [self._try(trial, space) for trial in shapes if np.all(space.remaining(trial.place) > _GONE)]
+            if seen:
+                best = max(seen, key=lambda one: one.drop)
+                self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
+            else:
+                out.append(self._unseen(effect, shapes))
+        energy = self._block_energy()
+        out += [self._measured(one, coverage) for one, coverage in zip(self.tried.values(), energy, strict=True)]
+        return self._with_blocks(out)
+
+    def _try(self, trial: Trial, space: Partialled) -> Tried:
+        drop, null = space.scores(trial.place, self.null)
+        return Tried(trial, space, drop, null, *space.values(trial.place))
+
+    def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
+        acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
+        why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
+        return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
+
+    def _block_energy(self) -> list[float]:
+        """For each candidate tried, the effective number of blocks it acts in."""
+        if not self.tried:
+            return []
+        parts: list[Array] = []
+        owner: list[int] = []
+        for i, one in enumerate(self.tried.values()):
+            scales = [q.largest for q in one.trial.effect.parameters]
+            places = np.zeros((self.layout.width, len(scales)))
+            places[one.trial.place] = np.diag(scales)
+            parts.append(one.space.coefficients(places))
+            owner += [i] * len(scales)
+        columns = np.concatenate(parts, axis=1)
+        energy = np.zeros((self._block_count, columns.shape[1]))
+        for block, series in self.sums.series(columns):
+            np.add.at(energy, block.number, series**2)
+        joined = np.zeros((self._block_count, len(self.tried)))
+        np.add.at(joined.T, np.array(owner), energy.T)
+        total = joined.sum(axis=0)
+        squares = np.sum(joined**2, axis=0)
+        return [float(x) for x in np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)]
+
+    @property
+    def _block_count(self) -> int:
+        return 1 + max(int(block.number.max()) for block in self.sums.blocks)
+
+    def _measured(self, one: Tried, coverage: float) -> Candidate:
+        effect, place = one.trial.effect, one.trial.place
         largest = np.array([q.largest for q in effect.parameters])
-        size = float(np.linalg.norm(columns * largest, axis=0).max())
-        values: Array = np.asarray(np.linalg.lstsq(columns, left, rcond=None)[0], float)
-        spread = np.sqrt(np.diag(np.linalg.inv(columns.T @ columns)))
+        size = float(np.sqrt(np.max(np.diag(one.space.left)[place] * largest**2)))
         found = Candidate(
-            effect.key, dict(effect.shape), "", "", coverage=coverage, size=size, drop=trial.drop,
-            values=tuple(float(x) for x in values), interval=tuple(float(1.96 * x) for x in spread),
+            effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
+            strength=float(np.sqrt(max(0.0, one.drop))), values=tuple(float(x) for x in one.values),
+            interval=tuple(float(1.96 * x) for x in one.spread),
         )  # fmt: skip
-        if coverage < LEAST_COVERAGE or size < LEAST_SIZE:
+        if coverage < LEAST_COVERAGE:
+            reason = f"it acts in only {coverage:.1f} blocks of {BLOCK:g} s (at least {LEAST_COVERAGE:g} needed)"
+        elif size < LEAST_SIZE:
+            absorbed = self._absorbed(one)
+            found = replace(found, absorbed=absorbed)
+            by = ", ".join(f"{key} {100 * share:.0f} %" for key, share in absorbed[:3])
             reason = (
-                f"it acts in only {coverage:.1f} blocks of {BLOCK:g} s"
-                if coverage < LEAST_COVERAGE
-                else f"even at its largest plausible size it would stand out by only {size:.1f} (at least "
-                f"{LEAST_SIZE:g} needed) once model, zeros and sensor tolerances have taken their share"
+                f"even at its largest plausible size it would stand out by only {size:.1f} times its noise "
+                f"(at least {LEAST_SIZE:g} needed){f', most of it taken up by {by}' if by else ''}"
             )
-            why = f"Cannot be tested with these runs: {reason}. A run that shows it: {effect.shown_by}."
-            return replace(found, answer="not testable", why=why)
-        before, after = basis.cross_validated(self.y, self._columns(effect), self.blocks)
-        fall = before**2 - after**2
-        rows = self._rows(effect)
-        acting = np.zeros(self.n, bool)
-        for _, row, place in self.segments:
-            acting[place] = row in rows
-        here, gone = float(np.sum(before[acting] ** 2)), float(np.sum(fall[acting]))
-        return replace(
-            found,
-            gain=gone / here if here else 0.0,
-            total_gain=float(np.sum(fall)),
-            gain_rms=self._rms_gain(gone, rows),
-            block_gain=np.bincount(self.blocks, weights=fall).astype(float),
-        )
+        elif (part := one.space.noisy_part(place)) > MOSTLY_NOISE:
+            reason = f"{100 * part:.0f} % of what it would follow is noise of the sensors"
+        else:
+            return replace(found, total_gain=one.space.fall(place))
+        return replace(found, answer="not testable", why=f"Cannot be tested: {reason}. {_shown(effect)}")
 
-    def _rows(self, effect: Effect) -> tuple[str, ...]:
-        columns = self._columns(effect)
-        return tuple(dict.fromkeys(row for _, row, place in self.segments if np.any(np.abs(columns[place]) > 1e-12)))
+    def _absorbed(self, one: Tried) -> tuple[tuple[str, float], ...]:
+        """What takes a candidate's columns up: shares of their energy, by effect of the model and by sensor fault."""
+        place, total = one.trial.place, self.sums.total
+        k = place.start + int(np.argmax(np.diag(one.space.left)[place]))
+        whole = float(total[k, k])
+        # Shares of a regression, as products of coefficient and covariance, in the model's own parameters.
+        p = self.layout.model
+        gain = one.space.gain[:, k]
+        turned = np.linalg.solve(self.sums.turn, np.eye(p))
+        parts = (self.sums.turn @ gain[:p]) * (turned.T @ total[:p, k])
+        shares: dict[str, float] = {}
+        names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]
+        for name, part in zip(names, parts, strict=True):
+            shares[name] = shares.get(name, 0.0) + float(part) / whole
+        for trial, part in zip(self._sheet_trials(), gain[p:] * total[one.space.taken[p:], k], strict=False):
+            shares[trial.effect.key] = shares.get(trial.effect.key, 0.0) + float(part) / whole
+        ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
+        return tuple(ranked)
 
-    def _rms_gain(self, total: float, rows: Sequence[str]) -> float:
-        """The gain as the RMS of what it takes away, in the unit of the first kind of row it acts on."""
-        units = [row_unit(row) for row in rows]
-        alike = [row for row, unit in zip(rows, units, strict=True) if unit == units[0]]
-        count = sum(place.stop - place.start for _, row, place in self.segments if row in alike)
-        scale = float(np.sqrt(np.mean([self.sigma[row] ** 2 for row in alike])))
-        return scale * float(np.sqrt(max(0.0, total) / count)) if count else 0.0
+    def _rows(self, place: slice) -> tuple[str, ...]:
+        inside = range(place.start, place.stop)
+        return tuple(dict.fromkeys(b.row for b in self.sums.blocks if np.any(np.isin(b.active, inside))))
 
-    def unit_of(self, key: str) -> str:
-        """Unit of a candidate's `gain_rms`."""
-        rows = self._rows(self.trials[key].effect)
-        return row_unit(rows[0]) if rows else "N"
-
-    # -- judging all --------------------------------------------------------------------------------------------------
-
-    def family_wise(self, tried: Sequence[Candidate]) -> list[Candidate]:
-        """Compare each drop with the largest over all candidates in every simulated run.
-
-        Drops are measured in units of their own mean under the null, so that a sensor fault whose tolerance moves much
-        does not drown the physics.
-        """
-        tested = [c for c in tried if c.answer == ""]
+    def _with_blocks(self, found: Sequence[Candidate]) -> list[Candidate]:
+        """Gains by block, and as parts of the residual of the rows acted on."""
+        tested = [c.key for c in found if c.tested]
         if not tested:
-            return list(tried)
-        means = {c.key: float(np.mean(self.trials[c.key].null)) for c in tested}
-        worst = np.max([self.trials[c.key].null / means[c.key] for c in tested], axis=0)
+            return list(found)
+        columns = np.concatenate([self.tried[key].combination() for key in tested], axis=1)
+        right = np.zeros((self.layout.width, 1))
+        right[self.layout.right] = 1.0
+        both = np.concatenate([columns, self.physics.coefficients(right), self.plain.coefficients(right)], axis=1)
+        falls = np.zeros((self._block_count, len(tested)))
+        squares, counts = dict.fromkeys(self.floor.sigma, 0.0), dict.fromkeys(self.floor.sigma, 0)
+        fault = np.array([self.tried[key].trial.fault for key in tested])
+        for block, series in self.sums.series(both):
+            effect, left = series[:, : len(tested)], np.where(fault, series[:, -1:], series[:, -2:-1])
+            np.add.at(falls, block.number, 2.0 * effect * left - effect**2)
+            squares[block.row] += float(np.sum(series[:, -2] ** 2))
+            counts[block.row] += len(series)
+        place = {key: i for i, key in enumerate(tested)}
+        out: list[Candidate] = []
+        for c in found:
+            if c.tested:
+                here = sum(squares[row] for row in c.rows)
+                alike = [row for row in c.rows if row_unit(row) == row_unit(c.rows[0])]
+                scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
+                rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
+                gain = c.total_gain / here if here else 0.0
+                c = replace(c, gain=gain, gain_rms=rms, block_gain=falls[:, place[c.key]])
+            out.append(c)
+        return out
+
+    # -- all of them --------------------------------------------------------------------------------------------------
+
+    def family_wise(self, found: Sequence[Candidate], louder: Mapping[str, float]) -> list[Candidate]:
+        """Compare each fall with the largest over all candidates in every simulated run.
+
+        Falls are measured in units of their own mean under the null, so that a sensor fault whose tolerance moves much
+        does not drown the physics. `louder`: by how much the rows' noise exceeds the sheet's.
+        """
+        tested = [c for c in found if c.tested]
+        if not tested:
+            return list(found)
+        null = self.null_at(louder)
+        keys = {c.key for c in tested}
+        drawn: dict[str, list[Array]] = {key: [] for key in keys}
+        for trial in self.layout.trials:
+            key = trial.effect.key
+            if key in keys and np.all(self.tried[key].space.remaining(trial.place) > _GONE):
+                drawn[key].append(self.tried[key].space.scores(trial.place, null)[1])
+        falls = {key: np.max(parts, axis=0) for key, parts in drawn.items()}
+        means = {key: float(np.mean(fall)) for key, fall in falls.items()}
+        worst = np.max([fall / means[key] for key, fall in falls.items()], axis=0)
         return [
             replace(c, p=float((1 + np.count_nonzero(worst >= c.drop / means[c.key])) / (1 + worst.size)))
-            if c.answer == ""
+            if c.tested
             else c
-            for c in tried
+            for c in found
         ]
 
-    def explained(self, ranked: Sequence[Candidate]) -> tuple[float, float]:
-        """Squares above the floor, and the part that the best set of up to three candidates takes away."""
-        floor = float(np.sum(self.null_left**2)) / self.null_left.shape[1]
-        excess = float(np.sum(self.left**2)) - floor
-        left = self.left.copy()
-        keys = [c.key for c in ranked if not isinstance(self.trials[c.key].effect, SensorFault)]
-        keys += [c.key for c in ranked if c.key not in keys]
-        used = np.zeros((left.size, 0))
-        for _ in range(3):
-            drops = [float(np.sum((fresh.T @ left) ** 2)) for fresh in (self._fresh(key, used) for key in keys)]
-            if not drops or max(drops) <= 0:
-                break
-            best = keys[int(np.argmax(drops))]
-            fresh = self._fresh(best, used)
-            left = left - fresh @ (fresh.T @ left)
-            used = np.column_stack([used, fresh])
-            if isinstance(self.trials[best].effect, SensorFault):
-                # Several gains set free together would scale the measurement away with whatever is in it.
-                keys = [key for key in keys if not isinstance(self.trials[key].effect, SensorFault)]
-        gone = float(np.sum(self.left**2) - np.sum(left**2))
-        return excess, gone / excess if excess > 0 else 0.0
-
-    def _fresh(self, key: str, used: Array) -> Array:
-        trial = self.trials[key]
-        columns = trial.columns
-        if columns.shape[0] != used.shape[0]:  # a sensor fault lives in the smaller space
-            columns = self.against_sheet.partial(self._columns(trial.effect))
-        left = columns - used @ (used.T @ columns)
-        keep = np.linalg.norm(left, axis=0) > 1e-6 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-        return np.linalg.qr(left[:, keep])[0] if np.any(keep) else np.zeros((used.shape[0], 0))
-
-    def with_ties(self, ranked: Sequence[Candidate]) -> list[Candidate]:
-        """For each missing candidate, those whose block losses do not differ from its own."""
-        out: list[Candidate] = []
-        for c in ranked:
-            if c.answer != "missing":
-                out.append(c)
-                continue
-            ties = [
-                (other.key, correlation)
-                for other in ranked
-                if other.key != c.key
-                and other.answer == "missing"
-                and _same_losses(c.block_gain, other.block_gain)
-                and (correlation := self._correlation(c.key, other.key)) >= ALIKE
-            ]
-            out.append(replace(c, ties=tuple(ties)))
-        return out
-
-    def _correlation(self, a: str, b: str) -> float:
+    def correlation(self, a: str, b: str) -> float:
         """Largest canonical correlation of two candidates after everything else is partialled out."""
-        first, second = self.trials[a].basis[: self.n], self.trials[b].basis[: self.n]
-        return float(np.linalg.svd(first.T @ second, compute_uv=False)[0])
+        first, second = self.tried[a].trial.place, self.tried[b].trial.place
+        both = self.plain if self.tried[a].trial.fault or self.tried[b].trial.fault else self.physics
+        A, B = (np.linalg.cholesky(both.left[one, one]) for one in (first, second))
+        across = np.linalg.solve(A, both.left[first, second])
+        return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
+
+
+def _cannot(fitted: Fit, effect: Effect) -> str:
+    return next((why for drive in fitted.drives if (why := drive.can(effect))), "")
+
+
+def _shown(effect: Effect) -> str:
+    return f"What shows it: {effect.shown_by}."
 
 
 def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
@@ -363,9 +306,3 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
         squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
         out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
     return out
-
-
-def _same_losses(a: Array, b: Array) -> bool:
-    difference = a - b
-    active = np.abs(difference) > 1e-6 * float(np.max(np.abs(a) + np.abs(b)))
-    return bool(np.count_nonzero(active) < 6 or scipy.stats.wilcoxon(difference[active]).pvalue > TIED)

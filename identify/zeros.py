@@ -34,7 +34,7 @@ def zeros_of(drive: Drive, sensitivity: Sensitivity, every: bool = False) -> Zer
     names: list[str] = []
     sigma: list[float] = []
     series: list[dict[str, Array]] = []
-    seen = [(name, k) for name, k, order in sensitivity.slopes if order == 0]
+    seen = [(name, k) for name, k, order in sensitivity.coarse if order == 0]
     if every:
         seen = [(name, k) for name in drive.recording.signals.value for k in range(CHANNELS[name].width)]
     for channel, component in dict.fromkeys(seen):
@@ -43,9 +43,13 @@ def zeros_of(drive: Drive, sensitivity: Sensitivity, every: bool = False) -> Zer
             names.append(CHANNELS[channel].columns[component])
             sigma.append(tolerance)
             series.append(sensitivity.zero(channel, component))
-    columns: dict[str, Array] = {}
-    n = drive.recording.t.size
-    for row in drive.rows:
-        stacked = np.stack([one.get(row, np.zeros(n)) for one in series]) if series else np.zeros((0, n))
-        columns[row] = drive.decimated({row: stacked})[row].T
+    columns = {row: np.zeros((len(drive.index[row]), len(series))) for row in drive.rows}
+    for row, table in columns.items():
+        # The filter leaves a constant as it is, and most of these are constant.
+        waving = [i for i, one in enumerate(series) if row in one and np.ptp(one[row]) > 0.0]
+        for i, one in enumerate(series):
+            if row in one and i not in waving:
+                table[:, i] = one[row][0]
+        if waving:
+            table[:, waving] = drive.decimated({row: np.stack([series[i][row] for i in waving])})[row].T
     return Zeros(tuple(names), np.asarray(sigma), columns)

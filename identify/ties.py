@@ -1,0 +1,41 @@
+"""Candidates that these runs cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy.stats
+
+from identify.candidate import Candidate
+from identify.trials import TrialSpace
+from identify.vectors import Array
+
+TIED = 0.05
+"""Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""
+ALIKE = 0.5
+"""… when the candidates are also at least this correlated: unlike effects that are both missing are no tie."""
+
+
+def with_ties(ranked: Sequence[Candidate], space: TrialSpace) -> list[Candidate]:
+    """Each candidate that could be missing, with those whose block losses do not differ from its own."""
+    open_ = [c for c in ranked if c.answer == "missing"]
+    out: list[Candidate] = []
+    for c in ranked:
+        ties = [
+            (other.key, correlation)
+            for other in (open_ if c.answer == "missing" else [])
+            if other.key != c.key
+            and same_losses(c.block_gain, other.block_gain)
+            and (correlation := space.correlation(c.key, other.key)) >= ALIKE
+        ]
+        out.append(replace(c, ties=tuple(ties)))
+    return out
+
+
+def same_losses(a: Array, b: Array) -> bool:
+    """Whether two candidates' falls, block by block, do not differ."""
+    difference = a - b
+    active = np.abs(difference) > 1e-6 * float(np.max(np.abs(a) + np.abs(b)))
+    return bool(np.count_nonzero(active) < 6 or scipy.stats.wilcoxon(difference[active]).pvalue > TIED)

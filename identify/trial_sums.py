@@ -1,0 +1,266 @@
+"""All columns a ranking needs, as sums of products: of the model, of every candidate, and of the measured rows.
+
+A candidate is judged from sums alone: what the model leaves of it, how far the residual falls, how far it falls in
+parts of the runs that were not fitted to. So one pass over the samples serves every candidate. Each run's zeros are
+eliminated where its sums are made; the model's columns are first made nearly orthonormal, so that sums are safe.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from identify.assembly import Piece
+from identify.drive import Drive
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.layout import Layout, fault_columns
+from identify.triangle import scaled_triangle
+from identify.vectors import Array
+
+FOLDS = 5
+BLOCK = 2.0
+"""Length of a block of the cross-validation [s]."""
+_NOISE_SECONDS = 180.0
+"""Of more data than this, pieces are left out when the noise in the columns is measured [s]."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """Samples of one row of one run, weighted.
+
+    `zeros` (n, z), priors taken in; `columns` (n, a) those that are not empty, at places `active` of the layout;
+    `number` (n,) of each sample's block of `BLOCK` seconds, counted over all runs; `draws` (D, n) the row's noise.
+    """
+
+    run: int
+    row: str
+    zeros: Array
+    columns: Array
+    active: NDArray[np.intp]
+    number: NDArray[np.intp]
+    draws: Array
+
+
+@dataclass(frozen=True)
+class TrialSums:
+    """Sums of products of the columns of `layout`, every run's zeros eliminated.
+
+    Attributes
+    ----------
+    turn : (p, p), the model's parameters from those of its orthonormal columns.
+    known : (p, p) normal matrix of what is known of the model's parameters beforehand, for the orthonormal columns.
+    blocks : the samples, run by run.
+    total : (w, w) of all samples; `train`, `test` (FOLDS, w, w) of those outside and inside a fold, `test` at the zeros
+        found outside.
+    null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
+    following : for each run (z, w): what its zeros take of each column.
+    noise_zeros : for each run (z, D): what its zeros take of its noise.
+    """
+
+    layout: Layout
+    turn: Array
+    known: Array
+    blocks: tuple[Block, ...]
+    total: Array
+    train: Array
+    test: Array
+    null: Mapping[str, Array]
+    null_sheet: Array
+    following: tuple[Array, ...]
+    noise_zeros: tuple[Array, ...]
+
+    @classmethod
+    def of(
+        cls, fitted: Fit, floor: NoiseFloor, layout: Layout, temper: float, drifts: Mapping[str, float],
+        rng: np.random.Generator,
+    ) -> TrialSums:  # fmt: skip
+        """Go once over the samples.
+
+        Parameters
+        ----------
+        fitted : the model, on its runs.
+        floor : weights and simulated noise.
+        temper : the zeros' priors are stiffened by this factor.
+        drifts : 1 σ of the sensor faults that are another in each run, by key.
+        rng : for simulated zeros and drifts.
+        """
+        turn = _orthonormal(fitted, floor.sigma)
+        known, w, draws = fitted.equations.known @ turn, layout.width, floor.count
+        total, train, test = np.zeros((w, w)), np.zeros((FOLDS, w, w)), np.zeros((FOLDS, w, w))
+        null = {row: np.zeros((w, draws)) for row in floor.sigma}
+        null_sheet = np.zeros((w, draws))
+        blocks: list[Block] = []
+        following: list[Array] = []
+        noise_zeros: list[Array] = []
+        first = 0
+        for run in range(len(fitted.drives)):
+            priors = fitted.zeros[run][1] / temper
+            z = len(priors)
+            mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
+            first = 1 + max((int(b.number.max()) for b in mine), default=first)
+            folds, noise = _products(mine, z, w, draws)
+            whole = folds.sum(axis=0)
+            gain, left = without_zeros(whole, z)
+            total += left
+            for fold, inside in enumerate(folds):
+                outside, rest = without_zeros(whole - inside, z)
+                train[fold] += rest
+                test[fold] += _at_zeros(inside, outside)
+            for row, products in noise.items():
+                null[row] += products[z:] - gain.T @ products[:z]
+            # Zeros are drawn from the sheet, whose σ the priors are `temper` times stiffer than.
+            drawn = temper * rng.standard_normal((z, draws))
+            null_sheet += whole[z:, :z] @ drawn - gain.T @ (whole[:z, :z] @ drawn)
+            for trial in layout.trials:
+                if trial.effect.key in drifts:
+                    size = drifts[trial.effect.key] * rng.standard_normal((1, draws))
+                    null_sheet += left[:, trial.place] @ size
+            blocks += mine
+            following.append(gain)
+            pushed = np.sum([products[:z] for products in noise.values()], axis=0)
+            noise_zeros.append(np.asarray(np.linalg.solve(whole[:z, :z] + np.eye(z), pushed), float))
+        return cls(
+            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, tuple(following),
+            tuple(noise_zeros),
+        )  # fmt: skip
+
+    def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
+        """(n, k) of each block: columns · coefficients (w, k), less what the run's zeros take of it."""
+        for block in self.blocks:
+            taken = self.following[block.run] @ coefficients
+            yield block, block.columns @ coefficients[block.active] - block.zeros @ taken
+
+    def noise_series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
+        """(n, D) of each block: its noise plus columns · coefficients (w, D), less what the run's zeros take of it."""
+        for block, moved in self.series(coefficients):
+            yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
+
+
+def noise_products(fitted: Fit, layout: Layout, sums: TrialSums, sigma: Mapping[str, float], temper: float,
+    pairs: int) -> Array:
+    """(w, w) what noise in the columns themselves adds to `TrialSums.total`.
+
+    A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law
+    that follows a rate sensor's noise looks like an effect. One draw of noise added and the same draw subtracted leave
+    the products of errors and the mean shift of bent laws, as `identify.noise_bias` has it for the fit.
+    """
+    w = layout.width
+    out = np.zeros((w, w))
+    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
+    every = max(1, int(seconds // _NOISE_SECONDS))
+    for run in range(len(fitted.drives)):
+        pieces = list(fitted.assembly.pieces_of(run))
+        taken = pieces[::every]
+        share = sum(_samples(q) for q in taken) / sum(_samples(q) for q in pieces)
+        priors = fitted.zeros[run][1] / temper
+        z = len(priors)
+        whole = np.zeros((z + w, z + w))
+        for piece in taken:
+            faults = fault_columns(piece, layout)
+            clean = dict(_columns(fitted, layout, sums.turn, piece, piece.drive, faults, sigma))
+            zeros = {row: block[:, :z] * (priors / sigma[row]) for row, block in piece.blocks.items()}
+            place = (run,) if piece.number is None else (run, piece.number)
+            for draw in range(pairs):
+                for sign in (1, -1):
+                    noisy = piece.drive.noisy(draw, sign, [2002, *place, draw])
+                    for row, (columns, active) in _columns(fitted, layout, sums.turn, piece, noisy, faults, sigma):
+                        before = clean[row][0]
+                        at = z + active
+                        whole[np.ix_(at, at)] += (columns.T @ columns - before.T @ before) / (2 * pairs * share)
+                        cross = zeros[row].T @ (columns - before) / (2 * pairs * share)
+                        whole[np.ix_(np.arange(z), at)] += cross
+                        whole[np.ix_(at, np.arange(z))] += cross.T
+                    noisy.forget_motion()
+            if piece.number is not None:
+                piece.drive.forget_noisy()
+        out += _at_zeros(whole, sums.following[run])
+    return out
+
+
+def _samples(piece: Piece) -> int:
+    return sum(len(right) for right in piece.right.values())
+
+
+def _blocks(
+    fitted: Fit, floor: NoiseFloor, layout: Layout, turn: Array, run: int, priors: Array, first: int
+) -> Iterator[Block]:
+    """One run's samples; `first` is the number of its first block."""
+    filters = fitted.drives[run].recording.filters
+    seen: dict[str, int] = {}
+    for piece in fitted.assembly.pieces_of(run):
+        for row, (columns, active) in _columns(
+            fitted, layout, turn, piece, piece.drive, fault_columns(piece, layout), floor.sigma
+        ):
+            start = seen.get(row, 0)
+            seen[row] = start + len(columns)
+            time = piece.instants[row] * (filters.step / filters.rate)
+            zeros = piece.blocks[row][:, : len(priors)] * (priors / floor.sigma[row])
+            noise = floor.draws[run][row][:, start : seen[row]] / floor.sigma[row]
+            yield Block(run, row, zeros, columns, active, first + (time // BLOCK).astype(np.intp), noise)
+
+
+def _columns(
+    fitted: Fit, layout: Layout, turn: Array, piece: Piece, drive: Drive, faults: Mapping[str, Mapping[str, Array]],
+    sigma: Mapping[str, float],
+) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
+    """For each row of a piece, weighted columns (n, a) and their places in the layout.
+
+    `drive` is the piece's own, or the same with more noise, which the columns of `faults` do not see.
+    """
+    p, keep = layout.model, fitted.base.independent
+    drive.prepare([*fitted.model.physics, *(t.effect for t in layout.trials if not t.fault)])
+    for row, block in piece.blocks.items():
+        model = block[:, block.shape[1] - p :]
+        if drive is not piece.drive:
+            model = model.copy()
+            model[:, : len(keep)] = drive.matrix(fitted.model.physics, row)[:, keep]
+        parts, places = [model @ turn], [np.arange(p)]
+        for trial in layout.trials:
+            found = faults.get(trial.effect.key, {}) if trial.fault else drive.columns(trial.effect)
+            if row in found:
+                parts.append(found[row].T)
+                places.append(np.arange(trial.place.start, trial.place.stop))
+        right = piece.right[row] if drive is piece.drive else drive.measured[row]
+        parts.append(right[:, None])
+        places.append(np.array([layout.right]))
+        yield row, (np.concatenate(parts, axis=1) / sigma[row], np.concatenate(places).astype(np.intp))
+
+
+def _products(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:
+    """(FOLDS, z + w, z + w) products of a run's columns, and row → (z + w, D) those with its noise."""
+    folds = np.zeros((FOLDS, z + w, z + w))
+    noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
+    for block in blocks:
+        both = np.concatenate([block.zeros, block.columns], axis=1)
+        place = np.concatenate([np.arange(z), z + block.active])
+        for fold in range(FOLDS):
+            part = both[block.number % FOLDS == fold]
+            folds[fold][np.ix_(place, place)] += part.T @ part
+        noise[block.row][place] += both.T @ block.draws.T
+    return folds, noise
+
+
+def _orthonormal(fitted: Fit, sigma: Mapping[str, float]) -> Array:
+    """(p, p) T: the model's columns, weighted and with zeros eliminated, are nearly orthonormal as W T."""
+    root = fitted.equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})
+    p = len(fitted.place)
+    R, lengths = scaled_triangle(root[:, :p])
+    return np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float) / lengths[:, None]
+
+
+def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:
+    """(z, w) how zeros of prior σ = 1 follow the other columns, and (w, w) what is left of those."""
+    gain = np.asarray(np.linalg.solve(normal[:z, :z] + np.eye(z), normal[:z, z:]), float)
+    return gain, normal[z:, z:] - normal[z:, :z] @ gain
+
+
+def _at_zeros(normal: Array, gain: Array) -> Array:
+    """(w, w) products of the columns less the zeros that follow them by `gain` (z, w)."""
+    z = len(gain)
+    across = gain.T @ normal[:z, z:]
+    return normal[z:, z:] - across - across.T + gain.T @ normal[:z, :z] @ gain
