@@ -42,8 +42,34 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "brake.torque.zero": 10.0,
     "brake.torque.gain": 0.01,
     "latency": 0.002,
+    # Zeros that wander while an instrument warms up, per minute.
+    "wheel.force.drift": 2.0,
+    "wheel.moment.drift": 0.5,
+    "imu.accel.drift": 0.001,
+    "imu.rate.drift": 2e-5,
+    "imu.attitude.drift": 5e-5,
+    "laser.ground.drift": 2e-5,
+    "laser.hub.drift": 2e-5,
+    "camera.steer.drift": 2e-5,
+    "camera.camber.drift": 2e-5,
+    "correvit.speed.drift": 0.001,
+    "shaft.torque.drift": 0.5,
+    "brake.torque.drift": 1.0,
+    # What one force of a dynamometer reads of another: data sheets say 1 % at most.
+    "wheel.force.crosstalk": 0.005,
+    # How well an instrument can be mounted and surveyed on a car.
+    "imu.misalignment": 0.005,
+    "correvit.misalignment": 0.01,
+    "wheel.misalignment": 0.003,
+    "laser.misalignment": 0.01,
+    "camera.misalignment": 0.002,
+    "imu.position": 0.01,
 }
-"""Sensor sheet used where a rig says nothing: zeros in SI, gains as fractions, latency [s]."""
+"""Sensor sheet used where a rig says nothing: zeros in SI, gains as fractions, latency [s], drifts in SI per minute,
+cross-talk as a fraction; by instrument, misalignment [rad] and position [m]."""
+
+BY_INSTRUMENT = ("misalignment", "position")
+"""Entries of the sheet that a whole instrument has: ``imu.misalignment``."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +98,8 @@ class Sensor:
     clock : ``arrival``, ``device`` to fit the sensor's own clock to the arrivals on read, or ``steady`` to fit the
         number of a sample that comes at a steady rate.
     noise : 1 σ at the nominal rate by channel family, SI.
-    tolerance : 1 σ of zeros (SI) and gains (fractions) by ``family.zero`` / ``family.gain``, and ``latency`` [s].
+    tolerance : 1 σ of what it may be off by: ``family.zero`` (SI), ``family.gain``, ``latency`` [s] and so on, with the
+        keys of `DEFAULT_TOLERANCE`.
     position : mount in body axes [m], by corner for corner sensors, under ``""`` otherwise.
     from_wheel_centre : mount relative to each design wheel centre, body axes [m], instead of `position`.
     orientation : roll, pitch, yaw of the sensor in body axes [rad].
@@ -157,9 +184,12 @@ class Rig:
         return sensor.noise.get(family, CHANNELS[channel].noise) if sensor else CHANNELS[channel].noise
 
     def tolerance(self, channel: str, what: str) -> float:
-        """1 σ of a channel's ``zero`` (SI), ``gain`` (fraction) or ``latency`` [s]."""
+        """1 σ of a channel's ``zero`` (SI), ``gain`` (fraction), ``latency`` [s], ``drift`` (SI per minute) or
+        ``crosstalk`` (fraction), or of its instrument's ``misalignment`` [rad] or ``position`` [m].
+        """
         sensor = self.sensor_of(channel)
-        key = "latency" if what == "latency" else f"{CHANNELS[channel].family}.{what}"
+        family = CHANNELS[channel].family
+        key = "latency" if what == "latency" else f"{_instrument(family) if what in BY_INSTRUMENT else family}.{what}"
         default = DEFAULT_TOLERANCE.get(key, 0.0)
         return sensor.tolerance.get(key, default) if sensor else default
 
@@ -230,7 +260,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         noise=_sheet(reader, row, "noise", place, families),
         tolerance=_sheet(
             reader, row, "tolerance", place,
-            {f"{family}.{what}" for family in families for what in ("zero", "gain")} | {"latency"},
+            _sheet_keys(families),
         ),
         position=_position(reader, row.get("position"), place, channels),
         from_wheel_centre=None
@@ -260,6 +290,20 @@ def _sheet(reader: Reader, row: dict[str, Any], key: str, place: str, allowed: s
     return {name: reader.number(table, name, f"{place}.{key}", 0.0, low=0.0) for name in table if name in allowed}
 
 
+def _instrument(family: str) -> str:
+    """``imu`` of ``imu.accel``."""
+    return family.partition(".")[0]
+
+
+def _sheet_keys(families: set[str]) -> set[str]:
+    """What a sensor sheet may say of channels of these families."""
+    by_family = {f"{family}.{what}" for family in families for what in ("zero", "gain", "drift")}
+    mounted = {f"{_instrument(f)}.misalignment" for f in families} & set(DEFAULT_TOLERANCE)
+    placed = {f"{_instrument(f)}.position" for f in families} & set(DEFAULT_TOLERANCE)
+    crosstalk = {f"{family}.crosstalk" for family in families if family == "wheel.force"}
+    return by_family | mounted | placed | crosstalk | {"latency"}
+
+
 def _position(reader: Reader, value: Any, place: str, channels: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     if value is None:
         return {}
@@ -284,4 +328,4 @@ def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
         reader.fault(f"sensor {name}", "the name stands twice; names are unique in a rig")
 
 
-assert {key.rsplit(".", 1)[0] for key in DEFAULT_TOLERANCE if key != "latency"} <= set(FAMILIES)
+assert set(DEFAULT_TOLERANCE) <= _sheet_keys(set(FAMILIES))

@@ -32,6 +32,7 @@ TO_SI: dict[str, tuple[str, float]] = {
     "N/m²": ("N/m²", 1.0),
     "N/m³": ("N/m³", 1.0),
     "N·s/m": ("N·s/m", 1.0),
+    "N·s/m²": ("N·s/m²", 1.0),
     "N·s²/m": ("N·s²/m", 1.0),
     "N·s²/m²": ("N·s²/m²", 1.0),
     "m/s": ("m/s", 1.0),
@@ -41,6 +42,9 @@ TO_SI: dict[str, tuple[str, float]] = {
     "deg/s": ("rad/s", _DEG),
     "Hz": ("Hz", 1.0),
     "m²": ("m²", 1.0),
+    "s²": ("s²", 1.0),
+    "rad/m": ("rad/m", 1.0),
+    "rad/(N·m)": ("rad/(N·m)", 1.0),
 }
 
 _SPELLINGS = str.maketrans({"*": "·", "^": ""})

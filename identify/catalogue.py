@@ -6,7 +6,7 @@ import importlib
 import importlib.util
 import inspect
 import pkgutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import ModuleType
 
@@ -38,9 +38,15 @@ def effect_classes(folders: Iterable[Path] = ()) -> dict[str, type[Effect]]:
     return out
 
 
-def catalogue(vehicle: Vehicle, reference: str, folders: Iterable[Path] = ()) -> dict[str, Effect]:
-    """Every effect that can act on this vehicle, by key (``family.where``), base model first."""
-    found = [one for cls in effect_classes(folders).values() for one in cls.variants(vehicle, reference)]
+def catalogue(
+    vehicle: Vehicle, reference: str, folders: Iterable[Path] = (), runs: Sequence[str] = ()
+) -> dict[str, Effect]:
+    """Every effect that can act on this vehicle, by key (``family.where``), base model first.
+
+    `runs` : names of the runs at hand, for what can change from one to the next (`Effect.for_runs`).
+    """
+    classes = effect_classes(folders).values()
+    found = [one for cls in classes for one in (*cls.variants(vehicle, reference), *cls.for_runs(runs))]
     found.sort(key=lambda effect: (not effect.base, effect.name != "body"))
     return {effect.key: effect for effect in found}
 

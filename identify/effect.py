@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from daq.vehicle import Vehicle
-from identify.motion import Motion
+from identify.motion import CornerMotion, Motion
 from identify.reconstruct import Recording
 from identify.vectors import Array
 
@@ -79,6 +79,10 @@ class Effect(ABC):
     """Rows it acts on: kinds (``suspension``, ``tyre``, ``spin``, ``chassis``) or single rows (``chassis.fx``)."""
     looks_like: ClassVar[tuple[str, ...]] = ()
     """Families it cannot be told from by construction, whatever the runs or nearly so; the docstring says why."""
+    measured_by: ClassVar[str] = ""
+    """Why it cannot be missing here, where the measurements already hold it (`AlreadyMeasured`)."""
+    instantaneous: ClassVar[bool] = True
+    """Whether its columns at an instant follow from the motion at that instant alone, without memory or derivatives."""
     base: ClassVar[bool] = False
     """Whether it belongs to the base model."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -100,6 +104,11 @@ class Effect(ABC):
     @abstractmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """The places this effect can act on a vehicle, for wheel loads in `reference`."""
+
+    @classmethod
+    def for_runs(cls, runs: Sequence[str]) -> Sequence[Self]:
+        """Variants that differ from run to run, one a run, by the runs' names; none for what belongs to the car."""
+        return ()
 
     @abstractmethod
     def columns(self, motion: Motion) -> dict[str, Array]:
@@ -146,6 +155,46 @@ class SuspensionForce(Effect):
         """The law at the corners acted on."""
         parts = {c: motion.corners[c] for c in self.corners()}
         return {f"suspension.{c}": self.law(part.travel, part.rate)[None] for c, part in parts.items()}
+
+
+class TyreForce(Effect):
+    """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter."""
+
+    rows = ("tyre",)
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """Both axles."""
+        return [cls(where) for where in AXLES]
+
+    @abstractmethod
+    def law(self, corner: CornerMotion) -> Array:
+        """(N,) force per unit of the parameter [N]."""
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """The law at the tyres acted on."""
+        return {f"tyre.{c}": self.law(motion.corners[c])[None] for c in self.corners()}
+
+
+class AlreadyMeasured(Effect):
+    """A physical effect that cannot be missing here, because the measurements or the base model already hold it.
+
+    It stands in the catalogue so that nobody looks for it; it has no variants. `measured_by` says where it is.
+    """
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """None."""
+        return ()
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """None."""
+        return ()
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """None."""
+        return {}
 
 
 class SensorFault(Effect):

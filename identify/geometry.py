@@ -51,7 +51,7 @@ def build_motion(recording: Recording) -> Motion:
     values, reference = signals.value, recording.reference
     n = grid.size
     body = _body_motion(signals, rig, n)
-    attitude = _attitude(values, rig)
+    attitude = body_attitude(values, rig)
     road = Road(signals, rig, vehicle, n)
     normal, normal_rate, flat = road.normal(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
@@ -170,8 +170,8 @@ def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
     return FrameMotion(omega, omega_dot, force - cross(omega_dot, r) - cross(omega, cross(omega, r)))
 
 
-def _attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:
-    """Roll, pitch, yaw of the body (3, N)."""
+def body_attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:
+    """Roll, pitch, yaw of the body (3, N) [rad], or None where they are not measured."""
     if "imu.attitude" not in values:
         return None
     sensor = rig.sensor_of("imu.attitude")

@@ -20,7 +20,7 @@ from daq.run import Run
 from daq.vehicle import Vehicle
 from identify.columns import Columns
 from identify.drive import Drive
-from identify.effects.sensor_faults import SensorLatency
+from identify.effects.sensor_latency import SensorLatency
 from identify.filters import Filters
 from identify.fit import Fit, fit
 from identify.model import Model

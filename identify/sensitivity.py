@@ -78,7 +78,7 @@ class Sensitivity:
         every = max(1, round(_COARSE * recording.filters.rate))
         comb = np.arange(0, recording.t.size, every)
         coarse = recording.at(comb)
-        active = [e for e in effects if not isinstance(e, SensorFault)]
+        active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
         before = residual(build_motion(coarse), active, theta)
         inputs = [
@@ -132,12 +132,21 @@ class Sensitivity:
         return self.response(draw_noise(self.recording, seen, rng))
 
 
+def _enters(effect: Effect) -> bool:
+    """Whether an effect's answer to the channels is taken along.
+
+    Faults have none of their own. What has a memory cannot be had on a comb; its part of the slopes is left out: it is
+    an addition to a spring, a damper or an inertia that is in them.
+    """
+    return effect.instantaneous and not isinstance(effect, SensorFault)
+
+
 def _active_values(effects: Sequence[Effect], values: Array) -> Array:
     keep: list[float] = []
     start = 0
     for effect in effects:
         stop = start + len(effect.parameters)
-        if not isinstance(effect, SensorFault):
+        if _enters(effect):
             keep.extend(values[start:stop])
         start = stop
     return np.asarray(keep)

@@ -11,10 +11,15 @@ from identify.vectors import Array
 
 
 class AntiRollBar(Effect):
-    """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite."""
+    """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite.
+
+    Hub lasers of other scales left and right look like other springs, and in roll like a bar; the tyre rows, in which
+    they take part in the deflection, tell them apart.
+    """
 
     name = "anti_roll_bar"
     rows = ("suspension",)
+    looks_like = ("sensor_gain",)
     about = "anti-roll bar: couples left and right travel of an axle"
     signature = "left and right suspension rows follow the difference of travel, with opposite signs"
     shown_by = "steering or one-sided bumps together with heave: roll against heave"

@@ -16,7 +16,7 @@ from daq.errors import UsageError
 from daq.units import TO_SI
 from identify.catalogue import base_model, catalogue, effect_classes, find_effect
 from identify.chain import FrameMotion
-from identify.effect import Effect, SensorFault
+from identify.effect import AlreadyMeasured, Effect, SensorFault
 from identify.geometry import build_motion
 from identify.motion import CornerMotion, Motion
 from identify.rows import ROWS, row_unit
@@ -24,9 +24,13 @@ from identify.rows import ROWS, row_unit
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
 
+RUNS = ("exact", "another")
+"""The run of `cars.recording`, and one more."""
 EFFECTS = {
-    reference: catalogue(VEHICLE_T, reference) for reference in ("contact", "hub")
+    reference: catalogue(VEHICLE_T, reference, runs=RUNS) for reference in ("contact", "hub")
 }  # every effect in the folder, found by walking
+FAMILIES = effect_classes()
+FAULTS = {key: e for key, e in EFFECTS["hub"].items() if isinstance(e, SensorFault)}
 
 
 @pytest.mark.parametrize("reference", ["contact", "hub"])
@@ -47,6 +51,8 @@ def test_every_effect_keeps_the_contract(reference: str) -> None:
             assert parameter.expect in ("positive", "negative", "any"), parameter
             assert {"positive": parameter.high > 0, "negative": parameter.low < 0, "any": True}[parameter.expect]
             assert 0 < parameter.prior < np.inf
+            assert np.isfinite(parameter.low)
+            assert np.isfinite(parameter.high)
         names += [parameter.name for parameter in effect.parameters]
         for one in effect.shapes():
             values = rng.normal(size=len(one.parameters))
@@ -56,10 +62,45 @@ def test_every_effect_keeps_the_contract(reference: str) -> None:
                 assert row in ROWS, (key, row)
                 assert table.shape == (len(one.parameters), motion.t.size), (key, row, table.shape)
                 assert np.all(np.isfinite(table)), (key, row)
+                assert _declared(row, one.rows), f"{key} acts on {row} and does not say so"
                 expected = values @ table
                 atol = 1e-9 * (1.0 + np.max(np.abs(expected)))
                 np.testing.assert_allclose(force[row], expected, atol=atol, err_msg=f"{key} {row}")
     assert len(names) == len(set(names)), "two effects share a parameter name"
+
+
+def _declared(row: str, rows: tuple[str, ...]) -> bool:
+    return row in rows or row.partition(".")[0] in rows
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_family_says_what_it_is(name: str) -> None:
+    """Texts, rows that are acted on, families it looks like, and a reason where it cannot be missing."""
+    family = FAMILIES[name]
+    for text in (family.about, family.signature, family.shown_by, family.source):
+        assert len(text.strip()) > 3, name
+    assert family.__doc__
+    assert set(family.looks_like) <= set(FAMILIES) - {name}
+    for other in family.looks_like:
+        if not FAMILIES[other].base:
+            assert name in FAMILIES[other].looks_like, f"{name} looks like {other}, which does not look like it"
+    found = [e for effects in EFFECTS.values() for e in effects.values() if e.name == name]
+    if issubclass(family, AlreadyMeasured):
+        assert len(family.measured_by) > 20
+        assert not found
+        return
+    assert found
+    assert not family.measured_by
+    if issubclass(family, SensorFault):
+        assert not family.rows, "a fault acts on the rows its channels enter"
+        return
+    motions = [
+        build_motion(cars.recording(cars.random_signals(5), VEHICLE_T, cars.in_reference(RIG, reference)))
+        for reference in EFFECTS
+    ]
+    acted = {row for e in found for m in motions for row, table in e.shapes()[0].columns(m).items() if np.any(table)}
+    for row in family.rows:
+        assert any(_declared(one, (row,)) for one in acted), f"{name} says it acts on {row} and does not"
 
 
 # ---- units, by scaling mass, length and time
@@ -128,10 +169,10 @@ def test_units_of_parameters_are_those_of_the_law(reference: str) -> None:
     other = scaled(motion)
     choices = [(0, 0, 0), (0, 1, 0), (0, 1, -1), (0, 0, 1), (0, 0, -1), (0, -1, 0), (1, 1, -2)]
     for effect in EFFECTS[reference].values():
-        for parameter in effect.parameters:
-            assert parameter.unit in TO_SI, f"{parameter.name}: a vehicle file cannot give a value in {parameter.unit}"
         if isinstance(effect, SensorFault):
             continue
+        for parameter in effect.parameters:
+            assert parameter.unit in TO_SI, f"{parameter.name}: a vehicle file cannot give a value in {parameter.unit}"
         one = effect.shapes()[0]
         columns = one.columns(motion)
         found = [
@@ -154,6 +195,54 @@ def _homogeneous(effect: Effect, before: Mapping[str, np.ndarray], after: Mappin
     )
 
 
+# ---- left and right
+
+_POLAR = {"centre", "dp_ds", "force", "normal", "centre_accel", "accel", "velocity"}
+"""Vectors that a mirror at the middle plane turns in y; of others (moments, rates) it turns x and z."""
+_AXIAL = {"dphi_ds", "wheel_dphi_ds", "moment", "spin_axis", "omega", "omega_dot", "attitude"}
+_ANGLES = {"steer", "camber"}
+_OTHER = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
+_ODD_ROWS = {"chassis.fy", "chassis.mx", "chassis.mz"}
+
+
+def mirrored(part: Any) -> Any:
+    """A motion, corner or frame as a mirror at the middle plane shows it (wheels' own frames left as they are)."""
+    changes: dict[str, Any] = {}
+    for field in fields(part):
+        value, name = getattr(part, field.name), field.name
+        if name == "corners":
+            changes[name] = {_OTHER[c]: mirrored(corner) for c, corner in value.items()}
+        elif name in ("body", "axle"):
+            changes[name] = mirrored(value)
+        elif isinstance(value, np.ndarray) and value.ndim == 2:
+            flip = [[1.0], [-1.0], [1.0]] if name in _POLAR else [[-1.0], [1.0], [-1.0]]
+            assert name in _POLAR | _AXIAL, name
+            changes[name] = value * flip
+        elif name in _ANGLES:
+            changes[name] = -value
+    return replace(part, **changes)
+
+
+@pytest.mark.parametrize("reference", ["contact", "hub"])
+def test_left_and_right_are_alike(reference: str) -> None:
+    """The mirrored car has the mirrored forces: columns with their rows' signs, an axle's and the whole car's too."""
+    motion = build_motion(cars.recording(cars.random_signals(6), VEHICLE_T, cars.in_reference(RIG, reference)))
+    other = mirrored(motion)
+    for effect in EFFECTS[reference].values():
+        if effect.name in ("body", "payload"):  # those have parameters that a mirror turns round
+            continue
+        twin = replace(effect, where=_OTHER.get(effect.where, effect.where))
+        before, after = effect.shapes()[-1].columns(motion), twin.shapes()[-1].columns(other)
+        swapped = {row: ".".join(_OTHER.get(word, word) for word in row.split(".")) for row in before}
+        assert set(swapped.values()) == set(after), effect.key
+        for row, there in swapped.items():
+            sign = -1.0 if row in _ODD_ROWS else 1.0
+            size = float(np.max(np.abs(before[row]))) + 1e-12
+            np.testing.assert_allclose(
+                after[there], sign * before[row], atol=1e-9 * size, err_msg=f"{effect.key} {row}"
+            )
+
+
 # ---- the catalogue itself
 
 
@@ -167,7 +256,9 @@ def test_the_base_model_is_the_papers_table_2() -> None:
 def test_every_class_in_the_folder_is_in_the_catalogue() -> None:
     """Nothing is lost between the folder and the list of effects, and base effects come first."""
     families = {effect.name for effects in EFFECTS.values() for effect in effects.values()}
-    assert families == set(effect_classes())
+    measured = {name for name, family in FAMILIES.items() if issubclass(family, AlreadyMeasured)}
+    assert families | measured == set(FAMILIES)
+    assert len(measured) >= 5
     order = [effect.base for effect in EFFECTS["hub"].values()]
     assert order == sorted(order, reverse=True)
 

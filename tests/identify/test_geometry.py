@@ -311,7 +311,7 @@ def test_channels_that_do_not_overlap_name_the_culprits() -> None:
 
 def test_correction_of_a_latency_undoes_it() -> None:
     """`SensorLatency.correct` reads the channel later: exact to interpolation, for latencies of many samples."""
-    from identify.effects.sensor_faults import SensorLatency
+    from identify.effects.sensor_latency import SensorLatency
 
     fault = SensorLatency("laser")
     assert isinstance(fault, SensorFault)

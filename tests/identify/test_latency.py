@@ -12,7 +12,7 @@ from daq.errors import UsageError
 from daq.run import Run
 from identify.catalogue import catalogue
 from identify.drive import Drive
-from identify.effects.sensor_faults import SensorLatency
+from identify.effects.sensor_latency import SensorLatency
 from identify.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
 from identify.model import Model
 

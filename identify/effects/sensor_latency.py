@@ -1,14 +1,15 @@
-"""Faults of the instruments that can pass for physics."""
+"""Instruments that are later than the rig file says."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from daq.channels import CHANNELS, CORNERS
+from daq.channels import CHANNELS
 from daq.rig import Sensor
 from daq.vehicle import Vehicle
 from identify.effect import Parameter, SensorFault
@@ -25,15 +26,12 @@ _GROUPS: dict[str, tuple[str, ...]] = {
 }
 
 
-def _channels(families: tuple[str, ...], corners: tuple[str, ...] = CORNERS) -> tuple[str, ...]:
-    return tuple(
-        name for name, channel in CHANNELS.items() if channel.family in families and channel.corner in (*corners, None)
-    )
-
-
 @dataclass(frozen=True)
 class SensorLatency(SensorFault):
     """Samples of one instrument stamped later than the rig file says: y(t) = x(t − τ).
+
+    A late laser makes a spring look like a spring and a damper, −k τ ṡ, which the dampers absorb, and a tyre's spring
+    like a tyre with a damper.
 
     `members` : the channels that are late together, where they are not a kind of instrument but a row of a rig.
     """
@@ -44,10 +42,11 @@ class SensorLatency(SensorFault):
     about = "an instrument later than the rig file says"
     signature = "every row it enters follows the rate of what it measures"
     shown_by = "anything fast: rough road, fast steering"
-    source = "method, section 7"
+    source = "Isermann and Münchhof (2011), Identification of Dynamic Systems, chapter 23; docs/latency.md"
+    looks_like = ("tyre_damping", "damper")
 
     @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
         """Each kind of instrument."""
         return [cls(group) for group in _GROUPS]
 
@@ -63,7 +62,8 @@ class SensorLatency(SensorFault):
 
     def channels(self) -> tuple[str, ...]:
         """All channels of the instrument."""
-        return self.members or _channels(_GROUPS[self.where])
+        families = _GROUPS[self.where]
+        return self.members or tuple(name for name, channel in CHANNELS.items() if channel.family in families)
 
     def perturb(self, channel: str, recording: Recording) -> Array:
         """−dx/dt."""
@@ -79,42 +79,3 @@ class SensorLatency(SensorFault):
     def tolerance(self) -> str:
         """The sheet's latency."""
         return "latency"
-
-
-class SensorGain(SensorFault):
-    """One instrument's scale off: y = (1 + g) x."""
-
-    name = "sensor_gain"
-    about = "an instrument's scale off by a fraction"
-    signature = "every row it enters is too large or too small in proportion"
-    shown_by = "large signals"
-    source = "method, section 7"
-
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
-        """Each wheel's force, each hub laser."""
-        families = (("wheel.force", "force"), ("laser.hub", "hub"))
-        return [cls(f"{what}.{corner}") for _, what in families for corner in vehicle.corners]
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Relative gain error g."""
-        return (self.named("g", "-", -0.2, 0.2),)
-
-    def channels(self) -> tuple[str, ...]:
-        """The one channel."""
-        what, corner = self.where.split(".")
-        return (f"wheel.{corner}.force" if what == "force" else f"laser.{corner}.hub",)
-
-    def perturb(self, channel: str, recording: Recording) -> Array:
-        """x."""
-        return recording.signals.value[channel]
-
-    def correct(self, channel: str, recording: Recording, p: float) -> Array:
-        """y / (1 + g)."""
-        return recording.signals.value[channel] / (1.0 + p)
-
-    @property
-    def tolerance(self) -> str:
-        """The sheet's gain."""
-        return "gain"

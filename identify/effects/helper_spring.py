@@ -1,0 +1,35 @@
+"""Helper springs."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from identify.effect import Parameter, SuspensionForce
+from identify.vectors import Array
+
+
+class HelperSpring(SuspensionForce):
+    """A helper spring that goes solid beyond a gap: F = k min(s, gap).
+
+    With a linear spring in the model it is a bump stop at the same gap, of the opposite sign: min(s, gap) = s −
+    max(0, s − gap). A helper spring makes the suspension softer beyond the gap than before it: k > 0.
+    """
+
+    name = "helper_spring"
+    about = "helper spring that goes solid beyond a gap"
+    signature = "suspension row is steeper below a travel than above it"
+    shown_by = "strong roll, crests, large bumps"
+    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4; Milliken and Milliken (1995), chapter 16"
+    looks_like = ("bump_stop",)
+    grids: ClassVar = {"gap": (-0.02, -0.01, 0.0, 0.01, 0.02)}
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Rate k."""
+        return (self.named("k", "N/m", -2e5, 2e5, "positive"),)
+
+    def law(self, travel: Array, rate: Array) -> Array:
+        """min(s, gap)."""
+        return np.minimum(travel, self.shape.get("gap", 0.01))

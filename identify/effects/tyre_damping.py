@@ -1,0 +1,31 @@
+"""Vertical damping of the tyres."""
+
+from __future__ import annotations
+
+from identify.effect import Parameter, TyreForce
+from identify.motion import CornerMotion
+from identify.vectors import Array
+
+
+class TyreDamping(TyreForce):
+    """Vertical damping of the tyre: c δ̇.
+
+    Lasers that are late by τ measure δ − τ δ̇, and a tyre of stiffness kt then seems to have a damper c = kt τ: the same
+    column.
+    """
+
+    name = "tyre_damping"
+    looks_like = ("sensor_latency",)
+    about = "vertical damping of the tyres"
+    signature = "tyre row follows the rate of deflection; a late ground laser looks the same"
+    shown_by = "rough road"
+    source = "Pacejka (2012), Tire and Vehicle Dynamics, section 4.3; Reimpell et al. (2001), section 2.2.5"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Damping c."""
+        return (self.named("c", "N·s/m", -2e3, 2e3, "positive"),)
+
+    def law(self, corner: CornerMotion) -> Array:
+        """δ̇."""
+        return corner.deflection_rate

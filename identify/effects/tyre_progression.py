@@ -1,0 +1,26 @@
+"""Tyres that grow stiffer under load."""
+
+from __future__ import annotations
+
+from identify.effect import Parameter, TyreForce
+from identify.motion import CornerMotion
+from identify.vectors import Array
+
+
+class TyreProgression(TyreForce):
+    """Stiffness that grows with deflection: k2 δ²."""
+
+    name = "tyre_progression"
+    about = "progressive vertical tyre stiffness"
+    signature = "tyre row bends upwards with deflection"
+    shown_by = "spiral, strong roll, rough road"
+    source = "Pacejka (2012), Tire and Vehicle Dynamics, section 4.3; Reimpell et al. (2001), section 2.2.5"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Quadratic stiffness k2."""
+        return (self.named("k2", "N/m²", -3e6, 3e6, "positive"),)
+
+    def law(self, corner: CornerMotion) -> Array:
+        """δ²."""
+        return corner.deflection**2
