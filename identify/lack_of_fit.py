@@ -77,7 +77,7 @@ def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
 
     Several gains set free together would scale the measurement away with whatever is in it.
     """
-    left, right = space.physics.left.copy(), space.layout.right
+    left, right = space.partialled.left.copy(), space.layout.right
     open_, chosen = list(keys), list[str]()
     for _ in range(MOST_TOGETHER):
         drops = {key: _drop(left, space.tried[key].trial.place, right, space) for key in open_}
@@ -105,13 +105,13 @@ def louder_rows(space: TrialSpace) -> dict[str, float]:
     Everything that any testable candidate could explain is taken out first: what is left is noise, or a cause nobody
     has listed; both make a fall of the same size less remarkable.
     """
-    kept = [one for one in space.tried.values() if np.all(one.space.remaining(one.trial.place) > 1e-6)]
+    kept = [one for one in space.tried.values() if np.all(space.partialled.remaining(one.trial.place) > 1e-6)]
     return {row: max(1.0, ratio) for row, ratio in left_by(space, kept).ratios.items()}
 
 
 def _with(space: TrialSpace, added: Sequence[Tried]) -> tuple[NDArray[np.intp], Array]:
     """Places of model, sheet and candidates, and the normal matrix of what is known of them beforehand."""
-    base, prior = space.physics.taken, space.physics.prior
+    base, prior = space.partialled.taken, space.partialled.prior
     there = set(base.tolist())
     fresh = [(i, q.prior) for one in added for i, q in _columns(one) if i not in there]
     taken = np.concatenate([base, np.array([i for i, _ in fresh], np.intp)]).astype(np.intp)

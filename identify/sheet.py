@@ -2,33 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from daq.channels import CHANNELS
+from daq.rig import Rig
 from identify.drive import Drive
 from identify.filters import derivative
-from identify.sensitivity import Perturbation, Sensitivity
+from identify.sensitivity import Sensitivity
 from identify.vectors import Array
 
 SheetEntry = tuple[str, str, int]
 """``gain`` or ``latency``, channel, component; a sensor's latency goes by its first channel."""
 
 
+def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[str, ...]]:
+    """Every gain and latency of the sheet that these channels have, and the channels each is in."""
+    out: dict[SheetEntry, tuple[str, ...]] = {}
+    first: dict[str, str] = {}
+    for channel in channels:
+        if rig.tolerance(channel, "latency") > 0.0:
+            sensor = rig.sensor_of(channel)
+            entry = ("latency", first.setdefault(sensor.name if sensor else channel, channel), 0)
+            out[entry] = (*out.get(entry, ()), channel)
+        if rig.tolerance(channel, "gain") > 0.0:
+            out |= {("gain", channel, k): (channel,) for k in range(CHANNELS[channel].width)}
+    return out
+
+
 def sheet_responses(drive: Drive, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
     """Change of Y − W θ for one tolerance of each entry, after the parallel filter: entry → row → (n,)."""
     recording = drive.recording
     values, rig = recording.signals.value, recording.rig
-    late: dict[str, tuple[str, dict[str, Array]]] = {}
-    changes: dict[SheetEntry, Perturbation] = {}
-    for channel in dict.fromkeys(name for name, _, _ in sensitivity.slopes):
-        gain, latency = rig.tolerance(channel, "gain"), rig.tolerance(channel, "latency")
-        sensor = rig.sensor_of(channel)
-        if latency > 0.0:
-            first, parts = late.setdefault(sensor.name if sensor else channel, (channel, {}))
-            parts[channel] = -latency * derivative(values[channel], recording.filters.rate)
-            changes["latency", first, 0] = parts
-        for k in range(CHANNELS[channel].width if gain > 0.0 else 0):
+    seen = dict.fromkeys(name for name, _, _ in sensitivity.coarse)
+    out: dict[SheetEntry, dict[str, Array]] = {}
+    for (what, channel, k), members in sheet_entries(rig, seen).items():
+        if what == "latency":
+            late = {c: -rig.tolerance(c, "latency") * derivative(values[c], recording.filters.rate) for c in members}
+            out[what, channel, k] = drive.decimated(sensitivity.response(late))
+        else:
             change = np.zeros_like(values[channel])
-            change[k] = gain * values[channel][k]
-            changes["gain", channel, k] = {channel: change}
-    return {name: drive.decimated(sensitivity.response(change)) for name, change in changes.items()}
+            change[k] = rig.tolerance(channel, "gain") * values[channel][k]
+            out[what, channel, k] = drive.decimated(sensitivity.response({channel: change}))
+    return out

@@ -18,7 +18,7 @@ from identify.assembly import Piece
 from identify.drive import Drive
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.layout import Layout, fault_columns
+from identify.layout import Layout, sensor_columns
 from identify.triangle import scaled_triangle
 from identify.vectors import Array
 
@@ -161,14 +161,14 @@ def noise_products(fitted: Fit, layout: Layout, sums: TrialSums, sigma: Mapping[
         z = len(priors)
         whole = np.zeros((z + w, z + w))
         for piece in taken:
-            faults = fault_columns(piece, layout)
-            clean = dict(_columns(fitted, layout, sums.turn, piece, piece.drive, faults, sigma))
+            sensors = sensor_columns(fitted, piece, layout)
+            clean = dict(_columns(fitted, layout, sums.turn, piece, piece.drive, sensors, sigma))
             zeros = {row: block[:, :z] * (priors / sigma[row]) for row, block in piece.blocks.items()}
             place = (run,) if piece.number is None else (run, piece.number)
             for draw in range(pairs):
                 for sign in (1, -1):
                     noisy = piece.drive.noisy(draw, sign, [2002, *place, draw])
-                    for row, (columns, active) in _columns(fitted, layout, sums.turn, piece, noisy, faults, sigma):
+                    for row, (columns, active) in _columns(fitted, layout, sums.turn, piece, noisy, sensors, sigma):
                         before = clean[row][0]
                         at = z + active
                         whole[np.ix_(at, at)] += (columns.T @ columns - before.T @ before) / (2 * pairs * share)
@@ -194,7 +194,7 @@ def _blocks(
     seen: dict[str, int] = {}
     for piece in fitted.assembly.pieces_of(run):
         for row, (columns, active) in _columns(
-            fitted, layout, turn, piece, piece.drive, fault_columns(piece, layout), floor.sigma
+            fitted, layout, turn, piece, piece.drive, sensor_columns(fitted, piece, layout), floor.sigma
         ):
             start = seen.get(row, 0)
             seen[row] = start + len(columns)
@@ -205,12 +205,13 @@ def _blocks(
 
 
 def _columns(
-    fitted: Fit, layout: Layout, turn: Array, piece: Piece, drive: Drive, faults: Mapping[str, Mapping[str, Array]],
+    fitted: Fit, layout: Layout, turn: Array, piece: Piece, drive: Drive,
+    sensors: Mapping[str, Sequence[tuple[slice, Array]]],
     sigma: Mapping[str, float],
 ) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
     """For each row of a piece, weighted columns (n, a) and their places in the layout.
 
-    `drive` is the piece's own, or the same with more noise, which the columns of `faults` do not see.
+    `drive` is the piece's own, or the same with more noise, which the columns of `sensors` do not see.
     """
     p, keep = layout.model, fitted.base.independent
     drive.prepare([*fitted.model.physics, *(t.effect for t in layout.trials if not t.fault)])
@@ -220,13 +221,13 @@ def _columns(
             model = model.copy()
             model[:, : len(keep)] = drive.matrix(fitted.model.physics, row)[:, keep]
         parts, places = [model @ turn], [np.arange(p)]
-        for trial in layout.trials:
-            found = faults.get(trial.effect.key, {}) if trial.fault else drive.columns(trial.effect)
-            if row in found:
-                parts.append(found[row].T)
-                places.append(np.arange(trial.place.start, trial.place.stop))
+        physics = [(t.place, drive.columns(t.effect)) for t in layout.trials if not t.fault]
+        own = [*sensors[row], *((place, found[row]) for place, found in physics if row in found)]
+        parts += [columns.T for _, columns in own]
+        places += [np.arange(place.start, place.stop) for place, _ in own]
         right = piece.right[row] if drive is piece.drive else drive.measured[row]
-        parts.append(right[:, None])
+        # The right side is what the fit leaves: priors then hold on to the fit, and do not pull at its scale.
+        parts.append((right - model @ fitted.solution)[:, None])
         places.append(np.array([layout.right]))
         yield row, (np.concatenate(parts, axis=1) / sigma[row], np.concatenate(places).astype(np.intp))
 

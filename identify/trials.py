@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+import scipy.linalg
 
 from identify.candidate import Candidate
 from identify.effect import Effect, SensorFault
@@ -15,6 +15,7 @@ from identify.floor import NoiseFloor
 from identify.layout import Layout, Trial
 from identify.partialling import Partialled
 from identify.rows import row_unit
+from identify.sheet import SheetEntry, sheet_entries
 from identify.trial_sums import BLOCK, TrialSums, noise_products
 from identify.vectors import Array
 
@@ -26,7 +27,7 @@ NOISE_PAIRS = 2
 """Pairs of draws behind the noise in the candidates' own columns."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
-_GONE = 1e-9
+_GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
 
 
@@ -35,7 +36,6 @@ class Tried:
     """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run."""
 
     trial: Trial
-    space: Partialled
     drop: float
     null: Array
     values: Array
@@ -45,12 +45,6 @@ class Tried:
     def key(self) -> str:
         """The effect's key."""
         return self.trial.effect.key
-
-    def combination(self) -> Array:
-        """(w, 1) coefficients of what it explains, the model partialled out."""
-        out = np.zeros((self.space.sums.layout.width, 1))
-        out[self.trial.place, 0] = self.values
-        return self.space.coefficients(out)
 
 
 class TrialSpace:
@@ -67,8 +61,9 @@ class TrialSpace:
     ----------
     cannot : key → why a candidate cannot be computed on these runs.
     ratios : row → residual ÷ floor of the present model.
-    physics : everything less model, zeros and the sensor sheet's faults; `plain` : less model and zeros alone, what
-        sensor faults are tried in.
+    sheet : place → name of the columns that stand for the sensor sheet's tolerances.
+    partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as one
+        that is free of its tolerance.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
@@ -82,46 +77,32 @@ class TrialSpace:
         # effect up. The priors are stiffened by the misfit, which leaves them as they are when nothing is missing.
         temper = max(1.0, float(np.sqrt(np.mean(np.square(list(self.ratios.values()))))))
         rng = np.random.default_rng([seed, 6])
-        rig = fitted.drives[0].recording.rig
-        bounds = {
-            fault.key: max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
-            for fault in self.effects
-            if isinstance(fault, SensorFault)
-        }
-        drifting = {f.key for f in self.effects if isinstance(f, SensorFault) and f.tolerance == "drift"}
-        drifts = {key: bounds[key] for key in drifting if bounds[key] > 0.0}
-        self.sheet = {key: bound for key, bound in bounds.items() if bound > 0.0 and key not in drifting}
-        self.layout = Layout.of(len(fitted.place), self.effects)
+        bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
+        kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
+        drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
+        self.layout = Layout.of(len(fitted.place), _sheet(fitted), self.effects)
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
         noise = noise_products(fitted, self.layout, self.sums, floor.sigma, temper, NOISE_PAIRS)
-        model, sheet = np.arange(self.layout.model), self._sheet_places()
-        self.plain = Partialled(self.sums, noise, model, self.sums.known)
-        prior = np.zeros((len(model) + len(sheet),) * 2)
-        prior[: len(model), : len(model)] = self.sums.known
-        if len(sheet):
-            stiff = [(temper / self.sheet[t.effect.key]) ** 2 for t in self._sheet_trials()]
-            prior[len(model) :, len(model) :] = np.diag(stiff)
-        self.physics = Partialled(self.sums, noise, np.concatenate([model, sheet]).astype(np.intp), prior)
-        self._sheet_null = self.sums.null_sheet
-        for trial in self._sheet_trials():
-            size = self.sheet[trial.effect.key] * rng.standard_normal((1, floor.count))
-            self._sheet_null = self._sheet_null + self.sums.total[:, trial.place] @ size
+        model = np.arange(self.layout.model)
+        # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
+        self.sheet = {self.layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(self.layout.sheet)}
+        sigma = dict.fromkeys(self.sheet, 1.0)
+        for trial in self.layout.trials:
+            key = trial.effect.key
+            if trial.fault and bounds[key] > 0.0 and kinds[key] not in ("gain", "latency", "drift"):
+                self.sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
+        there = [place for place in self.sheet if self.sums.total[place, place] > 0.0]
+        stiff = (temper / np.array([sigma[place] for place in there])) ** 2
+        prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
+        self.partialled = Partialled(self.sums, noise, np.concatenate([model, there]).astype(np.intp), prior)
+        drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
+        self._sheet_null = self.sums.null_sheet + self.sums.total[:, there] @ drawn
         self.null = self.null_at({})
         self.tried: dict[str, Tried] = {}
 
     def null_at(self, louder: Mapping[str, float]) -> Array:
         """(w, D) products with simulated runs whose noise is `louder` than the sheet's by a factor, row by row."""
         return self._sheet_null + np.sum([louder.get(row, 1.0) * n for row, n in self.sums.null.items()], axis=0)
-
-    def _sheet_trials(self) -> list[Trial]:
-        return [
-            trial
-            for trial in self.layout.trials
-            if trial.effect.key in self.sheet and np.any(np.diag(self.sums.total)[trial.place])
-        ]
-
-    def _sheet_places(self) -> NDArray[np.intp]:
-        return np.array([trial.place.start for trial in self._sheet_trials()], np.intp)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
@@ -130,8 +111,7 @@ class TrialSpace:
         out = [Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.cannot.items()]
         for effect in self.effects:
             shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
-            space = self.plain if shapes[0].fault else self.physics
-            seen = [self._try(trial, space) for trial in shapes if np.all(space.remaining(trial.place) > _GONE)]
+            seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > _GONE)]
             if seen:
                 best = max(seen, key=lambda one: one.drop)
                 self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
@@ -141,9 +121,9 @@ class TrialSpace:
         out += [self._measured(one, coverage) for one, coverage in zip(self.tried.values(), energy, strict=True)]
         return self._with_blocks(out)
 
-    def _try(self, trial: Trial, space: Partialled) -> Tried:
-        drop, null = space.scores(trial.place, self.null)
-        return Tried(trial, space, drop, null, *space.values(trial.place))
+    def _try(self, trial: Trial) -> Tried:
+        drop, null = self.partialled.scores(trial.place, self.null)
+        return Tried(trial, drop, null, *self.partialled.values(trial.place))
 
     def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
@@ -160,7 +140,7 @@ class TrialSpace:
             scales = [q.largest for q in one.trial.effect.parameters]
             places = np.zeros((self.layout.width, len(scales)))
             places[one.trial.place] = np.diag(scales)
-            parts.append(one.space.coefficients(places))
+            parts.append(self.partialled.coefficients(places))
             owner += [i] * len(scales)
         columns = np.concatenate(parts, axis=1)
         energy = np.zeros((self._block_count, columns.shape[1]))
@@ -179,7 +159,7 @@ class TrialSpace:
     def _measured(self, one: Tried, coverage: float) -> Candidate:
         effect, place = one.trial.effect, one.trial.place
         largest = np.array([q.largest for q in effect.parameters])
-        size = float(np.sqrt(np.max(np.diag(one.space.left)[place] * largest**2)))
+        size = float(np.sqrt(np.max(np.diag(self.partialled.left)[place] * largest**2)))
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             strength=float(np.sqrt(max(0.0, one.drop))), values=tuple(float(x) for x in one.values),
@@ -195,28 +175,29 @@ class TrialSpace:
                 f"even at its largest plausible size it would stand out by only {size:.1f} times its noise "
                 f"(at least {LEAST_SIZE:g} needed){f', most of it taken up by {by}' if by else ''}"
             )
-        elif (part := one.space.noisy_part(place)) > MOSTLY_NOISE:
+        elif (part := self.partialled.noisy_part(place)) > MOSTLY_NOISE:
             reason = f"{100 * part:.0f} % of what it would follow is noise of the sensors"
         else:
-            return replace(found, total_gain=one.space.fall(place))
+            return replace(found, total_gain=self.partialled.fall(place))
         return replace(found, answer="not testable", why=f"Cannot be tested: {reason}. {_shown(effect)}")
 
     def _absorbed(self, one: Tried) -> tuple[tuple[str, float], ...]:
         """What takes a candidate's columns up: shares of their energy, by effect of the model and by sensor fault."""
         place, total = one.trial.place, self.sums.total
-        k = place.start + int(np.argmax(np.diag(one.space.left)[place]))
+        k = place.start + int(np.argmax(np.diag(self.partialled.left)[place]))
         whole = float(total[k, k])
         # Shares of a regression, as products of coefficient and covariance, in the model's own parameters.
         p = self.layout.model
-        gain = one.space.gain[:, k]
+        gain = self.partialled.gain[:, k]
         turned = np.linalg.solve(self.sums.turn, np.eye(p))
         parts = (self.sums.turn @ gain[:p]) * (turned.T @ total[:p, k])
         shares: dict[str, float] = {}
         names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]
         for name, part in zip(names, parts, strict=True):
             shares[name] = shares.get(name, 0.0) + float(part) / whole
-        for trial, part in zip(self._sheet_trials(), gain[p:] * total[one.space.taken[p:], k], strict=False):
-            shares[trial.effect.key] = shares.get(trial.effect.key, 0.0) + float(part) / whole
+        for other, part in zip(self.partialled.taken[p:].tolist(), gain[p:] * total[self.partialled.taken[p:], k], strict=True):
+            name = self.sheet[other]
+            shares[name] = shares.get(name, 0.0) + float(part) / whole
         ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
         return tuple(ranked)
 
@@ -229,19 +210,21 @@ class TrialSpace:
         tested = [c.key for c in found if c.tested]
         if not tested:
             return list(found)
-        columns = np.concatenate([self.tried[key].combination() for key in tested], axis=1)
-        right = np.zeros((self.layout.width, 1))
-        right[self.layout.right] = 1.0
-        both = np.concatenate([columns, self.physics.coefficients(right), self.plain.coefficients(right)], axis=1)
+        both = np.zeros((self.layout.width, len(tested) + 1))
+        both[self.layout.right, -1] = 1.0
+        for i, key in enumerate(tested):
+            both[self.tried[key].trial.place, i] = self.tried[key].values
+        both = self.partialled.coefficients(both)
         falls = np.zeros((self._block_count, len(tested)))
         squares, counts = dict.fromkeys(self.floor.sigma, 0.0), dict.fromkeys(self.floor.sigma, 0)
-        fault = np.array([self.tried[key].trial.fault for key in tested])
         for block, series in self.sums.series(both):
-            effect, left = series[:, : len(tested)], np.where(fault, series[:, -1:], series[:, -2:-1])
+            effect, left = series[:, :-1], series[:, -1:]
             np.add.at(falls, block.number, 2.0 * effect * left - effect**2)
-            squares[block.row] += float(np.sum(series[:, -2] ** 2))
+            squares[block.row] += float(np.sum(series[:, -1] ** 2))
             counts[block.row] += len(series)
         place = {key: i for i, key in enumerate(tested)}
+        right_place = self.layout.right
+        left_out = sum(float(test[right_place, right_place]) for _, test in self.partialled.folds)
         out: list[Candidate] = []
         for c in found:
             if c.tested:
@@ -249,6 +232,8 @@ class TrialSpace:
                 alike = [row for row in c.rows if row_unit(row) == row_unit(c.rows[0])]
                 scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
                 rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
+                # In cross-validation the model alone leaves more than on all data.
+                here += max(0.0, left_out - sum(squares.values()))
                 gain = c.total_gain / here if here else 0.0
                 c = replace(c, gain=gain, gain_rms=rms, block_gain=falls[:, place[c.key]])
             out.append(c)
@@ -259,8 +244,8 @@ class TrialSpace:
     def family_wise(self, found: Sequence[Candidate], louder: Mapping[str, float]) -> list[Candidate]:
         """Compare each fall with the largest over all candidates in every simulated run.
 
-        Falls are measured in units of their own mean under the null, so that a sensor fault whose tolerance moves much
-        does not drown the physics. `louder`: by how much the rows' noise exceeds the sheet's.
+        Falls are measured in units of their own mean under the null: beside a misfit, where the sheet's priors are
+        stiffened, a fault whose tolerance moves much would else drown the physics. `louder`: by how much the rows' noise exceeds the sheet's.
         """
         tested = [c for c in found if c.tested]
         if not tested:
@@ -270,8 +255,8 @@ class TrialSpace:
         drawn: dict[str, list[Array]] = {key: [] for key in keys}
         for trial in self.layout.trials:
             key = trial.effect.key
-            if key in keys and np.all(self.tried[key].space.remaining(trial.place) > _GONE):
-                drawn[key].append(self.tried[key].space.scores(trial.place, null)[1])
+            if key in keys and np.all(self.partialled.remaining(trial.place) > _GONE):
+                drawn[key].append(self.partialled.scores(trial.place, null)[1])
         falls = {key: np.max(parts, axis=0) for key, parts in drawn.items()}
         means = {key: float(np.mean(fall)) for key, fall in falls.items()}
         worst = np.max([fall / means[key] for key, fall in falls.items()], axis=0)
@@ -285,10 +270,27 @@ class TrialSpace:
     def correlation(self, a: str, b: str) -> float:
         """Largest canonical correlation of two candidates after everything else is partialled out."""
         first, second = self.tried[a].trial.place, self.tried[b].trial.place
-        both = self.plain if self.tried[a].trial.fault or self.tried[b].trial.fault else self.physics
-        A, B = (np.linalg.cholesky(both.left[one, one]) for one in (first, second))
-        across = np.linalg.solve(A, both.left[first, second])
+        A, B = (np.linalg.cholesky(self.partialled.left[one, one]) for one in (first, second))
+        across = np.linalg.solve(A, self.partialled.left[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
+
+
+def _sheet(fitted: Fit) -> list[SheetEntry]:
+    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
+    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
+    found: dict[SheetEntry, None] = {}
+    for run, drive in enumerate(fitted.drives):
+        for piece in fitted.assembly.pieces_of(run):
+            assert piece.sensitivity is not None
+            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+            break
+    return [entry for entry in found if entry[:2] not in ours]
+
+
+def _tolerance(fitted: Fit, fault: SensorFault) -> float:
+    rig = fitted.drives[0].recording.rig
+    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
 
 
 def _cannot(fitted: Fit, effect: Effect) -> str:
