@@ -62,13 +62,14 @@ class EngineMount:
     """A mass of the chassis on a vertical spring and damper, at rest where it was."""
 
     states = 0
-    joints = ("engine_mount",)
+    joints: tuple[str, ...] = ("engine_mount",)
+    taken: Inertia | None
 
     def __init__(self, effect: Hidden, car: Car):
         _positive(effect, "frequency")
         shape, mass = effect.shape, effect.size
         self.name, self.at = effect.name, (shape["x"], shape["y"], shape["z"])
-        self.taken: Inertia | None = Inertia.of(mass, np.asarray(self.at), np.eye(3) * 0.02 * mass)
+        self.taken = Inertia.of(mass, np.asarray(self.at), np.eye(3) * 0.02 * mass)
         pace = 2.0 * math.pi * shape["frequency"]
         self._stiffness, self._damping = mass * pace * pace, 2.0 * shape["damping"] * mass * pace
         self._weight = mass * car.gravity
@@ -91,8 +92,8 @@ class LiquidLoad:
     """A spherical pendulum: a point mass on two hinges, as a liquid's first mode in a tank swings."""
 
     states = 0
-    joints = ("liquid_x", "liquid_y")
-    taken = None
+    joints: tuple[str, ...] = ("liquid_x", "liquid_y")
+    taken: Inertia | None = None
 
     def __init__(self, effect: Hidden, car: Car):
         _positive(effect, "length")
@@ -124,8 +125,8 @@ class Trailer:
     """
 
     states = 2
-    joints = ("hitch_z", "hitch_y", "hitch_x")
-    taken = None
+    joints: tuple[str, ...] = ("hitch_z", "hitch_y", "hitch_x")
+    taken: Inertia | None = None
 
     def __init__(self, effect: Hidden, car: Car, road: Road):
         _positive(effect, "length", "track", "relaxation", "frequency")

@@ -159,9 +159,9 @@ class Engine:
     ) -> Instant:
         """Write all forces at state (q, v) into the engine's generalised forces and return them.
 
-        `q`, `v` : MuJoCo's coordinates and velocities; `slips` : κ of the four wheels, then α, then the states of hidden
-        effects; `steer` : demanded kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m]; `step` :
-        integration step [s].
+        `q`, `v` : MuJoCo's coordinates and velocities; `slips` : κ of the four wheels, then α, then the states of
+        hidden effects; `steer` : demanded kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m];
+        `step` : integration step [s].
         """
         now, out = self.now, [0.0] * self.model.nv
         w, x, y, z = q[3:7]

@@ -60,7 +60,12 @@ class Hidden:
     @property
     def of_sensor(self) -> bool:
         """Whether it acts on what the sensors report instead of on the car."""
-        return self.effect.startswith("sensor_") or self.effect == "laser_tilt"
+        return self.is_of_sensor(self.effect)
+
+    @staticmethod
+    def is_of_sensor(kind: str) -> bool:
+        """Whether a kind of effect is a sensor's fault."""
+        return kind.startswith("sensor_") or kind == "laser_tilt"
 
     @classmethod
     def parse(cls, text: str) -> Hidden:

@@ -130,7 +130,7 @@ class SimulatedMotion:
         return rotation(self.twist[:, :1] * np.array([1.0, 0.0, 0.0]))
 
     def on_rear(self, points: Array) -> Array:
-        """(N, 3) in body axes of a point on the rear part: fixed to it (3,), or moving (N, 3), in the rear part's axes."""
+        """(N, 3) in body axes of a point given in the rear part's axes: fixed (3,), or moving (N, 3)."""
         hinge = np.array([0.0, 0.0, self.twist_height])
         return hinge + rotate(self.rear_attitude, np.broadcast_to(points - hinge, (len(self.t), 3)))
 

@@ -126,7 +126,7 @@ def _imu(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> d
 
 def _lasers(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     out: dict[str, Array] = {}
-    tilt = pose_matrix(*(total_of(faults, f"laser_tilt.{axis}") for axis in ("roll", "pitch")), 0.0)
+    tilt = pose_matrix(total_of(faults, "laser_tilt.roll"), total_of(faults, "laser_tilt.pitch"), 0.0)
     for i, corner in enumerate(CORNERS):
         if corner in sensor.position:
             mount = np.asarray(sensor.position[corner], float)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.channels import CORNERS
 from daq.errors import UsageError
 from simulate.cars import Car, Inertia
 from simulate.hidden import Hidden
@@ -65,5 +64,3 @@ def split(car: Car, chassis: Inertia, effect: Hidden) -> Twist:
     empty = replace(car, payload=None).chassis
     weight = share * empty.mass * car.gravity * empty.com[1]
     return Twist(front, rear, z, size, damping, float(weight - carried))
-
-
