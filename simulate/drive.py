@@ -21,6 +21,7 @@ from simulate.cars import Car
 from simulate.engine import Engine
 from simulate.hidden import Hidden
 from simulate.manoeuvres import Manoeuvre
+from simulate.mjcf import level
 from simulate.motion import SimulatedMotion, matrices, rotate_back
 
 STEP = 0.0005
@@ -209,5 +210,6 @@ def _motion(
         twist_height=engine.twist.z if engine.twist is not None else 0.0,
         attached={part.name: columns(dofs) for part, dofs in zip(engine.attached, engine.attached_dof, strict=True)},
         outside=np.stack([rotate_back(attitude, record.outside[:, :3]), record.outside[:, 3:]], axis=1),
+        level=level(engine.hidden),
         memory=record.states,
     )

@@ -56,6 +56,12 @@ KINDS: dict[str, Kind] = {
     ),
     "aero_lift": Kind("size·vx² upwards on the body at the axle's middle", "N·s²/m²"),
     "payload": Kind("point mass fixed to the body at x, y, z", "kg", (), {"x": -2.2, "y": 0.0, "z": 0.3}),
+    # the road
+    "slope": Kind(
+        "road rises by size: ahead (grade) or to the left (bank); the inertial unit measures it: no model lacks it",
+        "rad",
+        ("grade", "bank"),
+    ),
     # suspension with a memory: a state of its own at each corner
     "damper_hysteresis": Kind(
         "friction size·z that turns round over a stroke: dz/dt = (ṡ - |ṡ|·z)/length (Dahl)",
@@ -144,3 +150,17 @@ def known_names() -> list[str]:
         places = [p for p in kind.places if p not in (*CORNERS, *CHANNELS, *COLUMNS)] or list(kind.places[:1])
         out += [f"{name}.{place}" for place in places] if kind.places else [name]
     return out
+
+
+def listed() -> str:
+    """Every kind with its places, unit, law and constants, as a user reads it."""
+    lines = []
+    for name, kind in KINDS.items():
+        places = [p for p in kind.places if p in FAMILIES or p not in (*CHANNELS, *COLUMNS, *CORNERS, *SHORT)]
+        also = (("corner", CORNERS), ("channel", CHANNELS), ("column", COLUMNS))
+        places += [f"any {word}" for word, group in also if set(group) <= set(kind.places)]
+        lines.append(f"{name}  [{kind.unit}]" + (f"  at {', '.join(places)}" if places else ""))
+        lines.append(f"    {kind.about}")
+        if kind.shape:
+            lines.append("    constants: " + ", ".join(f"{key}={value:g}" for key, value in kind.shape.items()))
+    return "\n".join(lines)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from daq.channels import CORNERS
 from daq.errors import UsageError
-from simulate.cars import Car, Inertia
-from simulate.hidden import Hidden, total_at
+from simulate.cars import Car, Inertia, rot_x
+from simulate.hidden import Hidden, total_at, total_of
 from simulate.twist import Twist, split
 
 if TYPE_CHECKING:
@@ -83,6 +83,13 @@ def _carrier(
     )
 
 
+def level(hidden: Sequence[Hidden]) -> NDArray[np.float64]:
+    """(3, 3) rotation from axes of the road to level ones: the identity but for a hidden slope."""
+    grade, bank = total_of(hidden, "slope.grade"), total_of(hidden, "slope.bank")
+    c, s = math.cos(grade), math.sin(grade)
+    return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ rot_x(bank) if grade or bank else np.eye(3)
+
+
 def steered_corners(car: Car, hidden: Sequence[Hidden]) -> list[bool]:
     """Which carriers turn about a kingpin axis."""
     return [car.axle(c).steered or total_at(hidden, "steer_compliance", c) != 0.0 for c in CORNERS]
@@ -122,7 +129,7 @@ def build_mjcf(
     root = inertial(chassis if twist is None else twist.front, np.zeros(3))
     text = (
         '<mujoco model="car"><compiler angle="radian" autolimits="false"/>'
-        f'<option gravity="0 0 {-car.gravity!r}">'
+        f'<option gravity="{numbers(level(hidden).T @ [0.0, 0.0, -car.gravity])}">'
         '<flag contact="disable" constraint="disable" sensor="disable"/></option>'
         f'<worldbody><body name="chassis"><freejoint/>{root}'
         f"{front}</body></worldbody></mujoco>"

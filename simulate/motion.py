@@ -76,6 +76,7 @@ class SimulatedMotion:
         a hidden chassis torsion. `twist_height` : z of its axis [m].
     attached : coordinates of hidden bodies and their derivatives, (N, 3, k) by effect.
     outside : (N, 2, 3) force and moment about the body origin of the road on hidden bodies, body axes.
+    level : (3, 3) rotation from ground axes (z normal to the undisturbed road) to level ones (z up).
     memory : (N, m) states of hidden effects, corner by corner, then those of bodies.
     """
 
@@ -112,12 +113,18 @@ class SimulatedMotion:
     twist_height: float
     attached: dict[str, Array]
     outside: Array
+    level: Array
     memory: Array
 
     @property
     def gravity(self) -> Array:
         """(N, 3) gravity, body axes [m/s²]."""
-        return rotate_back(self.attitude, np.array([0.0, 0.0, -self.car.gravity]))
+        return rotate_back(self.attitude, self.level.T @ np.array([0.0, 0.0, -self.car.gravity]))
+
+    @property
+    def level_attitude(self) -> Array:
+        """(N, 3, 3) R_level_body, as an inertial unit measures attitude: `attitude` but on a sloping road."""
+        return self.level @ self.attitude
 
     @cached_property
     def twisted(self) -> bool:

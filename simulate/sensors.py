@@ -120,7 +120,7 @@ def _imu(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> d
     return {
         "imu.accel": rotate_back(R, acceleration - motion.gravity),
         "imu.rate": rotate_back(R, motion.turn),
-        "imu.attitude": euler_zyx(motion.attitude @ R),
+        "imu.attitude": euler_zyx(motion.level_attitude @ R),
     }
 
 
@@ -163,8 +163,8 @@ def _correvit(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden])
     velocity = motion.at(_mount(sensor)[None, :])[0][:, 0]
     wrong = _turned(faults, "correvit")
     if sensor.axes == "heading":
-        yaw = euler_zyx(motion.attitude)[:, 2]
-        ground = rotate(motion.attitude, velocity)
+        yaw = euler_zyx(motion.level_attitude)[:, 2]
+        ground = rotate(motion.level_attitude, velocity)
         c, s = np.cos(yaw), np.sin(yaw)
         along, across = c * ground[:, 0] + s * ground[:, 1], -s * ground[:, 0] + c * ground[:, 1]
         velocity = np.stack([along, across, ground[:, 2]], axis=1)
