@@ -6,6 +6,7 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from rich.console import Console
@@ -49,7 +50,7 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
   lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
 
 Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
-Hidden effects: {", ".join(KINDS)};
+{fill(f"Hidden effects: {', '.join(KINDS)}.", 118)}
 `lacet simulate --hide` alone lists them with law, unit and constants. Those of an axle end in .front or .rear, laws of
 a suspension also in one corner (coulomb.fl), those of a sensor in its name (sensor_latency.imu).
 The vehicle file to identify with is written beside the runs."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from simulated_drives import drive, make_rig
 
 from daq.channels import CHANNELS, CORNERS
 from daq.errors import UsageError
+from services.cli import main
 from simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
 from simulate.motion import SimulatedMotion, euler_zyx, rotate_back
 from simulate.sensors import pose_matrix
@@ -216,7 +220,7 @@ def test_a_slope_is_in_gravity_and_in_what_the_inertial_unit_measures() -> None:
     g, plain = motion.gravity, drive("straight")
     assert np.linalg.norm(g, axis=1) == pytest.approx(CAR.gravity)
     on_road = np.einsum("nij,nj->ni", motion.attitude, g)
-    across, ahead = -np.sin(-0.03), -np.sin(0.05) * np.cos(-0.03)
+    ahead, across = -np.sin(0.05), np.cos(0.05) * np.sin(0.03)
     assert on_road[:, :2] == pytest.approx(np.tile([ahead, across], (len(g), 1)) * CAR.gravity, abs=1e-9)
     for residual in (suspension_residual, tyre_residual, chassis_residual):
         assert np.max(np.abs(residual(motion))) < 1e-8
@@ -260,3 +264,26 @@ def test_a_late_sensor_delivers_older_values(name: str, size: float) -> None:
 def test_unknown_names_are_refused_with_the_nearest_match(text: str, told: str) -> None:
     with pytest.raises(UsageError, match=told):
         Hidden.parse(text)
+
+
+def test_documentation_lists_every_effect_with_its_unit_and_constants() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "simulated-car.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line for line in text.splitlines() if line.startswith("| `")}
+    assert set(rows) == set(KINDS)
+    for name, kind in KINDS.items():
+        cells = [cell.strip() for cell in rows[name].replace("\\|", "!").strip("|").split("|")]
+        assert cells[2] == kind.unit.replace("-", "–")
+        given = dict(zip(re.findall(r"`(\w+)`", cells[4]), re.findall(r"` ([−\d.]+)", cells[4]), strict=True))
+        assert set(given) == set(kind.shape)
+        for key, value in given.items():
+            assert float(value.replace("−", "-")) == kind.shape[key]
+
+
+def test_hide_alone_lists_every_effect(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", "--hide"])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    for name, kind in KINDS.items():
+        assert f"{name}  [{kind.unit}]" in printed
+        assert kind.about in printed
