@@ -331,14 +331,15 @@ MECHANICAL = [name for name in KINDS if not Hidden.is_of_sensor(name) and name !
 SMALL = {
     "engine_mount": 1e-3, "liquid_load": 1e-3, "trailer": 1e-2, "payload": 1e-3, "steer_compliance": 1e-12,
     "toe_change": 1e-6, "camber_change": 1e-6, "anti_dive": 1e-7, "jacking": 1e-7, "rolling_resistance": 1e-7,
-    "camber_thrust": 1e-7, "aero_drag": 1e-5, "aero_lift": 1e-5, "aero_side": 1e-5, "tyre_damping": 1e-4,
+    "camber_thrust": 1e-7, "aero_drag": 1e-5, "aero_lift": 1e-5, "aero_side": 1e-5, "slope": 1e-6, "tyre_damping": 1e-4,
     "spring_quadratic": 1.0, "spring_cubic": 100.0, "tyre_progression": 1.0,
 }  # fmt: skip
 SHAPES = {"bump_stop": {"gap": 0.001}, "rebound_stop": {"gap": 0.001}}
 
 
 def small_run(name: str, size: float) -> np.ndarray:
-    place = f"{name}.front" if "front" in KINDS[name].places else name
+    places = KINDS[name].places
+    place = f"{name}.{places[0]}" if places else name
     manoeuvre = make_manoeuvre("sinus", duration=0.15, grade="B")
     return run(CAR, manoeuvre, [Hidden(place, size, shape=SHAPES.get(name, {}))], seed=1, settle=0.15).force
 
