@@ -376,3 +376,33 @@ def test_what_makes_no_car_is_refused_with_the_remedy(text: str, told: str) -> N
 def test_a_car_has_one_trailer() -> None:
     with pytest.raises(UsageError, match="2 times"):
         Engine(CAR, FLAT, [Hidden("trailer", 500.0), Hidden("trailer", 300.0)])
+
+
+def test_tyres_are_given_the_engines_own_motion_of_their_wheels(monkeypatch: pytest.MonkeyPatch) -> None:
+    hidden = [Hidden("toe_change.front", 0.3), Hidden("camber_change.rear", -0.4), Hidden("chassis_torsion", 5e5)]
+    engine = Engine(CAR, FLAT, hidden)
+    given: list[tuple] = []
+    for tyre in engine._tyres:
+        contact = tyre.contact
+        monkeypatch.setattr(tyre, "contact", lambda *of, contact=contact: (given.append(of), contact(*of))[1])
+    rng = np.random.default_rng(4)
+    data, lib = engine.data, engine.lib
+    data.qpos[3:7] = [0.995, 0.05, -0.04, 0.07]
+    data.qpos[3:7] /= np.linalg.norm(data.qpos[3:7])
+    data.qpos[7:] = 0.05 * rng.standard_normal(engine.model.nq - 7)
+    data.qvel[:] = rng.standard_normal(engine.model.nv)
+    for slide, turn, ratio in zip(engine.slide_dof, engine.turn_dof, engine._ratios, strict=True):
+        if turn >= 0:
+            data.qpos[turn + 1], data.qvel[turn] = ratio * data.qpos[slide + 1], ratio * data.qvel[slide]
+    engine.load(data.qpos.tolist(), data.qvel.tolist(), [0.0] * engine.states, 0.0, [0.0] * 4, [0.0] * 4, 5e-4)
+    engine.accelerate()
+    R, moving = data.xmat[1].reshape(3, 3), np.empty(6)
+    for i, corner in enumerate(CORNERS):
+        body = lib.mj_name2id(engine.model, lib.mjtObj.mjOBJ_BODY, f"carrier_{corner}")
+        lib.mj_objectVelocity(engine.model, data, lib.mjtObj.mjOBJ_XBODY, body, moving, 0)
+        spin_axis, _, _, velocity, turn = given[i][:5]
+        assert velocity == pytest.approx(R.T @ moving[3:], abs=1e-12)
+        assert turn == pytest.approx(R.T @ moving[:3], abs=1e-12)
+        assert spin_axis == pytest.approx(R.T @ data.xmat[body].reshape(3, 3)[:, 1], abs=1e-12)
+        world_z = data.xpos[body][2]
+        assert engine.now.distance[i] == pytest.approx(world_z / R[2, 2], rel=1e-12)
