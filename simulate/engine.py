@@ -71,6 +71,7 @@ class Engine:
         text, self.twist = build_mjcf(car, self.slides, hidden, self.attached)
         self.model = lib.MjModel.from_xml_string(text)
         self.data = lib.MjData(self.model)
+        self._nv: int = self.model.nv
         self.data.qpos[2] = car.origin_height
 
         def address(name: str) -> int:
@@ -163,7 +164,7 @@ class Engine:
         hidden effects; `steer` : demanded kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m];
         `step` : integration step [s].
         """
-        now, out = self.now, [0.0] * self.model.nv
+        now, out = self.now, [0.0] * self._nv
         w, x, y, z = q[3:7]
         r00, r01, r02 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
         r10, r11, r12 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
@@ -173,22 +174,25 @@ class Engine:
         p, qq, r, v_forward, v_left = v[3], v[4], v[5], bx, by
         if self._moving:
             self._move(q)
+        slide_dofs, turn_dofs, steer_dofs, spin_dofs = self.slide_dof, self.turn_dof, self.steer_dof, self.spin_dof
+        stretches, slides, memory, bars, laws = self.stretch, self._u, self._memory, self._bars, self._laws
+        flat, distances = self.road.flat, now.distance
         travel, rate, centre = [0.0] * 4, [0.0] * 4, [(0.0, 0.0, 0.0)] * 4
         slope_x = slope_y = 0.0
         for i in range(4):
-            dof, stretch = self.slide_dof[i], self.stretch[i]
+            dof, stretch = slide_dofs[i], stretches[i]
             s = q[dof + 1] / stretch
             travel[i], rate[i] = s, v[dof] / stretch
-            (cx, cy, cz), (ux, uy, uz) = self._centres[i], self._u[i]
+            (cx, cy, cz), (ux, uy, uz) = self._centres[i], slides[i]
             rx, ry, rz = centre[i] = (cx + ux * s, cy + uy * s, cz + uz * s)
             world_z = q[2] + r20 * rx + r21 * ry + r22 * rz
-            if self.road.flat:
+            if flat:
                 d = world_z / r22
             else:
-                d, world_x = now.distance[i], q[0] + r00 * rx + r01 * ry + r02 * rz
+                d, world_x = distances[i], q[0] + r00 * rx + r01 * ry + r02 * rz
                 for _ in range(2):
                     d = (world_z - self._height(world_x - d * r02, i)) / r22
-            now.distance[i] = d
+            distances[i] = d
             slope_x += self._slope_x[i] * (rz - d)
             slope_y += self._slope_y[i] * (rz - d)
         size = math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
@@ -201,11 +205,11 @@ class Engine:
                 front_fy, front_mx = fy, mx
                 roll, by = p + v[torsion], by + v[torsion] * self.twist.z
             rx, ry, rz = centre[i]
-            ux, uy, uz = self._u[i]
+            ux, uy, uz = slides[i]
             s, sd = travel[i], rate[i]
             fixed, cosine, sine, k = self._axes[i]
-            dof, tx, ty, tz = self.steer_dof[i], roll, qq, r
-            turn_dof = self.turn_dof[i]
+            dof, tx, ty, tz = steer_dofs[i], roll, qq, r
+            turn_dof = turn_dofs[i]
             if turn_dof >= 0:
                 ox, oy, oz = self._turn[i]
                 tx, ty, tz = tx + ox * sd, ty + oy * sd, tz + oz * sd
@@ -231,9 +235,9 @@ class Engine:
                 by + r * rx - roll * rz + uy * sd,
                 bz + roll * ry - qq * rx + uz * sd,
             )
-            spin_dof = self.spin_dof[i]
+            spin_dof = spin_dofs[i]
             got = self._tyres[i].contact(
-                n, e, now.distance[i] * e[2], speed, (tx, ty, tz), v[spin_dof], slips[i], slips[i + 4], step
+                n, e, distances[i] * e[2], speed, (tx, ty, tz), v[spin_dof], slips[i], slips[i + 4], step
             )
             now.force[i], now.moment[i], now.deflection[i] = got.force, got.moment, got.deflection
             now.slip_rates[i], now.slip_rates[i + 4] = got.kappa_rate, got.alpha_rate
@@ -241,22 +245,23 @@ class Engine:
             hx, hy, hz = got.moment
             stiffness, damping, offset = self._springs[i]
             load = stiffness * s + damping * sd + offset
-            for law in self._laws[i]:
+            for law in laws[i]:
                 load += law(s, sd)
-            if self._bars[i]:
-                load += self._bars[i] * (s - travel[i ^ 1])
-            for at, law in self._memory[i]:
+            if bars[i]:
+                load += bars[i] * (s - travel[i ^ 1])
+            for at, law in memory[i]:
                 extra, now.slip_rates[at] = law(s, sd, slips[at])
                 load += extra
             now.suspension[i] = load
-            out[self.slide_dof[i]] = (gx * ux + gy * uy + gz * uz - load) / self.stretch[i]
+            out[slide_dofs[i]] = (gx * ux + gy * uy + gz * uz - load) / stretches[i]
             out[spin_dof] = hx * n[0] + hy * n[1] + hz * n[2] + shaft[i] - brake[i] * math.tanh(v[spin_dof])
             if turn_dof >= 0:
-                t, length = shaft[i], self._ratios[i] * self.stretch[i]
+                t, length = shaft[i], self._ratios[i] * stretches[i]
                 ox, oy, oz = self._turn[i]
                 out[turn_dof] = ((hx + t * n[0]) * ox + (hy + t * n[1]) * oy + (hz + t * n[2]) * oz) / length
             if dof >= 0:
-                now.spin_axis[i] = n
+                if self._steer_give[i]:
+                    now.spin_axis[i] = n
                 # the half-shaft turns the wheel and reacts on the chassis: it works on the steering, not on the car
                 t = shaft[i]
                 out[dof] += (hx + t * n[0]) * k[0] + (hy + t * n[1]) * k[1] + (hz + t * n[2]) * k[2]
