@@ -12,7 +12,8 @@ the wheel centre; a tyre with F·e = kt·δ along the road normal. `simulate.tyr
 
 from simulate.cars import CARS, Car, find_car
 from simulate.drive import SimulationFailed, run
-from simulate.hidden import KINDS, Hidden
+from simulate.hidden import Hidden
+from simulate.kinds import KINDS
 from simulate.manoeuvres import MANOEUVRES, Manoeuvre, make_manoeuvre
 from simulate.measuring import IDEAL, START_NS, Sheet, Timing, exchange_run, measure
 from simulate.motion import SimulatedMotion

@@ -21,7 +21,8 @@ from simulate.cars import Car
 from simulate.engine import Engine
 from simulate.hidden import Hidden
 from simulate.manoeuvres import Manoeuvre
-from simulate.motion import SimulatedMotion, matrices
+from simulate.mjcf import level
+from simulate.motion import SimulatedMotion, matrices, rotate_back
 
 STEP = 0.0005
 """Integration step [s]."""
@@ -44,14 +45,18 @@ class SimulationFailed(LacetError):
 class _Recorder:
     """Arrays that fill up, one row a recorded instant."""
 
-    def __init__(self, n: int, nq: int, nv: int):
+    def __init__(self, n: int, nq: int, nv: int, states: int = 8):
+        self.states, self.outside = np.zeros((n, states - 8)), np.zeros((n, 6))
         self.q, self.v, self.a = np.empty((n, nq)), np.empty((n, nv)), np.empty((n, nv))
         self.force, self.moment = np.empty((n, 4, 3)), np.empty((n, 4, 3))
         self.normal, self.air = np.empty((n, 3)), np.empty((n, 2, 3))
         self.distance, self.deflection, self.suspension = np.empty((n, 4)), np.empty((n, 4)), np.empty((n, 4))
         self.shaft, self.brake = np.empty((n, 4)), np.empty((n, 4))
 
-    def write(self, row: int, engine: Engine, a: NDArray[np.float64], shaft: Sequence[float], brake: Sequence[float]):
+    def write(
+        self, row: int, engine: Engine, a: NDArray[np.float64], shaft: Sequence[float], brake: Sequence[float],
+        states: NDArray[np.float64] | None = None,
+    ):  # fmt: skip
         """Record the engine's present instant."""
         now = engine.now
         self.q[row], self.v[row], self.a[row] = engine.data.qpos, engine.data.qvel, a
@@ -59,6 +64,9 @@ class _Recorder:
         self.normal[row], self.air[row, 0], self.air[row, 1] = now.normal, now.air_force, now.air_moment
         self.distance[row], self.deflection[row] = now.distance, now.deflection
         self.suspension[row], self.shaft[row], self.brake[row] = now.suspension, shaft, brake
+        self.outside[row] = now.outside
+        if states is not None:
+            self.states[row] = states
 
 
 def run(
@@ -86,7 +94,7 @@ def run(
     engine = Engine(car, road, [effect for effect in hidden if not effect.of_sensor])
     before = round(settle / (step * every)) * every
     samples = round(manoeuvre.duration / (step * every)) + 1
-    record = _Recorder(samples, engine.model.nq, engine.model.nv)
+    record = _Recorder(samples, engine.model.nq, engine.model.nv, engine.states)
     _integrate(engine, manoeuvre, record, before, samples, every, step, progress or (lambda fraction: None))
     return _motion(engine, manoeuvre, record, tuple(hidden), seed, 1.0 / (step * every))
 
@@ -105,8 +113,8 @@ def _integrate(
     mass = car.total.mass + (car.payload.mass if car.payload else 0.0)
     driven, torque, brakes = engine.driven, 0.0, 0.0
     nv = engine.model.nv
-    state = np.concatenate([data.qvel, np.zeros(8)])  # velocities and tyre slips
-    rates, speeds = np.zeros((3, nv + 8)), np.zeros((2, nv))  # newest first
+    state = np.concatenate([data.qvel, np.zeros(engine.states)])  # velocities, tyre slips, states of hidden effects
+    rates, speeds = np.zeros((3, len(state))), np.zeros((2, nv))  # newest first
     for k in range(before + (samples - 1) * every + 1):
         t = (k - before) * step
         q, v = data.qpos.tolist(), data.qvel.tolist()
@@ -119,7 +127,7 @@ def _integrate(
         now = engine.load(q, v, state[nv:].tolist(), steer, shaft, brake, step)
         a = engine.accelerate()
         if k >= before and (k - before) % every == 0:
-            record.write((k - before) // every, engine, a, shaft, brake)
+            record.write((k - before) // every, engine, a, shaft, brake, state[nv + 8 :])
             _check(manoeuvre, t, q, a)
         rates[1:], rates[0, :nv], rates[0, nv:] = rates[:-1].copy(), a, now.slip_rates
         speeds[1], speeds[0] = speeds[0], state[:nv]
@@ -161,6 +169,12 @@ def _motion(
                 out[:, :, i] = np.stack(columns, axis=1) / scale[i]
         return out
 
+    def columns(dofs: Sequence[int]) -> NDArray[np.float64]:
+        at = list(dofs)
+        return np.stack([record.q[:, [dof + 1 for dof in at]], record.v[:, at], record.a[:, at]], axis=1)
+
+    attitude = matrices(record.q[:, 3:7])
+    twist = np.zeros((len(record.q), 3)) if engine.twist is None else columns([engine.torsion_dof])[..., 0]
     settings: dict[str, Any] = dataclasses.asdict(manoeuvre)
     return SimulatedMotion(
         car=engine.car,
@@ -175,7 +189,7 @@ def _motion(
         position=record.q[:, :3],
         velocity=record.v[:, :3],
         acceleration=record.a[:, :3],
-        attitude=matrices(record.q[:, 3:7]),
+        attitude=attitude,
         turn=record.v[:, 3:6],
         turn_rate=record.a[:, 3:6],
         travel=joint(engine.slide_dof, engine.stretch),
@@ -191,4 +205,11 @@ def _motion(
         brake=record.brake * np.tanh(record.v[:, engine.spin_dof]),
         air=record.air,
         slides=engine.slides,
+        turns=engine.turns,
+        twist=twist,
+        twist_height=engine.twist.z if engine.twist is not None else 0.0,
+        attached={part.name: columns(dofs) for part, dofs in zip(engine.attached, engine.attached_dof, strict=True)},
+        outside=np.stack([rotate_back(attitude, record.outside[:, :3]), record.outside[:, 3:]], axis=1),
+        level=level(engine.hidden),
+        memory=record.states,
     )

@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 
 from daq.channels import CORNERS
 from daq.errors import UsageError
-from simulate.cars import Car, Inertia
-from simulate.hidden import Hidden, suspension_law, total_at
+from simulate.attached import attached_bodies
+from simulate.cars import Car
+from simulate.hidden import Hidden, one_of, suspension_law, total_at
+from simulate.memory import MemoryLaw, memory_law
+from simulate.mjcf import STEER_ARMATURE, build_mjcf, slide_directions, wheel_turns
 from simulate.road import SPACING, Road
+from simulate.turning import Corner, coupling, turned, twisted
 from simulate.tyre import WheelTyre
 
-STEER_ARMATURE = 1e4  # kg·m²
 STEER_FREQUENCY = 60.0  # rad/s: how fast the steering follows the demand, critically damped
 
 
@@ -35,63 +38,6 @@ def engine_library() -> Any:
         return importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
-
-
-def _numbers(values: Any) -> str:
-    return " ".join(repr(float(v)) for v in np.ravel(values))
-
-
-def _inertial(body: Inertia, origin: NDArray[np.float64]) -> str:
-    t = np.asarray(body.tensor)
-    full = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
-    return (
-        f'<inertial pos="{_numbers(np.asarray(body.com) - origin)}" mass="{body.mass!r}" '
-        f'fullinertia="{_numbers(full)}"/>'
-    )
-
-
-def _quaternion(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    w = math.sqrt(max(0.0, 1.0 + R[0, 0] + R[1, 1] + R[2, 2])) / 2.0  # small static angles: w is near 1
-    return np.array([w, *((R[2, 1] - R[1, 2]), (R[0, 2] - R[2, 0]), (R[1, 0] - R[0, 1]))]) / [1, 4 * w, 4 * w, 4 * w]
-
-
-def slide_directions(car: Car, hidden: Sequence[Hidden]) -> NDArray[np.float64]:
-    """(4, 3) displacement of each wheel centre per unit of travel, body axes: z unless a hidden effect tilts it."""
-    out = np.tile([0.0, 0.0, 1.0], (4, 1))
-    for i, corner in enumerate(CORNERS):
-        out[i, 0] = total_at(hidden, "anti_dive", corner)
-        out[i, 1] = total_at(hidden, "jacking", corner) * (1.0 if corner[1] == "l" else -1.0)
-    return out
-
-
-def build_mjcf(car: Car, slides: NDArray[np.float64]) -> str:
-    """The car as MJCF text."""
-    corners = []
-    for i, corner in enumerate(CORNERS):
-        axle, R0, centre = car.axle(corner), car.design_attitude(corner), car.wheel_centres[i]
-        carrier = Inertia.of(axle.carrier_mass, np.zeros(3), np.diag(axle.carrier_inertia))
-        spin, side = axle.spin_inertia, axle.inboard_transverse + axle.outboard_transverse
-        wheel = Inertia.of(axle.inboard_mass + axle.outboard_mass, np.zeros(3), np.diag([side, spin, side]))
-        steer = (
-            f'<joint name="steer_{corner}" type="hinge" axis="{_numbers(R0.T @ car.kingpin(corner))}" '
-            f'armature="{STEER_ARMATURE!r}"/>'
-            if axle.steered
-            else ""
-        )
-        corners.append(
-            f'<body name="carrier_{corner}" pos="{_numbers(centre)}" quat="{_numbers(_quaternion(R0))}">'
-            f"{_inertial(carrier, np.zeros(3))}"
-            f'<joint name="slide_{corner}" type="slide" axis="{_numbers(R0.T @ slides[i])}"/>{steer}'
-            f'<body name="wheel_{corner}">{_inertial(wheel, np.zeros(3))}'
-            f'<joint name="spin_{corner}" type="hinge" axis="0 1 0"/></body></body>'
-        )
-    return (
-        '<mujoco model="car"><compiler angle="radian" autolimits="false"/>'
-        f'<option gravity="0 0 {-car.gravity!r}">'
-        '<flag contact="disable" constraint="disable" sensor="disable"/></option>'
-        f'<worldbody><body name="chassis"><freejoint/>{_inertial(car.chassis, np.zeros(3))}{"".join(corners)}'
-        "</body></worldbody></mujoco>"
-    )
 
 
 class Instant:
@@ -104,9 +50,13 @@ class Instant:
         self.deflection = [0.0] * 4
         self.distance = [0.3] * 4
         self.normal = (0.0, 0.0, 1.0)
+        self.spin_axis = [(0.0, 1.0, 0.0)] * 4
         self.air_force = (0.0, 0.0, 0.0)
         self.air_moment = (0.0, 0.0, 0.0)
         self.slip_rates = [0.0] * 8
+        """Of κ of the four wheels, α of the four, then of the states of hidden effects."""
+        self.outside = np.zeros(6)
+        """What the road does to bodies on the car: force (ground axes), moment about the body origin (body axes)."""
 
 
 class Engine:
@@ -115,18 +65,25 @@ class Engine:
     def __init__(self, car: Car, road: Road, hidden: Sequence[Hidden]):
         lib = self.lib = engine_library()
         self.car, self.road, self.hidden = car, road, hidden
-        self.slides = slide_directions(car, hidden)
-        self.model = lib.MjModel.from_xml_string(build_mjcf(car, self.slides))
+        self.slides, self.turns = slide_directions(car, hidden), wheel_turns(car, hidden)
+        one_of(hidden, "chassis_torsion")
+        self.attached = attached_bodies(car, road, hidden)
+        text, self.twist = build_mjcf(car, self.slides, hidden, self.attached)
+        self.model = lib.MjModel.from_xml_string(text)
         self.data = lib.MjData(self.model)
+        self._nv: int = self.model.nv
         self.data.qpos[2] = car.origin_height
 
-        def address(kind: str, corner: str) -> int:
-            index = lib.mj_name2id(self.model, lib.mjtObj.mjOBJ_JOINT, f"{kind}_{corner}")
+        def address(name: str) -> int:
+            index = lib.mj_name2id(self.model, lib.mjtObj.mjOBJ_JOINT, name)
             return -1 if index < 0 else int(self.model.jnt_dofadr[index])
 
-        self.slide_dof = [address("slide", c) for c in CORNERS]
-        self.steer_dof = [address("steer", c) for c in CORNERS]
-        self.spin_dof = [address("spin", c) for c in CORNERS]
+        self.slide_dof = [address(f"slide_{c}") for c in CORNERS]
+        self.turn_dof = [address(f"turn_{c}") for c in CORNERS]
+        self.steer_dof = [address(f"steer_{c}") for c in CORNERS]
+        self.spin_dof = [address(f"spin_{c}") for c in CORNERS]
+        self.torsion_dof = address("torsion")
+        self.attached_dof = [[address(joint) for joint in part.joints] for part in self.attached]
         # |u| > 1 when a hidden effect tilts the slide: MuJoCo's coordinate is the path length, travel s is along body z
         self.stretch = np.linalg.norm(self.slides, axis=1).tolist()
         self._u = [tuple(row) for row in self.slides.tolist()]
@@ -139,6 +96,13 @@ class Engine:
             n, k = car.design_attitude(corner)[:, 1], car.kingpin(corner)
             fixed = k * (k @ n)
             self._axes.append((fixed.tolist(), (n - fixed).tolist(), np.cross(k, n).tolist(), k.tolist()))
+        self._turn = [tuple(row) for row in self.turns.tolist()]
+        self._moving = self.twist is not None or bool(np.any(self.turns))
+        self._corners = [Corner(*row) for row in zip(self._centres, self._u, self._axes, self._turn, strict=True)]
+        self._ratios = (np.linalg.norm(self.turns, axis=1) / self.stretch).tolist()
+        self._coupling = (
+            coupling(self.model.nv, self.slide_dof, self.turn_dof, self._ratios) if np.any(self.turns) else None
+        )
         self._tyres = [
             WheelTyre(
                 car.axle(c),
@@ -155,13 +119,29 @@ class Engine:
             for c, offset in zip(CORNERS, car.offsets.tolist(), strict=True)
         ]
         self._laws = [[f for h in hidden if h.at(c) and (f := suspension_law(h)) is not None] for c in CORNERS]
+        self._steer_give = [total_at(hidden, "steer_compliance", c) for c in CORNERS]
+        self._memory: list[list[tuple[int, MemoryLaw]]] = [[] for _ in CORNERS]
+        states = 8
+        for i, corner in enumerate(CORNERS):
+            for effect in hidden:
+                if effect.at(corner) and (law := memory_law(effect)) is not None:
+                    self._memory[i].append((states, law))
+                    states += 1
+        self._attached_states = []
+        for part in self.attached:
+            self._attached_states.append(slice(states, states + part.states))
+            states += part.states
+        self.states = states
+        """How many states there are besides MuJoCo's: 8 slips, then those of hidden effects."""
         self._bars = [total_at(hidden, "anti_roll_bar", c) for c in CORNERS]
         self._lift = [total_at(hidden, "aero_lift", c) for c in ("fl", "rl")]
         drags = [h for h in hidden if h.effect == "aero_drag"]
         self._drag = [(h.size, h.shape["height"] - car.origin_height) for h in drags]
-        self._air = bool(drags) or any(self._lift)
+        self._side = [(h.size, h.shape["x"]) for h in hidden if h.effect == "aero_side"]
+        self._air = bool(drags) or bool(self._side) or any(self._lift)
         self._tracks = (road.left.tolist(), road.right.tolist())
         self.now = Instant()
+        self.now.slip_rates = [0.0] * states
 
     @property
     def driven(self) -> list[int]:
@@ -180,46 +160,66 @@ class Engine:
     ) -> Instant:
         """Write all forces at state (q, v) into the engine's generalised forces and return them.
 
-        `q`, `v` : MuJoCo's coordinates and velocities; `slips` : (8,) κ of the four wheels, then α; `steer` : demanded
-        kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m]; `step` : integration step [s].
+        `q`, `v` : MuJoCo's coordinates and velocities; `slips` : κ of the four wheels, then α, then the states of
+        hidden effects; `steer` : demanded kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m];
+        `step` : integration step [s].
         """
-        now, out = self.now, [0.0] * self.model.nv
+        now, out = self.now, [0.0] * self._nv
         w, x, y, z = q[3:7]
         r00, r01, r02 = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
         r10, r11, r12 = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
         r20, r21, r22 = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
         vx, vy, vz = v[0], v[1], v[2]
         bx, by, bz = r00 * vx + r10 * vy + r20 * vz, r01 * vx + r11 * vy + r21 * vz, r02 * vx + r12 * vy + r22 * vz
-        p, qq, r = v[3], v[4], v[5]
+        p, qq, r, v_forward, v_left = v[3], v[4], v[5], bx, by
+        if self._moving:
+            self._move(q)
+        slide_dofs, turn_dofs, steer_dofs, spin_dofs = self.slide_dof, self.turn_dof, self.steer_dof, self.spin_dof
+        stretches, slides, memory, bars, laws = self.stretch, self._u, self._memory, self._bars, self._laws
+        flat, distances = self.road.flat, now.distance
         travel, rate, centre = [0.0] * 4, [0.0] * 4, [(0.0, 0.0, 0.0)] * 4
         slope_x = slope_y = 0.0
         for i in range(4):
-            dof, stretch = self.slide_dof[i], self.stretch[i]
+            dof, stretch = slide_dofs[i], stretches[i]
             s = q[dof + 1] / stretch
             travel[i], rate[i] = s, v[dof] / stretch
-            (cx, cy, cz), (ux, uy, _) = self._centres[i], self._u[i]
-            rx, ry, rz = centre[i] = (cx + ux * s, cy + uy * s, cz + s)
+            (cx, cy, cz), (ux, uy, uz) = self._centres[i], slides[i]
+            rx, ry, rz = centre[i] = (cx + ux * s, cy + uy * s, cz + uz * s)
             world_z = q[2] + r20 * rx + r21 * ry + r22 * rz
-            if self.road.flat:
+            if flat:
                 d = world_z / r22
             else:
-                d, world_x = now.distance[i], q[0] + r00 * rx + r01 * ry + r02 * rz
+                d, world_x = distances[i], q[0] + r00 * rx + r01 * ry + r02 * rz
                 for _ in range(2):
                     d = (world_z - self._height(world_x - d * r02, i)) / r22
-            now.distance[i] = d
+            distances[i] = d
             slope_x += self._slope_x[i] * (rz - d)
             slope_y += self._slope_y[i] * (rz - d)
         size = math.sqrt(1.0 + slope_x * slope_x + slope_y * slope_y)
         e = now.normal = (-slope_x / size, -slope_y / size, 1.0 / size)
-        fx = fy = fz = mx = my = mz = 0.0
+        fx = fy = fz = mx = my = mz = front_fy = front_mx = 0.0
+        roll, torsion = p, self.torsion_dof
         for i in range(4):
+            if i == 2 and torsion >= 0:  # the rear part turns about x at the hinge's height on top of the body
+                assert self.twist is not None
+                front_fy, front_mx = fy, mx
+                roll, by = p + v[torsion], by + v[torsion] * self.twist.z
             rx, ry, rz = centre[i]
-            ux, uy, _ = self._u[i]
+            ux, uy, uz = slides[i]
             s, sd = travel[i], rate[i]
             fixed, cosine, sine, k = self._axes[i]
-            dof, tx, ty, tz = self.steer_dof[i], p, qq, r
+            dof, tx, ty, tz = steer_dofs[i], roll, qq, r
+            turn_dof = turn_dofs[i]
+            if turn_dof >= 0:
+                ox, oy, oz = self._turn[i]
+                tx, ty, tz = tx + ox * sd, ty + oy * sd, tz + oz * sd
             if dof >= 0:
                 angle, turn = q[dof + 1], v[dof]
+                demand = steer if i < 2 else 0.0
+                if self._steer_give[i]:
+                    fx_, fy_, fz_ = now.force[i]  # of the step before: the steering lags far more
+                    nx_, ny_, nz_ = now.spin_axis[i]
+                    demand += self._steer_give[i] * (fx_ * nx_ + fy_ * ny_ + fz_ * nz_)
                 c, sn = math.cos(angle), math.sin(angle)
                 n = (
                     fixed[0] + c * cosine[0] + sn * sine[0],
@@ -227,13 +227,17 @@ class Engine:
                     fixed[2] + c * cosine[2] + sn * sine[2],
                 )
                 tx, ty, tz = tx + turn * k[0], ty + turn * k[1], tz + turn * k[2]
-                out[dof] = STEER_ARMATURE * STEER_FREQUENCY * (STEER_FREQUENCY * (steer - angle) - 2.0 * turn)
+                out[dof] = STEER_ARMATURE * STEER_FREQUENCY * (STEER_FREQUENCY * (demand - angle) - 2.0 * turn)
             else:
                 n = (fixed[0] + cosine[0], fixed[1] + cosine[1], fixed[2] + cosine[2])
-            speed = (bx + qq * rz - r * ry + ux * sd, by + r * rx - p * rz + uy * sd, bz + p * ry - qq * rx + sd)
-            spin_dof = self.spin_dof[i]
+            speed = (
+                bx + qq * rz - r * ry + ux * sd,
+                by + r * rx - roll * rz + uy * sd,
+                bz + roll * ry - qq * rx + uz * sd,
+            )
+            spin_dof = spin_dofs[i]
             got = self._tyres[i].contact(
-                n, e, now.distance[i] * e[2], speed, (tx, ty, tz), v[spin_dof], slips[i], slips[i + 4], step
+                n, e, distances[i] * e[2], speed, (tx, ty, tz), v[spin_dof], slips[i], slips[i + 4], step
             )
             now.force[i], now.moment[i], now.deflection[i] = got.force, got.moment, got.deflection
             now.slip_rates[i], now.slip_rates[i + 4] = got.kappa_rate, got.alpha_rate
@@ -241,22 +245,35 @@ class Engine:
             hx, hy, hz = got.moment
             stiffness, damping, offset = self._springs[i]
             load = stiffness * s + damping * sd + offset
-            for law in self._laws[i]:
+            for law in laws[i]:
                 load += law(s, sd)
-            if self._bars[i]:
-                load += self._bars[i] * (s - travel[i ^ 1])
+            if bars[i]:
+                load += bars[i] * (s - travel[i ^ 1])
+            for at, law in memory[i]:
+                extra, now.slip_rates[at] = law(s, sd, slips[at])
+                load += extra
             now.suspension[i] = load
-            out[self.slide_dof[i]] = (gx * ux + gy * uy + gz - load) / self.stretch[i]
+            out[slide_dofs[i]] = (gx * ux + gy * uy + gz * uz - load) / stretches[i]
             out[spin_dof] = hx * n[0] + hy * n[1] + hz * n[2] + shaft[i] - brake[i] * math.tanh(v[spin_dof])
+            if turn_dof >= 0:
+                t, length = shaft[i], self._ratios[i] * stretches[i]
+                ox, oy, oz = self._turn[i]
+                out[turn_dof] = ((hx + t * n[0]) * ox + (hy + t * n[1]) * oy + (hz + t * n[2]) * oz) / length
             if dof >= 0:
+                if self._steer_give[i]:
+                    now.spin_axis[i] = n
                 # the half-shaft turns the wheel and reacts on the chassis: it works on the steering, not on the car
                 t = shaft[i]
                 out[dof] += (hx + t * n[0]) * k[0] + (hy + t * n[1]) * k[1] + (hz + t * n[2]) * k[2]
             fx, fy, fz = fx + gx, fy + gy, fz + gz
             mx, my, mz = mx + hx + ry * gz - rz * gy, my + hy + rz * gx - rx * gz, mz + hz + rx * gy - ry * gx
+        if torsion >= 0:
+            assert self.twist is not None
+            hinge = mx - front_mx + self.twist.z * (fy - front_fy)
+            out[torsion] = hinge + self.twist.torque(q[torsion + 1], v[torsion])
         if self._air:
-            ax, az, am = self._wind(bx)
-            fx, fz, my = fx + ax, fz + az, my + am
+            (ax, ay, az), (_, am, an) = self._wind(v_forward, v_left)
+            fx, fy, fz, my, mz = fx + ax, fy + ay, fz + az, my + am, mz + an
         out[0], out[1], out[2] = (
             r00 * fx + r01 * fy + r02 * fz,
             r10 * fx + r11 * fy + r12 * fz,
@@ -264,12 +281,31 @@ class Engine:
         )
         out[3], out[4], out[5] = mx, my, mz
         self.data.qfrc_applied[:] = out
+        for part, dofs, at in zip(self.attached, self.attached_dof, self._attached_states, strict=True):
+            load, now.slip_rates[at] = part.load(self, dofs, slips[at])
+            self.data.qfrc_applied[:] += load
         return now
 
     def accelerate(self) -> NDArray[np.float64]:
         """Accelerations of the present state under the loads set (a view into the engine's memory)."""
         self.lib.mj_forward(self.model, self.data)
+        if self._coupling is not None:
+            # carriers that turn with travel, G·v = 0: a = a0 - M⁻¹·Gᵀ·λ with G·a = 0
+            G = self._coupling
+            back = np.empty_like(G)
+            self.lib.mj_solveM(self.model, self.data, back, G)
+            free = self.data.qacc
+            self.data.qacc[:] = free - back.T @ np.linalg.solve(G @ back.T, G @ free)
         return self.data.qacc
+
+    def _move(self, q: list[float]) -> None:
+        """Where the wheels stand and point now, when hidden effects move them."""
+        for i, corner in enumerate(self._corners):
+            if self.turn_dof[i] >= 0:
+                corner = turned(corner, q[self.slide_dof[i] + 1] / self.stretch[i])
+            if i >= 2 and self.twist is not None:
+                corner = twisted(corner, q[self.torsion_dof + 1], self.twist.z)
+            self._centres[i], self._u[i], self._axes[i], self._turn[i] = corner
 
     def _height(self, x: float, corner: int) -> float:
         z = self._tracks[corner % 2]
@@ -279,14 +315,17 @@ class Engine:
             return 0.0
         return z[i] + (at - i) * (z[i + 1] - z[i])
 
-    def _wind(self, bx: float) -> tuple[float, float, float]:
-        """Air on the body: force along x, along z and moment about y, body axes about the origin."""
+    def _wind(self, bx: float, by: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        """Air on the body: force and moment, body axes about the origin."""
         square, length = bx * bx, self.car.wheelbase
-        force = moment = 0.0
+        force = side = moment = yaw = 0.0
         for size, height in self._drag:
             force -= size * bx * abs(bx)
             moment -= height * size * bx * abs(bx)
+        for size, x in self._side:
+            side -= size * bx * by
+            yaw -= x * size * bx * by
         front, rear = self._lift[0] * square, self._lift[1] * square
         moment += length * rear
-        self.now.air_force, self.now.air_moment = (force, 0.0, front + rear), (0.0, moment, 0.0)
-        return force, front + rear, moment
+        self.now.air_force, self.now.air_moment = (force, side, front + rear), (0.0, moment, yaw)
+        return self.now.air_force, self.now.air_moment

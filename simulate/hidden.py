@@ -8,77 +8,14 @@ Suspension laws give the force F(s, ṡ) that adds to k·s + c·ṡ + offset at 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
 from daq.errors import UsageError, nearest
+from simulate.kinds import KINDS, known_names
 
-AXLES = ("front", "rear")
-ANYWHERE = (*AXLES, *CORNERS)
 SuspensionLaw = Callable[[float, float], float]
-
-
-@dataclass(frozen=True)
-class Kind:
-    """One kind of hidden effect: `unit` of its size, the places it can be at, its shape constants with defaults."""
-
-    about: str
-    unit: str
-    places: tuple[str, ...] = AXLES
-    shape: Mapping[str, float] = field(default_factory=dict)
-
-
-_SENSORS_BY_PART = ("wheel", "imu", "laser", "camera", "correvit")
-
-SHORT = {f"{what}.{c}": f"{part}.{c}.{what}" for c in CORNERS for part, what in (("wheel", "force"), ("laser", "hub"))}
-"""The catalogue's short places of single channels: ``force.fl``, ``hub.rr``."""
-
-KINDS: dict[str, Kind] = {
-    # suspension, per axle (size × law at both corners) or, but for the bar, at one corner
-    "anti_roll_bar": Kind("size·(s - s of the other side)", "N/m"),
-    "coulomb": Kind("size·tanh(ṡ/v0)", "N", ANYWHERE, {"v0": 0.01}),
-    "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m", ANYWHERE),
-    "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²", ANYWHERE),
-    "damper_stroke": Kind("size·s·ṡ", "N·s/m²", ANYWHERE),
-    "spring_quadratic": Kind("size·s²", "N/m²", ANYWHERE),
-    "spring_cubic": Kind("size·s³", "N/m³", ANYWHERE),
-    "bump_stop": Kind("size·max(0, s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
-    "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
-    "helper_spring": Kind("size·min(s, gap): works up to the gap, then is solid", "N/m", ANYWHERE, {"gap": 0.01}),
-    # suspension kinematics, per axle
-    "anti_dive": Kind("wheel centre moves forward by size·s", "-"),
-    "jacking": Kind("wheel centre moves outward by size·s", "-"),
-    # tyres, per axle
-    "tyre_damping": Kind("size·dδ/dt along the road normal", "N·s/m"),
-    "tyre_progression": Kind("size·δ² along the road normal", "N/m²"),
-    "rolling_resistance": Kind("added to the rolling resistance coefficient (measured: no model lacks it)", "-"),
-    "camber_thrust": Kind("lateral force size·Fz·camber (measured: no model lacks it)", "-"),
-    # body
-    "aero_drag": Kind("size·vx·|vx| to the rear at `height` above the road", "N·s²/m²", (), {"height": 0.0}),
-    "aero_lift": Kind("size·vx² upwards on the body at the axle's middle", "N·s²/m²"),
-    "payload": Kind("point mass fixed to the body at x, y, z", "kg", (), {"x": -2.2, "y": 0.0, "z": 0.3}),
-    # sensors
-    "sensor_latency": Kind("delay on top of the rig's", "s", (*_SENSORS_BY_PART, *FAMILIES)),
-    "sensor_gain": Kind("values × (1 + size)", "-", (*_SENSORS_BY_PART, *SHORT, *FAMILIES, *CHANNELS, *COLUMNS)),
-    "sensor_zero": Kind("values + size", "SI", (*COLUMNS,)),
-    "sensor_drift": Kind("values + size·t/60 s", "SI per minute", (*COLUMNS,)),
-    "sensor_misalignment": Kind(
-        "sensor turned by size about a body axis", "rad", ("imu.roll", "imu.pitch", "imu.yaw", "correvit.yaw")
-    ),
-    "sensor_crosstalk": Kind("force.x and .y + size·force.z", "-", ("wheel.force",)),
-}
-"""Every kind of hidden effect by name."""
-
-
-def known_names() -> list[str]:
-    """Every full name, the longest lists (single corners, channels and columns) left out."""
-    out = []
-    for name, kind in KINDS.items():
-        places = [p for p in kind.places if p not in (*CORNERS, *CHANNELS, *COLUMNS)] or list(kind.places[:1])
-        out += [f"{name}.{place}" for place in places] if kind.places else [name]
-    return out
 
 
 @dataclass(frozen=True)
@@ -123,7 +60,12 @@ class Hidden:
     @property
     def of_sensor(self) -> bool:
         """Whether it acts on what the sensors report instead of on the car."""
-        return self.effect.startswith("sensor_")
+        return self.is_of_sensor(self.effect)
+
+    @staticmethod
+    def is_of_sensor(kind: str) -> bool:
+        """Whether a kind of effect is a sensor's fault."""
+        return kind.startswith("sensor_") or kind == "laser_tilt"
 
     @classmethod
     def parse(cls, text: str) -> Hidden:
@@ -181,3 +123,16 @@ def suspension_law(effect: Hidden) -> SuspensionLaw | None:
 def total_at(effects: Iterable[Hidden], name: str, corner: str) -> float:
     """Sum of the sizes of one axle effect at a corner."""
     return sum(effect.size for effect in effects if effect.effect == name and effect.at(corner))
+
+
+def total_of(effects: Iterable[Hidden], name: str) -> float:
+    """Sum of the sizes of one effect, its full name given."""
+    return sum(effect.size for effect in effects if effect.name == name)
+
+
+def one_of(effects: Sequence[Hidden], name: str) -> Hidden | None:
+    """The effect of a kind that a car can have once, None when it is not there. Raises UsageError when it is twice."""
+    found = [effect for effect in effects if effect.effect == name]
+    if len(found) > 1:
+        raise UsageError(f"{name} is given {len(found)} times: a car has one")
+    return found[0] if found else None

@@ -18,7 +18,8 @@ from daq.blocks import Block
 from daq.channels import CHANNELS
 from daq.rig import Rig, Sensor
 from daq.run import Run, Signal
-from simulate.hidden import SHORT, Hidden
+from simulate.hidden import Hidden
+from simulate.kinds import SHORT
 from simulate.motion import SimulatedMotion
 from simulate.sensors import felt
 

@@ -17,6 +17,7 @@ from daq.channels import CORNERS
 from simulate.cars import Car
 from simulate.hidden import Hidden
 from simulate.road import Road
+from simulate.turning import rotation
 
 Array = NDArray[np.float64]
 
@@ -69,7 +70,14 @@ class SimulatedMotion:
         chassis and carrier along the travel [N].
     shaft, brake : (N, 4) half-shaft torque (reacts on the chassis), brake torque (reacts on the carrier) [N·m].
     air : (N, 2, 3) force and moment about the body origin of the air on the body, body axes.
-    slides : (4, 3) displacement of the wheel centres per unit of travel, body axes.
+    slides : (4, 3) displacement of the wheel centres per unit of travel, `turns` : (4, 3) rotation of the carriers per
+        unit of travel [rad/m], both in the axes of the part of the body they are on.
+    twist : (N, 3) angle of the rear part of the body against the front one about x and its derivatives; 0 but for
+        a hidden chassis torsion. `twist_height` : z of its axis [m].
+    attached : coordinates of hidden bodies and their derivatives, (N, 3, k) by effect.
+    outside : (N, 2, 3) force and moment about the body origin of the road on hidden bodies, body axes.
+    level : (3, 3) rotation from ground axes (z normal to the undisturbed road) to level ones (z up).
+    memory : (N, m) states of hidden effects, corner by corner, then those of bodies.
     """
 
     car: Car
@@ -100,43 +108,90 @@ class SimulatedMotion:
     brake: Array
     air: Array
     slides: Array
+    turns: Array
+    twist: Array
+    twist_height: float
+    attached: dict[str, Array]
+    outside: Array
+    level: Array
+    memory: Array
 
     @property
     def gravity(self) -> Array:
         """(N, 3) gravity, body axes [m/s²]."""
-        return rotate_back(self.attitude, np.array([0.0, 0.0, -self.car.gravity]))
+        return rotate_back(self.attitude, self.level.T @ np.array([0.0, 0.0, -self.car.gravity]))
+
+    @property
+    def level_attitude(self) -> Array:
+        """(N, 3, 3) R_level_body, as an inertial unit measures attitude: `attitude` but on a sloping road."""
+        return self.level @ self.attitude
+
+    @cached_property
+    def twisted(self) -> bool:
+        """Whether the rear part of the body turns against the front one."""
+        return bool(np.any(self.twist))
+
+    @cached_property
+    def rear_attitude(self) -> Array:
+        """(N, 3, 3) R_body_rear of the rear part of the body."""
+        return rotation(self.twist[:, :1] * np.array([1.0, 0.0, 0.0]))
+
+    def on_rear(self, points: Array) -> Array:
+        """(N, 3) in body axes of a point given in the rear part's axes: fixed (3,), or moving (N, 3)."""
+        hinge = np.array([0.0, 0.0, self.twist_height])
+        return hinge + rotate(self.rear_attitude, np.broadcast_to(points - hinge, (len(self.t), 3)))
+
+    @property
+    def own_wheel_centres(self) -> Array:
+        """(N, 4, 3) in the axes of the part of the body they are on [m]: body axes, but for a twisted rear."""
+        return self.car.wheel_centres + self.travel[:, 0, :, None] * self.slides
 
     @cached_property
     def wheel_centres(self) -> Array:
         """(N, 4, 3) in body axes [m]."""
-        return self.car.wheel_centres + self.travel[:, 0, :, None] * self.slides
+        out = self.own_wheel_centres
+        if self.twisted:
+            for i in (2, 3):
+                out[:, i] = self.on_rear(out[:, i])
+        return out
 
     @cached_property
-    def carrier_attitude(self) -> Array:
-        """(N, 4, 3, 3) R_body_carrier = Rz(steer)·Rx(camber)·Ry(pitch)."""
+    def own_carrier_attitude(self) -> Array:
+        """(N, 4, 3, 3) R = Rz(steer)·Rx(camber)·Ry(pitch) against the part of the body a carrier is on."""
         out = np.empty((len(self.t), 4, 3, 3))
         for i, corner in enumerate(CORNERS):
             k, angle = self.car.kingpin(corner), self.kingpin[:, 0, i, None, None]
             cross = np.array([[0.0, -k[2], k[1]], [k[2], 0.0, -k[0]], [-k[1], k[0], 0.0]])
             turned = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+            if np.any(self.turns[i]):
+                turned = rotation(self.travel[:, 0, i, None] * self.turns[i]) @ turned
             out[:, i] = turned @ self.car.design_attitude(corner)
+        return out
+
+    @cached_property
+    def carrier_attitude(self) -> Array:
+        """(N, 4, 3, 3) R_body_carrier; without twist Rz(steer)·Rx(camber)·Ry(pitch)."""
+        out = self.own_carrier_attitude
+        if self.twisted:
+            out = out.copy()
+            out[:, 2:] = self.rear_attitude[:, None] @ out[:, 2:]
         return out
 
     @property
     def steer(self) -> Array:
-        """(N, 4) steer about body z [rad]."""
-        R = self.carrier_attitude
+        """(N, 4) steer about z of the part of the body the wheel is on [rad], as its camera sees it."""
+        R = self.own_carrier_attitude
         return np.arctan2(-R[..., 0, 1], R[..., 1, 1])
 
     @property
     def camber(self) -> Array:
         """(N, 4) camber about x after steer [rad]."""
-        return np.arcsin(self.carrier_attitude[..., 2, 1])
+        return np.arcsin(self.own_carrier_attitude[..., 2, 1])
 
     @property
     def carrier_pitch(self) -> Array:
         """(N, 4) pitch of the carrier after steer and camber [rad]."""
-        R = self.carrier_attitude
+        R = self.own_carrier_attitude
         return np.arctan2(-R[..., 2, 0], R[..., 2, 2])
 
     def at(self, points: Array) -> tuple[Array, Array]:
@@ -151,16 +206,42 @@ class SimulatedMotion:
         """Velocity and acceleration (N, 4, 3) of the wheel centres, body axes [m/s, m/s²]."""
         v, a = self.at(self.wheel_centres)
         s, w = self.travel[..., None], self.turn[:, None, :]
-        slip = s[:, 1] * self.slides
-        return v + slip, a + s[:, 2] * self.slides + 2.0 * np.cross(w, slip)
+        slip, more = s[:, 1] * self.slides, s[:, 2] * self.slides
+        if self.twisted:
+            hinge = np.array([0.0, 0.0, self.twist_height])
+            own = self.twist[:, 1, None, None] * np.array([1.0, 0.0, 0.0])
+            slide = self.rear_attitude[:, None] @ slip[:, 2:, :, None]
+            swing = np.cross(own, self.wheel_centres[:, 2:] - hinge)
+            more[:, 2:] = (self.rear_attitude[:, None] @ more[:, 2:, :, None])[..., 0]
+            more[:, 2:] += np.cross(own, swing) + 2.0 * np.cross(own, slide[..., 0])
+            more[:, 2:] += np.cross(
+                self.twist[:, 2, None, None] * np.array([1.0, 0.0, 0.0]), self.wheel_centres[:, 2:] - hinge
+            )
+            slip[:, 2:] = slide[..., 0] + swing
+        return v + slip, a + more + 2.0 * np.cross(w, slip)
 
     @cached_property
     def carrier_turn(self) -> tuple[Array, Array]:
         """Angular velocity and acceleration (N, 4, 3) of the carriers, body axes [rad/s, rad/s²]."""
-        k = np.stack([self.car.kingpin(corner) for corner in CORNERS])
-        own = self.kingpin[:, 1, :, None] * k
         w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
-        return w + own, wd + self.kingpin[:, 2, :, None] * k + np.cross(w, own)
+        k = np.stack([self.car.kingpin(corner) for corner in CORNERS])
+        if not (self.twisted or np.any(self.turns)):
+            own = self.kingpin[:, 1, :, None] * k
+            return w + own, wd + self.kingpin[:, 2, :, None] * k + np.cross(w, own)
+        s, x = self.travel[..., None], np.zeros((len(self.t), 4, 3))
+        first, second = x.copy(), x.copy()  # of the part of the body each wheel is on, against the body
+        first[:, 2:, 0], second[:, 2:, 0] = self.twist[:, 1, None], self.twist[:, 2, None]
+        base = np.broadcast_to(np.eye(3), (len(self.t), 4, 3, 3)).copy()
+        base[:, 2:] = self.rear_attitude[:, None]
+        axis = rotate(base, np.broadcast_to(self.turns, x.shape))
+        kingpin = rotate(base @ rotation(s[:, 0] * self.turns), np.broadcast_to(k, x.shape))
+        for about, rate, more in (
+            (axis, s[:, 1], s[:, 2]),
+            (kingpin, self.kingpin[:, 1, :, None], self.kingpin[:, 2, :, None]),
+        ):
+            second = second + more * about + np.cross(first, rate * about)
+            first = first + rate * about
+        return w + first, wd + second + np.cross(w, first)
 
     def spinning_momentum_rate(self, spin: Array, transverse: Array) -> Array:
         """(N, 4, 3) rate of change of the angular momentum of axisymmetric wheels about their centres, body axes.

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from daq.channels import CHANNELS, CORNERS
 from daq.errors import UsageError
 from daq.rig import Rig, Sensor
-from simulate.hidden import Hidden
+from simulate.hidden import Hidden, total_of
 from simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_back
 
 Array = NDArray[np.float64]
@@ -40,7 +40,8 @@ def pose_matrix(roll: float, pitch: float, yaw: float) -> Array:
 def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> dict[str, Array]:
     """What the sensors of `rig` feel: (N, k) by channel, at the motion's instants, without latency, noise or zeros.
 
-    `faults` : misalignment and cross-talk are applied here; the others are `simulate.measuring`'s.
+    `faults` : misalignment, position, cross-talk and tilted beams are applied here; the others are
+    `simulate.measuring`'s.
     Raises UsageError when the rig declares axes a channel cannot be given in.
     """
     out: dict[str, Array] = {}
@@ -52,7 +53,7 @@ def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> di
         if any(family.startswith("imu.") for family in families):
             made |= _imu(motion, sensor, faults)
         if any(family.startswith("laser.") for family in families):
-            made |= _lasers(motion, sensor)
+            made |= _lasers(motion, sensor, faults)
         if any(family.startswith("camera.") for family in families):
             made |= {f"camera.{c}.steer": motion.steer[:, i : i + 1] for i, c in enumerate(CORNERS)}
             made |= {f"camera.{c}.camber": motion.camber[:, i : i + 1] for i, c in enumerate(CORNERS)}
@@ -89,10 +90,14 @@ def _wheels(motion: SimulatedMotion, reference: str, sensor: Sensor, faults: Seq
     else:
         raise _axes_error(sensor, "carrier, body or tydex_c")
     force, moment = rotate_back(R, force), rotate_back(R, moment)
-    talk = sum(f.size for f in faults if f.effect == "sensor_crosstalk")
-    if talk:
-        force = force.copy()
-        force[..., :2] += talk * force[..., 2:]
+    talks = [f for f in faults if f.effect == "sensor_crosstalk"]
+    if talks:
+        true, force = force, force.copy()
+        for fault in talks:
+            at = [i for i, c in enumerate(CORNERS) if fault.where in (c, "wheel.force")]
+            for j, name in enumerate("xy"):
+                force[:, at, j] += fault.size * fault.shape[name] * true[:, at, 2]
+                force[:, at, 2] += fault.size * fault.shape[f"z{name}"] * true[:, at, j]
     out: dict[str, Array] = {}
     for i, corner in enumerate(CORNERS):
         out[f"wheel.{corner}.force"], out[f"wheel.{corner}.moment"] = force[:, i], moment[:, i]
@@ -110,25 +115,30 @@ def _imu(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> d
         raise _axes_error(sensor, "sensor or body")
     own = pose_matrix(*sensor.orientation) if sensor.axes == "sensor" else np.eye(3)
     R = own @ _turned(faults, "imu")
-    acceleration = motion.at(_mount(sensor)[None, :])[1][:, 0]
+    mount = _mount(sensor) + [total_of(faults, f"sensor_position.imu.{axis}") for axis in "xyz"]
+    acceleration = motion.at(mount[None, :])[1][:, 0]
     return {
         "imu.accel": rotate_back(R, acceleration - motion.gravity),
         "imu.rate": rotate_back(R, motion.turn),
-        "imu.attitude": euler_zyx(motion.attitude @ R),
+        "imu.attitude": euler_zyx(motion.level_attitude @ R),
     }
 
 
-def _lasers(motion: SimulatedMotion, sensor: Sensor) -> dict[str, Array]:
+def _lasers(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -> dict[str, Array]:
     out: dict[str, Array] = {}
+    tilt = pose_matrix(total_of(faults, "laser_tilt.roll"), total_of(faults, "laser_tilt.pitch"), 0.0)
     for i, corner in enumerate(CORNERS):
         if corner in sensor.position:
             mount = np.asarray(sensor.position[corner], float)
         else:
             offset = DEFAULT_MOUNT if sensor.from_wheel_centre is None else sensor.from_wheel_centre
             mount = motion.car.wheel_centres[i] + np.asarray(offset)
-        start = motion.position + rotate(motion.attitude, mount)
-        beam = motion.attitude[:, :, 2]
-        distance = mount[2] - motion.wheel_centres[:, i, 2] + motion.distance[:, i]
+        on_rear = motion.twisted and corner[0] == "r"
+        hub = mount[2] - motion.own_wheel_centres[:, i, 2]
+        start = motion.position + rotate(motion.attitude, motion.on_rear(mount) if on_rear else mount)
+        attitude = motion.attitude @ motion.rear_attitude if on_rear else motion.attitude
+        beam = (attitude @ tilt)[:, :, 2]  # against the light
+        distance = hub + motion.distance[:, i]
         if not motion.road.flat:
             for _ in range(3):
                 ground = motion.road.height(start[:, 0] - distance * beam[:, 0], corner[1])
@@ -136,7 +146,7 @@ def _lasers(motion: SimulatedMotion, sensor: Sensor) -> dict[str, Array]:
         else:
             distance = start[:, 2] / beam[:, 2]
         out[f"laser.{corner}.ground"] = distance[:, None]
-        out[f"laser.{corner}.hub"] = (mount[2] - motion.wheel_centres[:, i, 2])[:, None]
+        out[f"laser.{corner}.hub"] = hub[:, None]
     return out
 
 
@@ -153,8 +163,8 @@ def _correvit(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden])
     velocity = motion.at(_mount(sensor)[None, :])[0][:, 0]
     wrong = _turned(faults, "correvit")
     if sensor.axes == "heading":
-        yaw = euler_zyx(motion.attitude)[:, 2]
-        ground = rotate(motion.attitude, velocity)
+        yaw = euler_zyx(motion.level_attitude)[:, 2]
+        ground = rotate(motion.level_attitude, velocity)
         c, s = np.cos(yaw), np.sin(yaw)
         along, across = c * ground[:, 0] + s * ground[:, 1], -s * ground[:, 0] + c * ground[:, 1]
         velocity = np.stack([along, across, ground[:, 2]], axis=1)

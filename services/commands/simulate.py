@@ -6,6 +6,7 @@ import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 from rich.console import Console
@@ -33,6 +34,7 @@ from simulate import (
 from simulate import (
     run as drive,
 )
+from simulate.kinds import listed
 from simulate.vehicle_file import vehicle_text
 
 HELP = "drive a simulated car and write what its sensors measure"
@@ -48,9 +50,9 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
   lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
 
 Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
-Hidden effects: {", ".join(KINDS)};
-those of an axle end in .front or .rear, laws of a suspension also in one corner (coulomb.fl), those of a sensor in
-its name (sensor_latency.imu).
+{fill(f"Hidden effects: {', '.join(KINDS)}.", 118)}
+`lacet simulate --hide` alone lists them with law, unit and constants. Those of an axle end in .front or .rear, laws of
+a suspension also in one corner (coulomb.fl), those of a sensor in its name (sensor_latency.imu).
 The vehicle file to identify with is written beside the runs."""
 
 HOUR_NS = 3_600_000_000_000
@@ -73,7 +75,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="a setting of the manoeuvres: speed=25 (m/s), duration=30 (s), amplitude=0.03 (rad), grade=C …",
     )
     parser.add_argument(
-        "--hide", action="append", default=[], metavar="EFFECT=SIZE", help="add a hidden effect, SI units"
+        "--hide",
+        action=_Hide,
+        nargs="?",
+        default=[],
+        metavar="EFFECT=SIZE",
+        help="add a hidden effect, SI units; alone: list all with law, unit and constants",
     )
     parser.add_argument("--seed", type=int, default=0, help="of road, noise, zeros and clocks (default 0)")
     parser.add_argument("--format", choices=("capture", "parquet"), default="capture", help="default capture (.mcap)")
@@ -134,6 +141,16 @@ def run(args: argparse.Namespace) -> int:
     print(f"{vehicle_file}: geometry of the car, to identify with")
     write_result(args.json, "simulate", {"runs": runs, "vehicle_file": str(vehicle_file), "rig": rig.name})
     return DONE
+
+
+class _Hide(argparse.Action):
+    """Collects effects; with none given lists the known ones and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option_string: Any = None) -> None:
+        if values is None:
+            print(listed())
+            parser.exit(0)
+        setattr(namespace, self.dest, [*getattr(namespace, self.dest), values])
 
 
 def _setting(text: str) -> tuple[str, Any]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from simulated_drives import drive, make_rig
 
 from daq.channels import CHANNELS, CORNERS
 from daq.errors import UsageError
+from services.cli import main
 from simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
-from simulate.motion import SimulatedMotion
+from simulate.motion import SimulatedMotion, euler_zyx, rotate_back
+from simulate.sensors import pose_matrix
 
 CAR = find_car("peugeot-406")
 K = np.array([CAR.axle(c).stiffness for c in CORNERS])
@@ -133,6 +138,10 @@ FAULTS = {
     "sensor_misalignment.imu.yaw=0.02": {"imu."},
     "sensor_misalignment.correvit.yaw=0.02": {"correvit."},
     "sensor_crosstalk.wheel.force=0.01": {f"wheel.{c}.force" for c in CORNERS},
+    "sensor_crosstalk.rl=0.01": {"wheel.rl.force"},
+    "sensor_drift.wheel.force=60": {f"wheel.{c}.force" for c in CORNERS},
+    "sensor_position.imu.z=0.1": {"imu.accel"},
+    "laser_tilt.roll=0.03": {f"laser.{c}.ground" for c in CORNERS},
 }
 
 
@@ -155,6 +164,72 @@ def test_sensor_faults_touch_their_channels_alone(text: str) -> None:
         assert bad["wheel.fl.force"].values - good["wheel.fl.force"].values == pytest.approx(
             np.tile([50.0, 0, 0], (len(good["wheel.fl.force"]), 1))
         )
+
+
+def good_and_bad(text: str, motion: SimulatedMotion) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Values by channel without and with a fault, nothing else wrong."""
+    out = []
+    for faults in ([], [Hidden.parse(text)]):
+        blocks = measure(motion, make_rig(), 3, timing=IDEAL, sheet=QUIET, noise=False, faults=faults)
+        out.append({name: block.values for name, block in blocks.items()})
+    return out[0], out[1]
+
+
+@pytest.mark.parametrize(("axis", "at"), [("x", [1.0, 0, 0]), ("y", [0, 1.0, 0]), ("z", [0, 0, 1.0])])
+def test_misplaced_imu_feels_the_acceleration_of_where_it_is(axis: str, at: list[float]) -> None:
+    motion = drive("sinus")
+    good, bad = good_and_bad(f"sensor_position.imu.{axis}=0.2", motion)
+    R = pose_matrix(0.02, -0.03, 0.05)
+    w, wd, arm = motion.turn[::5], motion.turn_rate[::5], 0.2 * np.asarray(at)
+    more = np.cross(wd, arm) + np.cross(w, np.cross(w, arm))
+    assert bad["imu.accel"] - good["imu.accel"] == pytest.approx(more @ R, abs=1e-9)
+    assert np.max(np.abs(more)) > 0.01
+
+
+@pytest.mark.parametrize(("axis", "down"), [("pitch", [-0.05, 0.0, -1.0]), ("roll", [0.0, 0.05, -1.0])])
+@pytest.mark.parametrize("name", ["sinus", "rough"])
+def test_tilted_laser_beams_end_on_the_road(name: str, axis: str, down: list[float]) -> None:
+    motion = drive(name)
+    good, bad = good_and_bad(f"laser_tilt.{axis}={float(np.arctan(0.05))!r}", motion)
+    beam = np.asarray(down) / np.linalg.norm(down)
+    for i, corner in enumerate(CORNERS):
+        assert np.array_equal(bad[f"laser.{corner}.hub"], good[f"laser.{corner}.hub"])
+        mount = CAR.wheel_centres[i] + [0, 0, 0.30]
+        reach = mount + bad[f"laser.{corner}.ground"] * beam
+        end = motion.position[::4] + np.einsum("nij,nj->ni", motion.attitude[::4], reach)
+        assert end[:, 2] == pytest.approx(motion.road.height(end[:, 0], corner[1]), abs=1e-5)
+        assert np.max(np.abs(bad[f"laser.{corner}.ground"] - good[f"laser.{corner}.ground"])) > 3e-4
+
+
+def test_crosstalk_takes_the_share_of_each_pair() -> None:
+    motion = drive("braking")
+    good, bad = good_and_bad("sensor_crosstalk.fr=0.01,x=0,y=2,zx=-1,zy=0.5", motion)
+    x, y, z = good["wheel.fr.force"].T
+    assert bad["wheel.fr.force"] == pytest.approx(np.stack([x, y + 0.02 * z, z + 0.01 * (-x + 0.5 * y)], 1))
+
+
+def test_drift_of_a_family_grows_with_time() -> None:
+    good, bad = good_and_bad("sensor_drift.wheel.force=60", drive("sinus"))
+    for corner in CORNERS:
+        more = bad[f"wheel.{corner}.force"] - good[f"wheel.{corner}.force"]
+        assert more == pytest.approx(np.repeat(np.arange(len(more))[:, None] / 500.0, 3, 1), abs=1e-9)
+
+
+def test_a_slope_is_in_gravity_and_in_what_the_inertial_unit_measures() -> None:
+    motion = drive("straight", "slope.grade=0.05", "slope.bank=-0.03")
+    g, plain = motion.gravity, drive("straight")
+    assert np.linalg.norm(g, axis=1) == pytest.approx(CAR.gravity)
+    on_road = np.einsum("nij,nj->ni", motion.attitude, g)
+    ahead, across = -np.sin(0.05), np.cos(0.05) * np.sin(0.03)
+    assert on_road[:, :2] == pytest.approx(np.tile([ahead, across], (len(g), 1)) * CAR.gravity, abs=1e-9)
+    for residual in (suspension_residual, tyre_residual, chassis_residual):
+        assert np.max(np.abs(residual(motion))) < 1e-8
+    roll, pitch, _ = euler_zyx(motion.level_attitude)[-1] - euler_zyx(plain.level_attitude)[-1]
+    assert pitch == pytest.approx(-0.05, rel=0.3)  # nose up when it climbs, and the springs give some more
+    assert roll == pytest.approx(-0.03, rel=0.5)
+    # gravity by the measured attitude is gravity
+    down = rotate_back(motion.level_attitude, np.array([0.0, 0.0, -CAR.gravity]))
+    assert down == pytest.approx(g, abs=1e-12)
 
 
 @pytest.mark.parametrize("name", ["sensor_latency.imu", "sensor_latency.laser.ground"])
@@ -189,3 +264,26 @@ def test_a_late_sensor_delivers_older_values(name: str, size: float) -> None:
 def test_unknown_names_are_refused_with_the_nearest_match(text: str, told: str) -> None:
     with pytest.raises(UsageError, match=told):
         Hidden.parse(text)
+
+
+def test_documentation_lists_every_effect_with_its_unit_and_constants() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "simulated-car.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line for line in text.splitlines() if line.startswith("| `")}
+    assert set(rows) == set(KINDS)
+    for name, kind in KINDS.items():
+        cells = [cell.strip() for cell in rows[name].replace("\\|", "!").strip("|").split("|")]
+        assert cells[2] == kind.unit.replace("-", "–")
+        given = dict(zip(re.findall(r"`(\w+)`", cells[4]), re.findall(r"` ([−\d.]+)", cells[4]), strict=True))
+        assert set(given) == set(kind.shape)
+        for key, value in given.items():
+            assert float(value.replace("−", "-")) == kind.shape[key]
+
+
+def test_hide_alone_lists_every_effect(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["simulate", "--hide"])
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    for name, kind in KINDS.items():
+        assert f"{name}  [{kind.unit}]" in printed
+        assert kind.about in printed
