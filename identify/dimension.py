@@ -97,11 +97,12 @@ def whole_unit(text: str) -> tuple[float, Dimension]:
     written = re.sub(r"/\(([^()]*)\)", lambda below: "/" + below[1].replace("·", "/"), written)
     if written in ("", "-", "1"):
         return 1.0, NUMBER
-    inverse = written.startswith("1/")
-    factor, dimension, end = read_unit(written.removeprefix("1/"))
-    if end != len(written.removeprefix("1/")):
+    if written.startswith("1/"):
+        written = f"rad{written[1:]}"
+    factor, dimension, end = read_unit(written)
+    if end != len(written):
         raise ValueError(text.strip())
-    return (1.0 / factor, dimension**-1) if inverse else (factor, dimension)
+    return factor, dimension
 
 
 def _raised(name: str, power: Fraction) -> str:

@@ -104,6 +104,8 @@ def _scaled(expression: Expression, node: ast.BinOp, parameters: Set[str]) -> Te
     if isinstance(node.op, ast.Div) and right:
         raise expression.fault(node.right, f"{' and '.join(right)} stands in a divisor, {_REMEDY.format(right[0])}")
     if left and right:
+        for part in (node.left, node.right):  # what is not linear in itself is told first
+            _expanded(expression, part, parameters)
         both = " and ".join(dict.fromkeys((*left, *right)))
         says = f"{both} are multiplied" if len({*left, *right}) > 1 else f"{both} appears squared"
         raise expression.fault(node, f"{says}, {_REMEDY.format(right[0])}")

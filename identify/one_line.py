@@ -347,8 +347,9 @@ class _Reader:
 
     def _uses(self, expression: Expression, row: str, constants: Iterable[str]) -> dict[str, Use]:
         uses: dict[str, Use] = {}
-        for node in ast.walk(expression.tree):
-            if not isinstance(node, ast.Name) or node.id in (*CONSTANTS, *FUNCTIONS, *constants):
+        names = [node for node in ast.walk(expression.tree) if isinstance(node, ast.Name)]
+        for node in sorted(names, key=lambda node: node.col_offset):
+            if node.id in (*CONSTANTS, *FUNCTIONS, *constants):
                 continue
             use = use_of(node.id)
             if use is None:

@@ -49,26 +49,30 @@ def with_name(text: str, study: Study | None = None) -> tuple[type[OneLine], str
     return with_name(f"{name} = {text.strip()}")
 
 
-def put(study: Study, cls: type[OneLine], text: str) -> bool:
-    """Store a line in the study; one of the same name is replaced. Returns whether one was.
+def may_have(study: Study, cls: type[OneLine]) -> bool:
+    """Whether the study has an effect of this name, a line that can be replaced.
 
     Raises UsageError when another effect has the name, or a version of the study has the effect with another law: what
     a version says must not change afterwards.
     """
     own = {one.name: one for one in own_lines(study)}
-    if cls.name in own:
-        if own[cls.name].line == cls.line:
-            return False
-        if cls.name in _in_versions(study):
-            raise UsageError(
-                f"'{cls.name}' with its present law is in a version of the study, which must stay what it is: give the "
-                "new law another name"
-            )
-    elif cls.name in effect_classes([own_folder(study)]):
-        raise UsageError(f"there is another effect '{cls.name}' already: give this one another name")
-    kept = [line for line in _stored(study) if _name_of(line) != cls.name]
-    _write(study, [*kept, text])
-    return cls.name in own
+    if cls.name not in own:
+        if cls.name in effect_classes([own_folder(study)]):
+            raise UsageError(f"there is another effect '{cls.name}' already: give this one another name")
+        return False
+    if own[cls.name].line != cls.line and cls.name in _in_versions(study):
+        raise UsageError(
+            f"'{cls.name}' with its present law is in a version of the study, which must stay what it is: give the new "
+            "law another name"
+        )
+    return True
+
+
+def put(study: Study, cls: type[OneLine], text: str) -> bool:
+    """Store a line in the study; one of the same name is replaced, and True returned. Raises as `may_have`."""
+    there = may_have(study, cls)
+    _write(study, [*(line for line in _stored(study) if _name_of(line) != cls.name), text])
+    return there
 
 
 def take_out(study: Study, name: str) -> None:
@@ -91,7 +95,8 @@ def _in_versions(study: Study) -> set[str]:
 
 def _stored(study: Study) -> list[str]:
     file = own_folder(study) / LINES
-    return file.read_text(encoding="utf-8").splitlines() if file.is_file() else _HEAD.splitlines()
+    text = file.read_text(encoding="utf-8") if file.is_file() else _HEAD
+    return text.splitlines()
 
 
 def _name_of(line: str) -> str:

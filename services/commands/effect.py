@@ -17,7 +17,7 @@ from identify.own_files import checked_columns
 from identify.study import Study
 from services import tables
 from services.loading import load
-from services.own_effects import own_classes, own_folder, own_lines, put, take_out, with_name
+from services.own_effects import may_have, own_classes, own_folder, own_lines, put, take_out, with_name
 from services.progress import Line
 from services.result import DONE, write_result
 
@@ -79,10 +79,11 @@ def run(args: argparse.Namespace) -> int:
 
 def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     cls, stored = with_name(text, study)
+    may_have(study, cls)
     found = _told(cls, study)
     with Line() as line:
         acts = _tried(cls, study, line)
-    print(f"  tried on {study.paths()[0].name}: " + "; ".join(_effect_of(a) for a in acts))
+    print(f"  tried on {study.paths()[0].name}: {_outcome(acts)}")
     if not only_try:
         replaced = put(study, cls, stored)
         print(f"\n{'Replaced' if replaced else 'Kept'} in {own_folder(study)}. Rank it: lacet diagnose {study.folder}")
@@ -103,7 +104,8 @@ def _told(cls: type[OneLine], study: Study) -> dict[str, Any]:
         unit = line.constants[name].unit
         print(f"  constant {name} [{unit}], tried: {', '.join(f'{v:g}' for v in values)}")
     for name, use in line.states.items():
-        print(f"  state {name} [{use.state.unit}]: {use.state.about}")
+        wheel = {"other": ", at the other wheel of the axle", "own": "", "": ""}.get(use.wheel, f", at {use.wheel}")
+        print(f"  state {name} [{use.state.unit}]: {use.state.about}{wheel}")
     return {
         "effect": cls.name,
         "about": cls.about,
@@ -126,16 +128,20 @@ def _tried(cls: type[Effect], study: Study, line: Line) -> list[dict[str, Any]]:
     out: list[dict[str, Any]] = []
     for effect in cls.variants(loaded.vehicle, loaded.reference):
         why = drive.can(effect)
-        columns = {} if why else [checked_columns(one, drive.motion) for one in effect.shapes()][0]
-        acts = [row for row, table in columns.items() if row in drive.rows and np.any(table)]
+        found = [] if why else [checked_columns(one, drive.motion) for one in effect.shapes()]
+        acts = [row for row in drive.rows if any(row in table and np.any(table[row]) for table in found)]
         if not why and not acts:
             why = "it never acts in a row that this run has"
         out.append({"effect": effect.key, "acts_on": acts, "why_not": why})
     return out
 
 
-def _effect_of(item: dict[str, Any]) -> str:
-    return f"{item['effect']} cannot be tried ({item['why_not']})" if item["why_not"] else f"{item['effect']} acts"
+def _outcome(tried: list[dict[str, Any]]) -> str:
+    acts = [item["effect"] for item in tried if not item["why_not"]]
+    cannot = [f"{item['effect']} cannot be tested ({item['why_not']})" for item in tried if item["why_not"]]
+    if not cannot:
+        return "acts, with finite values"
+    return "; ".join([*([f"acts: {', '.join(acts)}"] if acts else []), *cannot])
 
 
 def _own(study: Study) -> dict[str, Any]:
