@@ -208,7 +208,8 @@ class _Reader:
 
     def _stripped(self, start: int, stop: int) -> tuple[int, int]:
         part = self.text[start:stop]
-        return start + len(part) - len(part.lstrip()), start + len(part.rstrip())
+        first = start + len(part) - len(part.lstrip())
+        return first, max(first, start + len(part.rstrip()))
 
     def _name(self, start: int, stop: int) -> tuple[str, int]:
         head = self.text[start:stop].split(":")[0]
