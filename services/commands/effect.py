@@ -33,6 +33,7 @@ first run and kept in DIR/effects/lines.txt; lacet diagnose then ranks it like e
   lacet effect DIR "dry = suspension: f * tanh(rate/v0), v0 = 0.01 0.02 0.04 m/s"      a constant that is searched
   lacet effect DIR "stop = suspension.rear: k * max(0, travel - 30 mm), k in 0..500 N/mm"      bounds of a parameter
   lacet effect DIR "drag = chassis.fx: d*speed*abs(speed); chassis.my: m*speed*abs(speed)"     two rows
+  lacet effect DIR --try "bump = suspension: p * travel**2"      how a line is read, without keeping it
   lacet effect DIR                                   the study's own effects
   lacet effect DIR --remove bump
 
@@ -51,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("study", metavar="DIR", nargs="?", type=Path, help="the study's folder")
     parser.add_argument("line", metavar="LINE", nargs="?", help="the effect, in quotes")
     parser.add_argument("--states", action="store_true", help="list what a law may use")
-    parser.add_argument("--try", dest="only_try", action="store_true", help="read and try the line, do not keep it")
+    parser.add_argument("--try", dest="only_try", metavar="LINE", help="read a line and try it, do not keep it")
     parser.add_argument("--remove", metavar="NAME", help="take one of the study's lines out")
 
 
@@ -63,16 +64,18 @@ def run(args: argparse.Namespace) -> int:
     elif args.study is None:
         raise UsageError("name a study, lacet effect DIR LINE, or list what a law may use: lacet effect --states")
     elif args.remove:
-        if args.line:
+        if args.line or args.only_try:
             raise UsageError("either a line, or --remove")
         study = Study.open(args.study)
         take_out(study, args.remove)
         print(f"{args.remove} is taken out of {own_folder(study)}.")
         result = {"removed": args.remove}
-    elif args.line is None:
-        result = _own(Study.open(args.study))
+    elif args.line and args.only_try:
+        raise UsageError("either a line that is kept, or --try LINE")
+    elif args.line or args.only_try:
+        result = _read(Study.open(args.study), args.line or args.only_try, args.line is None)
     else:
-        result = _read(Study.open(args.study), args.line, args.only_try)
+        result = _own(Study.open(args.study))
     write_result(args.json, "effect", result)
     return DONE
 

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from daq.errors import UsageError
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from identify.drive import Drive
+from identify.one_line import read_line
+from identify.one_line_effect import effect_class
 from identify.study import Study
 from services.cli import main
+from services.commands.effect import DESCRIPTION
+from services.environment import HOME
 from services.fitting import Work
 from tests.support.tables import FILES, piece, without, written
 from tests.unit.test_json import conforms
@@ -22,9 +30,6 @@ RESULT = {"rows": {"used": {}, "held": {}}, "parameters": []}
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     """A study of ten seconds, its base model not fitted."""
-    from daq.rig import Rig
-    from daq.vehicle import Vehicle
-
     monkeypatch.setattr("services.fitting.FLOOR_DRAWS", 3)
     run = written(piece(), tmp_path / "run.parquet")
     return Study.create(tmp_path / "study", [run], [], Rig.load(FILES[1]), Vehicle.load(FILES[3]), draws=19)
@@ -47,7 +52,8 @@ def test_a_line_is_kept_ranked_added_and_read_again(study: Study, tmp_path: Path
     assert own <= set(by_key)
     for axle in ("front", "rear"):
         mine, known = by_key[f"mybar.{axle}"], by_key[f"anti_roll_bar.{axle}"]
-        assert (mine.drop, mine.gain, mine.values) == pytest.approx((known.drop, known.gain, known.values), rel=1e-9)
+        assert (mine.drop, mine.gain) == pytest.approx((known.drop, known.gain), rel=1e-9)
+        assert mine.values == pytest.approx(known.values, rel=1e-9)
     version = work.add("bump.front", {"v0": 0.02})
     again = Study.open(study.folder)
     model = again.model(again.version(), "hub")
@@ -107,9 +113,6 @@ def test_a_line_that_cannot_be_used_is_not_kept(study: Study, capsys: pytest.Cap
 
 
 def test_a_law_whose_channel_is_missing_is_said_not_to_be_testable(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    from daq.rig import Rig
-    from daq.vehicle import Vehicle
-
     run = written(without(piece(), "correvit"), tmp_path / "run.parquet")
     study = Study.create(tmp_path / "study", [run], [], Rig.load(FILES[1]), Vehicle.load(FILES[3]))
     assert effect(study, "x = chassis.fx: d * speed**2") == 0
@@ -156,10 +159,15 @@ class Mine(SuspensionForce):
 """
 
 
-def columns_of(study: Study) -> None:
-    """The user's effect on the study's run."""
-    work = Work(study)
-    work.loaded.drives[0].columns(study.effects("hub")["mine.front"])
+@pytest.fixture(scope="module")
+def drive() -> Drive:
+    """Some seconds brought together once."""
+    return Drive.of(piece(), Vehicle.load(FILES[3]), Rig.load(FILES[1]))
+
+
+def columns_of(study: Study, drive: Drive) -> None:
+    """The user's effect on a run."""
+    Drive(drive.recording).matrix([study.effects("hub")["mine.front"]], "suspension.fl")
 
 
 @pytest.mark.parametrize(("old", "new", "says"), [
@@ -175,13 +183,13 @@ def columns_of(study: Study) -> None:
     ('(self.named("k", "N", -1.0, 1.0),)', "1/0", r"Mine\.parameters fails: line 14: ZeroDivisionError"),
     ("-1.0, 1.0", "1.0, 1.0", r"mine\.front\.k needs finite bounds"),
 ])  # fmt: skip
-def test_a_users_file_that_is_not_right_is_named_with_class_and_method(study: Study, old: str, new: str, says: str):
+def test_a_users_file_that_is_not_right_is_named(study: Study, drive: Drive, old: str, new: str, says: str):
     file = study.folder / "effects" / "mine.py"
     file.write_text(OWN, encoding="utf-8")
-    columns_of(study)
+    columns_of(study, drive)
     file.write_text(OWN.replace(old, new), encoding="utf-8")
     with pytest.raises(UsageError, match=says):
-        columns_of(study)
+        columns_of(study, drive)
 
 
 def test_the_present_lines_are_plain_text(study: Study):
@@ -193,3 +201,21 @@ def test_the_present_lines_are_plain_text(study: Study):
     study.record({"own1.front": {}}, "added", RESULT)
     version = json.loads((study.folder / "versions" / "001.json").read_text(encoding="utf-8"))
     assert version["effects"] == {"own1.front": {}}
+
+
+def test_the_lines_of_page_and_help_are_laws():
+    """Every line shown can be read."""
+    page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
+    for text, least in ((page, 7), (DESCRIPTION, 6)):
+        lines = re.findall(r'lacet effect \w+ (?:--try )?"([^"]+)"', text)
+        assert len(lines) >= least
+        for line in lines:
+            assert effect_class(read_line(line)).name
+
+
+def test_the_pages_file_is_an_effect(study: Study):
+    """The class of the page is found in the study."""
+    page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (study.folder / "effects" / "helper.py").write_text(code, encoding="utf-8")
+    assert "helper_spring.front" in study.effects("hub")
