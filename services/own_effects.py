@@ -60,7 +60,7 @@ def may_have(study: Study, cls: type[OneLine]) -> bool:
         if cls.name in effect_classes([own_folder(study)]):
             raise UsageError(f"there is another effect '{cls.name}' already: give this one another name")
         return False
-    if own[cls.name].line != cls.line and cls.name in _in_versions(study):
+    if _same(own[cls.name].line.text) != _same(cls.line.text) and cls.name in _in_versions(study):
         raise UsageError(
             f"'{cls.name}' with its present law is in a version of the study, which must stay what it is: give the new "
             "law another name"
@@ -87,6 +87,11 @@ def take_out(study: Study, name: str) -> None:
     if name in _in_versions(study):
         raise UsageError(f"'{name}' is in a version of the study, which could then not be opened: it stays")
     _write(study, [line for line in _stored(study) if _name_of(line) != name])
+
+
+def _same(text: str) -> str:
+    """A line whatever its spaces."""
+    return " ".join(text.split())
 
 
 def _in_versions(study: Study) -> set[str]:
