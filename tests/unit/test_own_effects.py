@@ -213,9 +213,12 @@ def test_the_lines_of_page_and_help_are_laws():
             assert effect_class(read_line(line)).name
 
 
-def test_the_pages_file_is_an_effect(study: Study):
-    """The class of the page is found in the study."""
+def test_the_pages_file_is_an_effect(study: Study, drive: Drive):
+    """The class of the page is found in the study, and gives columns."""
     page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
-    (study.folder / "effects" / "helper.py").write_text(code, encoding="utf-8")
-    assert "helper_spring.front" in study.effects("hub")
+    (study.folder / "effects" / "bench.py").write_text(code, encoding="utf-8")
+    found = study.effects("hub")["bench_curve.front"].shapes()
+    assert len(found) == 3
+    for one in found:
+        Drive(drive.recording).columns(one)
