@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import inspect
 import pkgutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from types import ModuleType
 
 from daq.errors import UsageError, nearest
 from daq.vehicle import Vehicle
 from identify import effects
 from identify.effect import Effect
+from identify.one_line import LineFault, read_lines
+from identify.one_line_effect import OneLine, effect_class
+from identify.own_files import load_own, own_variants, vetted
+
+LINES = "lines.txt"
+"""The file of one-line effects in a user's folder."""
 
 
 def effect_classes(folders: Iterable[Path] = ()) -> dict[str, type[Effect]]:
-    """Every effect class by family name, in the order of files and of definitions in them.
+    """Every effect class by family name, in the order of files and of definitions in them; one-line effects last.
 
-    Raises UsageError when a user's file cannot be loaded or two effects share a name.
+    Raises UsageError when a user's file cannot be loaded or used, or two effects share a name.
     """
+    folders = list(folders)
     modules = [importlib.import_module(f"identify.effects.{m.name}") for m in pkgutil.iter_modules(effects.__path__)]
-    modules += [_load(file) for folder in folders for file in sorted(folder.glob("*.py"))]
+    modules += [load_own(file) for folder in folders for file in sorted(folder.glob("*.py"))]
     out: dict[str, type[Effect]] = {}
     for module in modules:
         for cls in vars(module).values():
             if not (inspect.isclass(cls) and issubclass(cls, Effect) and cls.__module__ == module.__name__):
                 continue
+            vetted(cls)
             if inspect.isabstract(cls) or not hasattr(cls, "name"):
                 continue
             if cls.name in out and out[cls.name] is not cls:
@@ -35,7 +41,23 @@ def effect_classes(folders: Iterable[Path] = ()) -> dict[str, type[Effect]]:
                     f"two effects are called '{cls.name}': {out[cls.name].__module__} and {cls.__module__}"
                 )
             out[cls.name] = cls
+    for folder in folders:
+        for cls in line_effects(folder):
+            if cls.name in out:
+                raise UsageError(f"{folder / LINES}: there is another effect '{cls.name}': give this one another name")
+            out[cls.name] = cls
     return out
+
+
+def line_effects(folder: Path) -> list[type[OneLine]]:
+    """The one-line effects of a user's folder. Raises UsageError with the line at fault."""
+    file = folder / LINES
+    if not file.is_file():
+        return []
+    try:
+        return [effect_class(line) for line in read_lines(file.read_text(encoding="utf-8"), str(file))]
+    except (LineFault, UnicodeDecodeError, OSError) as cause:
+        raise UsageError(f"{file}: {cause}") from None
 
 
 def catalogue(
@@ -46,7 +68,7 @@ def catalogue(
     `runs` : names of the runs at hand, for what can change from one to the next (`Effect.for_runs`).
     """
     classes = effect_classes(folders).values()
-    found = [one for cls in classes for one in (*cls.variants(vehicle, reference), *cls.for_runs(runs))]
+    found = [one for cls in classes for one in own_variants(cls, vehicle, reference, runs)]
     found.sort(key=lambda effect: (not effect.base, effect.name != "body"))
     return {effect.key: effect for effect in found}
 
@@ -61,16 +83,3 @@ def find_effect(key: str, known: dict[str, Effect]) -> Effect:
     if key not in known:
         raise UsageError(f"there is no effect '{key}'{nearest(key, known)} (lacet info --effects lists them)")
     return known[key]
-
-
-def _load(file: Path) -> ModuleType:
-    name = f"lacet_user_effects.{file.stem}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as cause:  # whatever a user's file raises is theirs to see, with its place
-        raise UsageError(f"{file}: cannot be loaded: {type(cause).__name__}: {cause}") from cause
-    return module

@@ -17,6 +17,7 @@ from identify.filters import Filters, zero_phase_of
 from identify.geometry import build_motion
 from identify.motion import Motion
 from identify.noise import draw_noise
+from identify.own_files import checked_columns
 from identify.reconstruct import Recording, Signals, bring_together
 from identify.vectors import Array
 
@@ -72,7 +73,7 @@ class Drive:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
         key = (effect.key, tuple(sorted(effect.shape.items())))
         if key not in self._columns:
-            self._columns[key] = self.decimated(effect.columns(self.motion))
+            self._columns[key] = self.decimated(checked_columns(effect, self.motion))
         return self._columns[key]
 
     def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
@@ -106,7 +107,9 @@ class Drive:
         fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]
         if not fresh:
             return
-        made = [(key, row, series) for key, effect in fresh for row, series in effect.columns(self.motion).items()]
+        made = [
+            (key, row, series) for key, effect in fresh for row, series in checked_columns(effect, self.motion).items()
+        ]
         stacks: dict[str, list[Array]] = {}
         for _, row, series in made:
             stacks.setdefault(row, []).append(series)
@@ -164,5 +167,5 @@ class Drive:
 
     def can(self, effect: Effect) -> str:
         """Why an effect cannot be computed on this run, or an empty string."""
-        absent = [channel for channel in effect.needs if channel not in self.motion.channels]
+        absent = effect.lacks(self.motion)
         return f"{', '.join(absent)} not measured in {self.name}" if absent else ""

@@ -114,6 +114,10 @@ class Effect(ABC):
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
 
+    def lacks(self, motion: Motion) -> tuple[str, ...]:
+        """Channels that it needs and a run has not."""
+        return tuple(channel for channel in self.needs if channel not in motion.channels)
+
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:
         """Right-hand side for parameter values (p,): row → (N,)."""
         return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}

@@ -1,4 +1,4 @@
-"""Arithmetic expressions of a robot's table, ``-EF``, ``pi/2`` or ``2*L1*cos(A)``: read without running them."""
+"""Arithmetic expressions, ``2*L1*cos(A)`` of a robot's table or ``rate/v0`` of a one-line effect: read, never run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import ast
 import math
 import operator
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -18,7 +18,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "cos": np.cos, "sin": np.sin, "tan": np.tan, "sqrt": np.sqrt,
     "acos": np.arccos, "asin": np.arcsin, "atan": np.arctan, "atan2": np.arctan2,
 }  # fmt: skip
-_ARGUMENTS = {"atan2": 2}
+_ARGUMENTS = {"atan2": 2, "min": 2, "max": 2}
 _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: np.true_divide,
     ast.Pow: np.float_power,
@@ -27,30 +27,47 @@ _LONGEST = 4000
 """Characters: a longer text is no entry of a table (and would only try the parser's depth)."""
 
 
+class ExpressionFault(ValueError):
+    """What is wrong with an expression: `says`, and the characters from `start` to `stop` where it stands."""
+
+    def __init__(self, text: str, says: str, start: int = 0, stop: int | None = None):
+        super().__init__(f"'{text[:60]}': {says}")
+        self.says, self.start, self.stop = says, start, len(text) if stop is None else stop
+
+
 @dataclass(frozen=True)
 class Expression:
-    """A text that was vetted: numbers, names, ``+ - * / ** ^``, brackets and the functions of `FUNCTIONS`."""
+    """A text that was vetted: numbers, names, ``+ - * / ** ^``, brackets and `functions`."""
 
     text: str
     tree: ast.expr
+    functions: Mapping[str, Callable[..., Any]] = field(default_factory=lambda: FUNCTIONS, repr=False)
 
     @classmethod
-    def parse(cls, text: str) -> Expression:
-        """Read a text. Raises ValueError that says what cannot be read."""
+    def parse(cls, text: str, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS) -> Expression:
+        """Read a text. Raises ExpressionFault that says what cannot be read, and where in `text` as stripped."""
         written = text.strip()
         if not written:
-            raise ValueError("nothing stands here")
+            raise ExpressionFault(written, "nothing stands here")
         if len(written) > _LONGEST:
-            raise ValueError(f"longer than {_LONGEST} characters")
+            raise ExpressionFault(written, f"longer than {_LONGEST} characters")
         try:
             tree = ast.parse(written.replace("^", "**"), mode="eval").body
-        except (SyntaxError, ValueError, MemoryError, RecursionError):
-            raise ValueError(f"'{written[:60]}' is no arithmetic expression") from None
+        except SyntaxError as cause:
+            at = _before(written, (cause.offset or 1) - 1) if cause.lineno == 1 else 0
+            stop = at + 1 if at < len(written) else None
+            raise ExpressionFault(written, "this is no arithmetic expression", at if stop else 0, stop) from None
+        except (ValueError, MemoryError, RecursionError):
+            raise ExpressionFault(written, "this is no arithmetic expression") from None
         try:
-            _vet(tree, written[:60])
+            _vet(tree, written, functions)
         except RecursionError:
-            raise ValueError(f"'{written[:60]}' is nested too deeply") from None
-        return cls(written, tree)
+            raise ExpressionFault(written, "nested too deeply") from None
+        return cls(written, tree, functions)
+
+    def fault(self, node: ast.expr, says: str) -> ExpressionFault:
+        """A fault at a part of the expression."""
+        return _fault(node, self.text, says)
 
     @classmethod
     def of(cls, value: float) -> Expression:
@@ -61,65 +78,79 @@ class Expression:
     def symbols(self) -> frozenset[str]:
         """The names in it that need a value."""
         names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
-        return frozenset(names) - CONSTANTS.keys() - FUNCTIONS.keys()
+        return frozenset(names) - CONSTANTS.keys() - self.functions.keys()
 
     @cached_property
     def angles(self) -> tuple[Expression, ...]:
         """Arguments of its sines, cosines and tangents that hold symbols (those of a root or an arc are no angles)."""
         nodes = (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
         calls = [n for n in nodes if isinstance(n.func, ast.Name) and n.func.id in ("sin", "cos", "tan")]
-        found = (Expression(ast.unparse(a), a) for call in calls for a in call.args)
+        found = (Expression(ast.unparse(a), a, self.functions) for call in calls for a in call.args)
         return tuple(a for a in found if a.symbols)
 
     def value(self, values: Mapping[str, float]) -> float:
         """Its number. Raises ValueError when that is not finite, KeyError for a symbol without value."""
         try:
             with np.errstate(all="ignore"):
-                out = float(_evaluate(self.tree, values))
+                out = float(_evaluate(self.tree, values, self.functions))
         except (ArithmeticError, ValueError) as error:
             raise ValueError(f"'{self.text}' has no value: {error}") from None
         if not math.isfinite(out):
             raise ValueError(f"'{self.text}' has no finite value")
         return out
 
-    def series(self, values: Mapping[str, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
-        """Its numbers (count,) for series of the symbols' values (count,)."""
-        return np.asarray(_evaluate(self.tree, values), float) * np.ones(count)
+    def series(self, values: Mapping[str, NDArray[np.float64] | float], count: int) -> NDArray[np.float64]:
+        """Its numbers (count,) for series of the symbols' values, (count,) or a number."""
+        return np.asarray(_evaluate(self.tree, values, self.functions), float) * np.ones(count)
 
 
-def _vet(node: ast.expr, text: str) -> None:
+def _before(written: str, place: int) -> int:
+    """Where a character stood before each ``^`` was made ``**``."""
+    for at, character in enumerate(written):
+        if character == "^" and at < place:
+            place -= 1
+    return min(place, len(written))
+
+
+def _fault(node: ast.expr, text: str, says: str) -> ExpressionFault:
+    return ExpressionFault(text, says, _before(text, node.col_offset), _before(text, node.end_col_offset or 0))
+
+
+def _vet(node: ast.expr, text: str, functions: Mapping[str, Callable[..., Any]]) -> None:
     if isinstance(node, ast.Constant):
         if isinstance(node.value, bool) or not isinstance(node.value, int | float):
-            raise ValueError(f"'{text}': {node.value!r} is no number")
+            raise _fault(node, text, f"{node.value!r} is no number")
         if isinstance(node.value, int) and abs(node.value) > 2**1000:
-            raise ValueError(f"'{text}': a number too large")
+            raise _fault(node, text, "a number too large")
     elif isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
-        _vet(node.left, text)
-        _vet(node.right, text)
+        _vet(node.left, text, functions)
+        _vet(node.right, text, functions)
     elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        _vet(node.operand, text)
+        _vet(node.operand, text, functions)
     elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         name = node.func.id
-        if name not in FUNCTIONS:
-            raise ValueError(f"'{text}': the function {name} is not known (known: {', '.join(FUNCTIONS)})")
+        if name not in functions:
+            known = ", ".join(functions)
+            raise _fault(node.func, text, f"the function {name} is not known (known: {known})")
         if len(node.args) != _ARGUMENTS.get(name, 1):
-            raise ValueError(f"'{text}': {name} takes {_ARGUMENTS.get(name, 1)} argument(s)")
+            raise _fault(node, text, f"{name} takes {_ARGUMENTS.get(name, 1)} argument(s)")
         for argument in node.args:
-            _vet(argument, text)
-    elif not (isinstance(node, ast.Name) and node.id not in FUNCTIONS):
-        raise ValueError(f"'{text}': only numbers, names, + - * / **, brackets and {', '.join(FUNCTIONS)} are read")
+            _vet(argument, text, functions)
+    elif not (isinstance(node, ast.Name) and node.id not in functions):
+        raise _fault(node, text, f"only numbers, names, + - * / **, brackets and {', '.join(functions)} are read")
 
 
-def _evaluate(node: ast.expr, values: Mapping[str, Any]) -> Any:
+def _evaluate(node: ast.expr, values: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]) -> Any:
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float):
         return float(node.value)
     if isinstance(node, ast.Name):
         return CONSTANTS[node.id] if node.id in CONSTANTS else values[node.id]
     if isinstance(node, ast.UnaryOp):
-        operand = _evaluate(node.operand, values)
+        operand = _evaluate(node.operand, values, functions)
         return -operand if isinstance(node.op, ast.USub) else operand
     if isinstance(node, ast.BinOp):
-        return _OPERATORS[type(node.op)](_evaluate(node.left, values), _evaluate(node.right, values))
+        left, right = (_evaluate(part, values, functions) for part in (node.left, node.right))
+        return _OPERATORS[type(node.op)](left, right)
     assert isinstance(node, ast.Call)
     assert isinstance(node.func, ast.Name)
-    return FUNCTIONS[node.func.id](*(_evaluate(a, values) for a in node.args))
+    return functions[node.func.id](*(_evaluate(a, values, functions) for a in node.args))

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
         work = Work(study, line.show)
         known = work.study.effects(work.loaded.reference)
         effect = find_effect(key, known)
-        shape = _shape(args.shape, {**effect.shape, **dict.fromkeys(effect.grids, 0.0)})
+        shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape})
         before = study.version()
         after = work.add(key, shape or None)
     item = fall(key, before.result["rows"], after.result["rows"])

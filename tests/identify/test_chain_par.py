@@ -124,7 +124,7 @@ def test_a_loop_is_read_as_its_tree(tmp_path: Path) -> None:
         ("{0,0,0,0,0,2}", "{0,x,0,0,0,2}", "line 11: sigma of joint 2 must be a whole number"),
         ("R = {0,0,0,0,0,0}", "R = {0,0,0}", "line 13: r has 3 entries, 4 or 5 or 6"),
         ("R = {0,0,0,0,0,0}", "R = {0,0,0,0,0,0,0}", "line 13: r has 7 entries, 4 or 5 or 6"),
-        ("2*L1,", "2*L1 +,", "line 12: d of joint 3: '2[*]L1 [+]' is no arithmetic"),
+        ("2*L1,", "2*L1 +,", "line 12: d of joint 3: '2[*]L1 [+]': this is no arithmetic"),
         ("2*L1,", "open(1),", "line 12: d of joint 3: .*the function open is not known"),
         ("2*L1,", "1/0,", "line 12: d of joint 3"),
         ("t2 + pi/2", "2*t2", "line 16: theta of joint 2: '2[*]t2' is not the joint position t2 plus"),
