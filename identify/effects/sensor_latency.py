@@ -62,8 +62,9 @@ class SensorLatency(SensorFault):
 
     def channels(self) -> tuple[str, ...]:
         """All channels of the instrument."""
-        families = _GROUPS[self.where]
-        return self.members or tuple(name for name, channel in CHANNELS.items() if channel.family in families)
+        if self.members:
+            return self.members
+        return tuple(name for name, channel in CHANNELS.items() if channel.family in _GROUPS[self.where])
 
     def perturb(self, channel: str, recording: Recording) -> Array:
         """−dx/dt."""
