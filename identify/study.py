@@ -129,8 +129,9 @@ class Study:
         return [self.folder / name for name in (self.held if held else self.used)]
 
     def effects(self, reference: str) -> dict[str, Effect]:
-        """The catalogue with the study's own effects."""
-        return catalogue(self.vehicle, reference, [self.folder / "effects"])
+        """The catalogue with the study's own effects, and what can differ between the runs used."""
+        runs = [Path(name).stem for name in self.used]
+        return catalogue(self.vehicle, reference, [self.folder / "effects"], runs)
 
     def model(self, version: Version, reference: str) -> Model:
         """The model of a version: the base and what was added."""

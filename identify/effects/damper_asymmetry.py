@@ -15,7 +15,7 @@ class DamperAsymmetry(SuspensionForce):
     about = "damping different in bump and rebound"
     signature = "suspension row follows the size of the travel rate; the car sinks or rises on a rough road"
     shown_by = "rough road"
-    source = "Dixon (2007), The Shock Absorber Handbook, chapter 3"
+    source = "Dixon (2007), The Shock Absorber Handbook, chapter 7"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

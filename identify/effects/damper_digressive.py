@@ -17,7 +17,7 @@ class DamperDigressive(SuspensionForce):
     about = "damping that falls (or grows) with the travel rate"
     signature = "suspension row bends with the travel rate, the same way in bump and rebound"
     shown_by = "rough road with large and small travel rates"
-    source = "Dixon (2007), The Shock Absorber Handbook, chapters 3 and 7"
+    source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -36,7 +36,7 @@ class DamperSaturation(SuspensionForce):
     about = "damping that saturates above a travel rate (blow-off valve)"
     signature = "suspension row is steep at small travel rates and flat at large ones"
     shown_by = "rough road with large and small travel rates"
-    source = "Dixon (2007), The Shock Absorber Handbook, chapter 7; Heißing and Ersoy (2011), section 3.5"
+    source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7; Heißing and Ersoy (2011), Chassis Handbook"
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2, 0.4)}
 
     @property

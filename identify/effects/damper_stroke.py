@@ -13,7 +13,7 @@ class DamperStroke(SuspensionForce):
     about = "damping that depends on the stroke"
     signature = "suspension row follows travel times travel rate"
     shown_by = "rough road while braking, cornering or loaded: large rates at different travels"
-    source = "Dixon (2007), The Shock Absorber Handbook, chapter 8 (position-dependent dampers)"
+    source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7 (position-dependent dampers)"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -21,7 +21,7 @@ class HelperSpring(SuspensionForce):
     about = "helper spring that goes solid beyond a gap"
     signature = "suspension row is steeper below a travel than above it"
     shown_by = "strong roll, crests, large bumps"
-    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4; Milliken and Milliken (1995), chapter 16"
+    source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 16; Reimpell et al. (2001), chapter 5"
     looks_like = ("bump_stop",)
     grids: ClassVar = {"gap": (-0.02, -0.01, 0.0, 0.01, 0.02)}
 

@@ -26,9 +26,7 @@ class Jacking(Effect):
     about = "lateral force transferred to the suspension (error of the table's half-track slope)"
     signature = "suspension rows of an axle follow the lateral force, outward on both sides"
     shown_by = "cornering: fast steering, lift-off in a turn"
-    source = (
-        "Milliken and Milliken (1995), Race Car Vehicle Dynamics, section 17.4; Reimpell et al. (2001), section 3.4"
-    )
+    source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 17; Reimpell et al. (2001), section 3.4"
     rows = ("suspension", "chassis.mx", "chassis.mz")
     looks_like = ("camber_change",)
 

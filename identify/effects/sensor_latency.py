@@ -42,7 +42,7 @@ class SensorLatency(SensorFault):
     about = "an instrument later than the rig file says"
     signature = "every row it enters follows the rate of what it measures"
     shown_by = "anything fast: rough road, fast steering"
-    source = "Isermann and Münchhof (2011), Identification of Dynamic Systems, chapter 23; docs/latency.md"
+    source = "Isermann and Münchhof (2011), Identification of Dynamic Systems (dead times); docs/latency.md"
     looks_like = ("tyre_damping", "damper")
 
     @classmethod
@@ -62,8 +62,9 @@ class SensorLatency(SensorFault):
 
     def channels(self) -> tuple[str, ...]:
         """All channels of the instrument."""
-        families = _GROUPS[self.where]
-        return self.members or tuple(name for name, channel in CHANNELS.items() if channel.family in families)
+        if self.members:
+            return self.members
+        return tuple(name for name, channel in CHANNELS.items() if channel.family in _GROUPS[self.where])
 
     def perturb(self, channel: str, recording: Recording) -> Array:
         """−dx/dt."""

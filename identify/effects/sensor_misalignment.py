@@ -33,7 +33,7 @@ class SensorMisalignment(SensorFault):
     about = "an instrument turned against what the rig file says"
     signature = "one axis' rows follow what belongs to the next axis"
     shown_by = "cornering and braking in the same set of runs; large accelerations"
-    source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology, chapter 12"
+    source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology (error analysis)"
     looks_like = ("aero_drag",)
 
     @classmethod

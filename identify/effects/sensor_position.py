@@ -21,7 +21,7 @@ class SensorPosition(SensorFault):
     about = "inertial unit mounted elsewhere than the rig file says"
     signature = "force rows follow angular accelerations and squares of rates"
     shown_by = "fast steering, one-sided bumps: large angular accelerations"
-    source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology, chapter 12 (size effect)"
+    source = "Titterton and Weston (2004), Strapdown Inertial Navigation Technology (size effect)"
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:

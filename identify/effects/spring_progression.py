@@ -13,7 +13,7 @@ class SpringQuadratic(SuspensionForce):
     about = "spring rate that grows with compression"
     signature = "suspension row follows the square of travel"
     shown_by = "strong roll, large bumps"
-    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4"
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -32,7 +32,7 @@ class SpringCubic(SuspensionForce):
     about = "spring rate that grows with travel both ways"
     signature = "suspension row follows the cube of travel"
     shown_by = "strong roll, large bumps"
-    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4"
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -12,5 +12,5 @@ class SteerCompliance(AlreadyMeasured):
     about = "compliance of the steering and of toe under load"
     signature = "none: it is in the measured steer and camber angles"
     shown_by = "no run: nothing is missing"
-    source = "Reimpell et al. (2001), The Automotive Chassis, sections 3.6 and 4.6"
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapters 3 and 4"
     measured_by = "the cameras measure steer and camber of every wheel as they are, compliance included"

@@ -23,7 +23,7 @@ class BumpStop(SuspensionForce):
     about = "bump stop touched beyond a gap in compression"
     signature = "suspension row bends upwards beyond a travel"
     shown_by = "strong roll, braking, large bumps"
-    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4; Reimpell et al. (2001), section 5.2"
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
     looks_like = ("helper_spring",)
     grids: ClassVar = {"gap": _GAPS}
 
@@ -44,7 +44,7 @@ class ReboundStop(SuspensionForce):
     about = "rebound stop touched beyond a gap in extension"
     signature = "suspension row bends downwards beyond a travel"
     shown_by = "strong roll, crests"
-    source = "Dixon (2009), Suspension Geometry and Computation, section 2.4; Reimpell et al. (2001), section 5.2"
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
     grids: ClassVar = {"gap": _GAPS}
 
     @property

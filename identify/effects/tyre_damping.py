@@ -19,7 +19,7 @@ class TyreDamping(TyreForce):
     about = "vertical damping of the tyres"
     signature = "tyre row follows the rate of deflection; a late ground laser looks the same"
     shown_by = "rough road"
-    source = "Pacejka (2012), Tire and Vehicle Dynamics, section 4.3; Reimpell et al. (2001), section 2.2.5"
+    source = "Pacejka (2012), Tire and Vehicle Dynamics; Reimpell et al. (2001), The Automotive Chassis, chapter 2"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -14,7 +14,7 @@ class TyreProgression(TyreForce):
     about = "progressive vertical tyre stiffness"
     signature = "tyre row bends upwards with deflection"
     shown_by = "spiral, strong roll, rough road"
-    source = "Pacejka (2012), Tire and Vehicle Dynamics, section 4.3; Reimpell et al. (2001), section 2.2.5"
+    source = "Pacejka (2012), Tire and Vehicle Dynamics; Reimpell et al. (2001), The Automotive Chassis, chapter 2"
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

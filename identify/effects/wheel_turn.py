@@ -56,7 +56,7 @@ class CamberChange(_WheelTurn):
     about = "camber that changes with travel more than the bench table says"
     signature = "suspension rows of an axle follow the moment about the x axis, outward on both sides"
     shown_by = "cornering: fast steering, lift-off in a turn"
-    source = "Reimpell et al. (2001), The Automotive Chassis, section 3.5; Dixon (2009), chapter 8"
+    source = "Reimpell et al. (2001), The Automotive Chassis, section 3.5; Dixon (2009), chapter 7"
     looks_like = ("jacking",)
 
     def axis(self, corner: CornerMotion) -> Array:
@@ -71,7 +71,7 @@ class ToeChange(_WheelTurn):
     about = "toe that changes with travel more than the bench table says (bump steer)"
     signature = "suspension rows of an axle follow the self-aligning moment, mirrored left and right"
     shown_by = "cornering, braking: large moments about the vertical axis"
-    source = "Reimpell et al. (2001), The Automotive Chassis, section 3.6; Dixon (2009), chapter 5"
+    source = "Reimpell et al. (2001), The Automotive Chassis, section 3.6; Dixon (2009), chapter 6"
 
     def axis(self, corner: CornerMotion) -> Array:
         """z."""

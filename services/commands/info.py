@@ -12,9 +12,9 @@ from daq.log import LogReader
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
-from identify.catalogue import catalogue
 from identify.rows import ROWS, needs, row_unit
 from services import tables
+from services.effect_list import list_effects
 from services.model_info import find_model, model_info
 from services.progress import Line
 from services.result import DONE, WITH_LOSSES, write_result
@@ -25,7 +25,9 @@ DESCRIPTION = """\
   lacet info rig.toml            sensors, latencies, tolerances
   lacet info vehicle.toml        geometry, with the source of every number
   lacet info --channels          the vocabulary of measurements
-  lacet info --effects           the catalogue of physical effects and sensor faults
+  lacet info --effects           the catalogue: effects of the base model, those that may be missing, sensor faults,
+                                 and what cannot be missing because it is measured
+  lacet info --effects coulomb   one family of it
   lacet info --rows              the rows of the equations and what each needs measured
 
   lacet info --model vehicle.toml                  the car's tree of 42 bodies, the parameters of its model, which of
@@ -42,7 +44,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--model", action="store_true", help="the model of a vehicle, a study or runs (any number)")
     parser.add_argument("--channels", action="store_true", help="list the vocabulary")
-    parser.add_argument("--effects", action="store_true", help="list the catalogue of effects")
+    parser.add_argument(
+        "--effects", metavar="NAME", nargs="?", const="", help="list the catalogue of effects, or one family of it"
+    )
     parser.add_argument("--rows", action="store_true", help="list the rows of the equations")
     parser.add_argument("--vehicle", help="vehicle file of --effects and --model (default: the shipped peugeot-406)")
     parser.add_argument("--rig", help="--model: rig file of the runs; default: the one in the first run")
@@ -56,8 +60,9 @@ def run(args: argparse.Namespace) -> int:
     status, result = DONE, dict[str, Any]()
     if args.channels:
         result["channels"] = _channels()
-    if args.effects:
-        result["effects"] = _effects(Vehicle.load(args.vehicle or "peugeot-406"), args.reference or "contact")
+    if args.effects is not None:
+        vehicle = Vehicle.load(args.vehicle or "peugeot-406")
+        result["effects"] = list_effects(vehicle, args.reference or "contact", args.effects)
     if args.rows:
         result["rows"] = _rows(args.reference or "contact")
     if args.model:
@@ -91,24 +96,6 @@ def _channels() -> list[dict[str, Any]]:
     ]
     print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, left=7))
     return [{"name": c.name, "components": c.components, "unit": c.unit, "axes": c.axes} for c in CHANNELS.values()]
-
-
-def _effects(vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
-    found = catalogue(vehicle, reference).values()
-    for effect in {e.name: e for e in found}.values():
-        places = [e.where for e in found if e.name == effect.name and e.where]
-        print(f"{effect.name}{'  (base model)' if effect.base else ''}: {effect.about}")
-        print(f"    where: {', '.join(places) or 'the whole car'}")
-        units = ", ".join(f"{p.name.rsplit('.', 1)[-1]} [{p.unit}]" for p in effect.parameters)
-        print(f"    parameters: {units}")
-        print(f"    seen as: {effect.signature}\n    shown by: {effect.shown_by}\n    source: {effect.source}")
-    return [
-        {
-            "effect": e.key, "base": e.base, "about": e.about, "signature": e.signature, "shown_by": e.shown_by,
-            "source": e.source, "parameters": [{"name": p.name, "unit": p.unit} for p in e.parameters],
-        }
-        for e in found
-    ]  # fmt: skip
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:

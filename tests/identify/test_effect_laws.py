@@ -10,9 +10,11 @@ import pytest
 
 from identify.catalogue import catalogue
 from identify.chain import FrameMotion
-from identify.effects.damper_hysteresis import dahl
+from identify.effects.chassis_torsion import ChassisTorsion
+from identify.effects.damper_hysteresis import DamperHysteresis, dahl
+from identify.effects.engine_mount import EngineMount
 from identify.geometry import build_motion
-from identify.sensitivity import residual
+from identify.sensitivity import Sensitivity, residual
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -83,6 +85,33 @@ def test_an_error_of_the_bench_table_is_its_effect(key: str, column: str, sign: 
         # The moment about the spin axis is left out of toe, where it has the sine of the camber for a share.
         tolerance = 0.2 if key == "toe_change" else 1e-6
         assert np.max(np.abs(gone - expected)) <= tolerance * size + 1e-9, row
+
+
+def test_a_law_with_a_memory_does_not_mix_the_copies_of_a_sensitivity() -> None:
+    """Slopes are taken on copies of a thinned run: what has a memory stays out, and changes no slope of the others."""
+    record = cars.recording(cars.random_signals(4, 400), VEHICLE_T, RIG)
+    model = [KNOWN["spring.fl"], KNOWN["damper_hysteresis.fl"], KNOWN["engine_mount"], KNOWN["damper.fl"]]
+    values = np.array([2e4, 300.0, 200.0, 20.0, 5.0, 1500.0])
+    found = Sensitivity.of(record, model, values).slopes
+    plain = Sensitivity.of(record, [model[0], model[3]], values[[0, 5]]).slopes
+    assert found.keys() == plain.keys()
+    for key, rows in plain.items():
+        for row, slope in rows.items():
+            np.testing.assert_array_equal(found[key][row], slope)
+    assert {name for name, e in KNOWN.items() if not e.instantaneous} >= {"damper_hysteresis.fl", "engine_mount"}
+
+
+def test_what_says_it_is_instantaneous_is() -> None:
+    """The columns of some samples are those samples of the columns, in any order."""
+    record = cars.recording(cars.random_signals(4, 60), VEHICLE_T, RIG)
+    index = np.random.default_rng(0).permutation(60)[:40]
+    motion, part = build_motion(record), build_motion(record.at(index))
+    for key, effect in KNOWN.items():
+        whole, some = effect.columns(motion), effect.columns(part)
+        same = all(np.allclose(some[row], whole[row][:, index], rtol=1e-9, atol=1e-9) for row in whole)
+        assert same or not effect.instantaneous, key
+        if isinstance(effect, DamperHysteresis | EngineMount | ChassisTorsion):
+            assert not same, key
 
 
 def test_a_helper_spring_is_a_bump_stop_with_the_other_sign() -> None:

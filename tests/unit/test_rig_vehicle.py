@@ -71,6 +71,27 @@ def test_a_channel_no_sensor_delivers_has_the_tables_noise() -> None:
     assert rig.tolerance("laser.fl.hub", "zero") == DEFAULT_TOLERANCE["laser.hub.zero"]
 
 
+def test_the_sheet_knows_drift_cross_talk_and_mounting() -> None:
+    """By channel family, or for the whole instrument; what a row does not deliver it cannot speak of."""
+    head = 'format = "lacet-rig 1"\nname = "x"\n[[sensor]]\nname = "imu"\nchannels = ["imu.*"]\n'
+    rig = Rig.parse(
+        head + 'tolerance = { "imu.accel.drift" = 0.01, "imu.misalignment" = 0.02, "imu.position" = 0.05 }\n'
+    )
+    assert rig.tolerance("imu.accel", "drift") == 0.01
+    assert rig.tolerance("imu.rate", "drift") == DEFAULT_TOLERANCE["imu.rate.drift"]
+    for channel in ("imu.accel", "imu.rate", "imu.attitude"):
+        assert (rig.tolerance(channel, "misalignment"), rig.tolerance(channel, "position")) == (0.02, 0.05)
+    assert rig.tolerance("wheel.fl.force", "crosstalk") == DEFAULT_TOLERANCE["wheel.force.crosstalk"]
+    assert rig.tolerance("wheel.fl.moment", "crosstalk") == 0.0
+    assert rig.tolerance("wheel.rr.force", "misalignment") == DEFAULT_TOLERANCE["wheel.misalignment"]
+    faults = rig_faults(
+        head + 'tolerance = { "imu.accel.crosstalk" = 0.01, "imu.positon" = 1, "imu.misalignment" = -1 }\n'
+    )
+    assert has(faults, "imu.accel.crosstalk", "unknown key")
+    assert has(faults, "imu.positon", "did you mean 'imu.position'")
+    assert has(faults, "imu.misalignment", "at least 0")
+
+
 def test_every_fault_of_a_rig_at_once() -> None:
     """Fourteen mistakes, fourteen lines, with the nearest right word."""
     faults = rig_faults(
