@@ -9,11 +9,12 @@ what the same search finds in simulated runs that lack nothing, and the gain mat
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from identify.candidate import Candidate
+from identify.column_noise import ColumnNoise
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
@@ -49,6 +50,7 @@ class Diagnosis:
     louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
+    noise : in the columns, for the next ranking.
     """
 
     verdict: str
@@ -62,14 +64,18 @@ class Diagnosis:
     louder: Mapping[str, float]
     failing: tuple[str, ...]
     together: tuple[str, ...]
+    noise: ColumnNoise = field(repr=False)
 
 
-def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0) -> Diagnosis:
+def diagnose(
+    fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: ColumnNoise | None = None
+) -> Diagnosis:
     """Rank `candidates` on top of a fitted model, on the runs it was fitted to.
 
-    `floor` is the noise floor of this fit's runs; its σ are the weights.
+    `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns, as an earlier ranking
+    of the same candidates found it, spares finding it again.
     """
-    space = TrialSpace(fitted, floor, candidates, seed)
+    space = TrialSpace(fitted, floor, candidates, seed, noise)
     found = space.try_all()
     louder = louder_rows(space)
     found = space.family_wise(found, louder)
@@ -98,7 +104,7 @@ def diagnose(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed:
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
         verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, louder, failing,
-        tuple(together),
+        tuple(together), space.noise,
     )  # fmt: skip
 
 

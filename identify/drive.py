@@ -36,7 +36,7 @@ class Drive:
 
     def __init__(self, recording: Recording, offset: int = 0):
         self.recording, self.offset = recording, offset
-        self._noisy: dict[tuple[int, int], Drive] = {}
+        self._noisy: dict[tuple[int, int, bool], Drive] = {}
         self._columns: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, Array]] = {}
 
     @classmethod
@@ -141,16 +141,18 @@ class Drive:
             usable = {name: mask & own for name, mask in part.usable.items()}
             yield Drive(replace(part, usable=usable), offset=first)
 
-    def noisy(self, draw: int, sign: int, seed: Sequence[int]) -> Drive:
+    def noisy(self, draw: int, sign: int, seed: Sequence[int], loads: bool = False) -> Drive:
         """This run with one more draw of its channels' noise added or subtracted; kept for the next fit.
 
-        The wheel loads are left alone: they stand on the left side only, where noise brings no bias.
+        Unless `loads` are asked for, wheel loads are left alone: in the base model they stand on the left side only,
+        where noise brings no bias.
         """
-        key = (draw, sign)
+        key = (draw, sign, loads)
         if key not in self._noisy:
             recording = self.recording
             values = recording.signals.value
-            moving = [name for name in values if CHANNELS[name].family not in ("wheel.force", "wheel.moment")]
+            still = () if loads else ("wheel.force", "wheel.moment")
+            moving = [name for name in values if CHANNELS[name].family not in still]
             noise = draw_noise(recording, moving, np.random.default_rng(seed))
             moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
             signals = Signals.differentiated(moved, recording.filters.rate)
@@ -161,9 +163,12 @@ class Drive:
         """Let go of the full-rate motion, which is rebuilt if asked for again; columns made so far are kept."""
         self.__dict__.pop("motion", None)
 
-    def forget_noisy(self) -> None:
-        """Let go of the runs with more noise, which hold all their channels; they are drawn again if asked for."""
-        self._noisy.clear()
+    def forget_noisy(self, loads: bool = False) -> None:
+        """Let go of the runs with more noise, which hold all their channels; they are drawn again if asked for.
+
+        With `loads`, those alone that have noise in the wheel loads too.
+        """
+        self._noisy = {key: drive for key, drive in self._noisy.items() if loads and not key[2]}
 
     def can(self, effect: Effect) -> str:
         """Why an effect cannot be computed on this run, or an empty string."""

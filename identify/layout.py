@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from identify.assembly import Piece
+from identify.drive import Drive
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
-from identify.sheet import SheetEntry
+from identify.sheet import SheetEntry, sheet_responses
 from identify.vectors import Array
 
 
@@ -48,6 +49,11 @@ class Layout:
         return cls(model, tuple(sheet), tuple(trials))
 
     @property
+    def labels(self) -> tuple[str, ...]:
+        """What the columns of sheet and trials are, for telling two layouts apart."""
+        return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
+
+    @property
     def right(self) -> int:
         """Place of the right side."""
         return self.trials[-1].place.stop if self.trials else self.model + len(self.sheet)
@@ -58,24 +64,29 @@ class Layout:
         return self.right + 1
 
 
-def sensor_columns(fitted: Fit, piece: Piece, layout: Layout) -> dict[str, list[tuple[slice, Array]]]:
-    """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece."""
+def sensor_columns(
+    fitted: Fit, layout: Layout, piece: Piece, noisy: Drive | None = None
+) -> dict[str, list[tuple[slice, Array]]]:
+    """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
     out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
-    responses = fitted.assembly.sheet_responses(piece) if layout.sheet else {}
+    faults = [(t.place, t.effect) for t in layout.trials if isinstance(t.effect, SensorFault)]
+    if piece.sensitivity is None or not (faults or layout.sheet):
+        return out
+    drive, sensitivity = piece.drive, piece.sensitivity
+    if noisy is None:
+        responses = fitted.assembly.sheet_responses(piece)
+    else:
+        drive, sensitivity = noisy, sensitivity.on(noisy.recording)
+        responses = sheet_responses(noisy, sensitivity)
     for place, entry in enumerate(layout.sheet, start=layout.model):
         for row, series in responses.get(entry, {}).items():
-            if np.any(series):
+            if row in out and np.any(series):
                 out[row].append((slice(place, place + 1), series[None]))
-    faults = [trial for trial in layout.trials if isinstance(trial.effect, SensorFault)]
-    found: dict[int, dict[str, Array]] = {}
-    for trial in faults:
-        assert isinstance(trial.effect, SensorFault)
-        assert piece.sensitivity is not None
-        found[trial.place.start] = piece.sensitivity.fault(trial.effect)
-    for row in piece.drive.rows:
-        having = [t.place for t in faults if row in found[t.place.start] and np.any(found[t.place.start][row])]
+    found = [(place, sensitivity.fault(fault)) for place, fault in faults]
+    for row in out:
+        having = [(place, response[row]) for place, response in found if row in response and np.any(response[row])]
         if having:
             # Through the filter together.
-            series = piece.drive.decimated({row: np.stack([found[place.start][row] for place in having])})[row]
-            out[row] += [(place, one[None]) for place, one in zip(having, series, strict=True)]
+            series = drive.decimated({row: np.stack([one for _, one in having])})[row]
+            out[row] += [(place, one[None]) for (place, _), one in zip(having, series, strict=True)]
     return out

@@ -100,6 +100,12 @@ class Sensitivity:
                     slopes[key] = found
         return cls(recording, comb, slopes)
 
+    def on(self, recording: Recording) -> Sensitivity:
+        """The same slopes on the same run with other noise."""
+        out = replace(self, recording=recording)
+        out.__dict__["slopes"] = self.slopes
+        return out
+
     def response(self, perturbation: Perturbation) -> dict[str, Array]:
         """Change of the residual at full rate, row → (N,), for a change of channels."""
         rate = self.recording.filters.rate

@@ -25,8 +25,6 @@ from identify.vectors import Array
 FOLDS = 5
 BLOCK = 2.0
 """Length of a block of the cross-validation [s]."""
-_NOISE_SECONDS = 180.0
-"""Of more data than this, pieces are left out when the noise in the columns is measured [s]."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +56,7 @@ class TrialSums:
     total : (w, w) of all samples; `train`, `test` (FOLDS, w, w) of those outside and inside a fold, `test` at the zeros
         found outside.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
+    temper : the zeros' priors are stiffened by this factor.
     following : for each run (z, w): what its zeros take of each column.
     noise_zeros : for each run (z, D): what its zeros take of its noise.
     """
@@ -71,6 +70,7 @@ class TrialSums:
     test: Array
     null: Mapping[str, Array]
     null_sheet: Array
+    temper: float
     following: tuple[Array, ...]
     noise_zeros: tuple[Array, ...]
 
@@ -110,7 +110,7 @@ class TrialSums:
             for fold, inside in enumerate(folds):
                 outside, rest = without_zeros(whole - inside, z)
                 train[fold] += rest
-                test[fold] += _at_zeros(inside, outside)
+                test[fold] += at_zeros(inside, outside)
             for row, products in noise.items():
                 null[row] += products[z:] - gain.T @ products[:z]
             # Zeros are drawn from the sheet, whose σ the priors are `temper` times stiffer than.
@@ -125,8 +125,8 @@ class TrialSums:
             pushed = np.sum([products[:z] for products in noise.values()], axis=0)
             noise_zeros.append(np.asarray(np.linalg.solve(whole[:z, :z] + np.eye(z), pushed), float))
         return cls(
-            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, tuple(following),
-            tuple(noise_zeros),
+            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, temper,
+            tuple(following), tuple(noise_zeros),
         )  # fmt: skip
 
     def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
@@ -141,51 +141,6 @@ class TrialSums:
             yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
 
 
-def noise_products(fitted: Fit, layout: Layout, sums: TrialSums, sigma: Mapping[str, float], temper: float,
-    pairs: int) -> Array:
-    """(w, w) what noise in the columns themselves adds to `TrialSums.total`.
-
-    A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law
-    that follows a rate sensor's noise looks like an effect. One draw of noise added and the same draw subtracted leave
-    the products of errors and the mean shift of bent laws, as `identify.noise_bias` has it for the fit.
-    """
-    w = layout.width
-    out = np.zeros((w, w))
-    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
-    every = max(1, int(seconds // _NOISE_SECONDS))
-    for run in range(len(fitted.drives)):
-        pieces = list(fitted.assembly.pieces_of(run))
-        taken = pieces[::every]
-        share = sum(_samples(q) for q in taken) / sum(_samples(q) for q in pieces)
-        priors = fitted.zeros[run][1] / temper
-        z = len(priors)
-        whole = np.zeros((z + w, z + w))
-        for piece in taken:
-            sensors = sensor_columns(fitted, piece, layout)
-            clean = dict(_columns(fitted, layout, sums.turn, piece, piece.drive, sensors, sigma))
-            zeros = {row: block[:, :z] * (priors / sigma[row]) for row, block in piece.blocks.items()}
-            place = (run,) if piece.number is None else (run, piece.number)
-            for draw in range(pairs):
-                for sign in (1, -1):
-                    noisy = piece.drive.noisy(draw, sign, [2002, *place, draw])
-                    for row, (columns, active) in _columns(fitted, layout, sums.turn, piece, noisy, sensors, sigma):
-                        before = clean[row][0]
-                        at = z + active
-                        whole[np.ix_(at, at)] += (columns.T @ columns - before.T @ before) / (2 * pairs * share)
-                        cross = zeros[row].T @ (columns - before) / (2 * pairs * share)
-                        whole[np.ix_(np.arange(z), at)] += cross
-                        whole[np.ix_(at, np.arange(z))] += cross.T
-                    noisy.forget_motion()
-            if piece.number is not None:
-                piece.drive.forget_noisy()
-        out += _at_zeros(whole, sums.following[run])
-    return out
-
-
-def _samples(piece: Piece) -> int:
-    return sum(len(right) for right in piece.right.values())
-
-
 def _blocks(
     fitted: Fit, floor: NoiseFloor, layout: Layout, turn: Array, run: int, priors: Array, first: int
 ) -> Iterator[Block]:
@@ -193,42 +148,38 @@ def _blocks(
     filters = fitted.drives[run].recording.filters
     seen: dict[str, int] = {}
     for piece in fitted.assembly.pieces_of(run):
-        for row, (columns, active) in _columns(
-            fitted, layout, turn, piece, piece.drive, sensor_columns(fitted, piece, layout), floor.sigma
-        ):
+        for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma):
             start = seen.get(row, 0)
             seen[row] = start + len(columns)
             time = piece.instants[row] * (filters.step / filters.rate)
             zeros = piece.blocks[row][:, : len(priors)] * (priors / floor.sigma[row])
             noise = floor.draws[run][row][:, start : seen[row]] / floor.sigma[row]
+            model = columns[:, : layout.model]
+            # The right side is what the fit leaves: priors then hold on to the fit, and do not pull at its scale.
+            columns[:, -1] -= model @ fitted.solution
+            columns[:, : layout.model] = model @ turn
             yield Block(run, row, zeros, columns, active, first + (time // BLOCK).astype(np.intp), noise)
 
 
-def _columns(
-    fitted: Fit, layout: Layout, turn: Array, piece: Piece, drive: Drive,
-    sensors: Mapping[str, Sequence[tuple[slice, Array]]],
-    sigma: Mapping[str, float],
+def columns_of(
+    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: Drive | None = None
 ) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
-    """For each row of a piece, weighted columns (n, a) and their places in the layout.
+    """For each row of a piece, weighted columns (n, a), the measured side last, and their places in the layout.
 
-    `drive` is the piece's own, or the same with more noise, which the columns of `sensors` do not see.
+    `noisy` : the same piece with more noise, whose columns are wanted instead.
     """
-    p, keep = layout.model, fitted.base.independent
+    p, keep, drive = layout.model, fitted.base.independent, noisy or piece.drive
     drive.prepare([*fitted.model.physics, *(t.effect for t in layout.trials if not t.fault)])
+    sensors = sensor_columns(fitted, layout, piece, noisy)
+    physics = [(trial.place, drive.columns(trial.effect)) for trial in layout.trials if not trial.fault]
     for row, block in piece.blocks.items():
-        model = block[:, block.shape[1] - p :]
-        if drive is not piece.drive:
-            model = model.copy()
-            model[:, : len(keep)] = drive.matrix(fitted.model.physics, row)[:, keep]
-        parts, places = [model @ turn], [np.arange(p)]
-        physics = [(t.place, drive.columns(t.effect)) for t in layout.trials if not t.fault]
+        model, right = block[:, block.shape[1] - p :], piece.right[row]
+        if noisy:
+            model, right = model.copy(), noisy.measured[row]
+            model[:, : len(keep)] = noisy.matrix(fitted.model.physics, row)[:, keep]
         own = [*sensors[row], *((place, found[row]) for place, found in physics if row in found)]
-        parts += [columns.T for _, columns in own]
-        places += [np.arange(place.start, place.stop) for place, _ in own]
-        right = piece.right[row] if drive is piece.drive else drive.measured[row]
-        # The right side is what the fit leaves: priors then hold on to the fit, and do not pull at its scale.
-        parts.append((right - model @ fitted.solution)[:, None])
-        places.append(np.array([layout.right]))
+        parts = [model, *(columns.T for _, columns in own), right[:, None]]
+        places = [np.arange(p), *(np.arange(place.start, place.stop) for place, _ in own), [layout.right]]
         yield row, (np.concatenate(parts, axis=1) / sigma[row], np.concatenate(places).astype(np.intp))
 
 
@@ -260,7 +211,7 @@ def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:
     return gain, normal[z:, z:] - normal[z:, :z] @ gain
 
 
-def _at_zeros(normal: Array, gain: Array) -> Array:
+def at_zeros(normal: Array, gain: Array) -> Array:
     """(w, w) products of the columns less the zeros that follow them by `gain` (z, w)."""
     z = len(gain)
     across = gain.T @ normal[:z, z:]

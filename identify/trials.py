@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 
 from identify.candidate import Candidate
+from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
@@ -16,15 +17,13 @@ from identify.layout import Layout, Trial
 from identify.partialling import Partialled
 from identify.rows import row_unit
 from identify.sheet import SheetEntry, sheet_entries
-from identify.trial_sums import BLOCK, TrialSums, noise_products
+from identify.trial_sums import BLOCK, TrialSums
 from identify.vectors import Array
 
 LEAST_COVERAGE = 3.0
 """Effective number of blocks in which a candidate must act."""
 LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
-NOISE_PAIRS = 2
-"""Pairs of draws behind the noise in the candidates' own columns."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
 _GONE = 1e-10
@@ -56,6 +55,7 @@ class TrialSpace:
     floor : their noise floor: the weights, and simulated runs that lack nothing.
     candidates : effects to try; those of the model are passed over.
     seed : of the simulated zeros and tolerances.
+    noise : the noise in the columns, where it is known already for these candidates.
 
     Attributes
     ----------
@@ -67,7 +67,9 @@ class TrialSpace:
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
-    def __init__(self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int):
+    def __init__(
+        self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None
+    ):
         self.fitted, self.floor = fitted, floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
@@ -82,7 +84,10 @@ class TrialSpace:
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         self.layout = Layout.of(len(fitted.place), _sheet(fitted), self.effects)
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
-        noise = noise_products(fitted, self.layout, self.sums, floor.sigma, temper, NOISE_PAIRS)
+        if noise is None or noise.labels != column_labels(fitted, self.layout):
+            noise = ColumnNoise.of(fitted, self.layout, floor.sigma)
+        self.noise = noise
+        inside = noise.seen_by(fitted, self.sums)
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
         self.sheet = {self.layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(self.layout.sheet)}
@@ -94,7 +99,7 @@ class TrialSpace:
         there = [place for place in self.sheet if self.sums.total[place, place] > 0.0]
         stiff = (temper / np.array([sigma[place] for place in there])) ** 2
         prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
-        self.partialled = Partialled(self.sums, noise, np.concatenate([model, there]).astype(np.intp), prior)
+        self.partialled = Partialled(self.sums, inside, np.concatenate([model, there]).astype(np.intp), prior)
         drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
         self._sheet_null = self.sums.null_sheet + self.sums.total[:, there] @ drawn
         self.null = self.null_at({})
