@@ -15,7 +15,6 @@ from identify.sheet import SheetEntry, sheet_responses
 from identify.vectors import Array
 from identify.zeros import Zeros, zeros_of
 
-
 KEPT = 900.0
 """Pieces of long runs are kept, without their full-rate motion, until they are this long together [s]."""
 

@@ -137,9 +137,9 @@ def _missing(best: Candidate | None) -> str:
 def _unlisted(now: Left, failing: Sequence[str], explained: float, together: Sequence[str]) -> str:
     worst = max(failing, key=lambda row: now.ratios[row])
     return (
-        f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best set "
-        f"of effects of the catalogue ({', '.join(together) or 'none'}) explains {100 * max(0.0, explained):.0f} % of "
-        "what is above the floor, and the rest is no noise."
+        f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
+        f"set of effects of the catalogue ({', '.join(together) or 'none'}) explains "
+        f"{100 * max(0.0, explained):.0f} % of what is above the floor, and the rest is no noise."
     )
 
 
@@ -148,7 +148,8 @@ def _nothing(space: TrialSpace, ranked: Sequence[Candidate], louder: Mapping[str
     least = min((c.p for c in ranked), default=1.0)
     says = (
         f"Nothing is missing that these runs can show: the row farthest above its noise floor is {worst}, at "
-        f"{space.ratios[worst]:.2f}, and the best of {len(ranked)} candidates does as well by chance with p = {least:.2g}."
+        f"{space.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates does, chance does with "
+        f"p = {least:.2g}."
     )
     loud = [f"{row} {ratio:.1f} times" for row, ratio in louder.items() if ratio > LOUD]
     if loud:

@@ -56,7 +56,9 @@ def left_by(space: TrialSpace, added: Sequence[Tried]) -> Left:
     there = {key: np.concatenate(parts, axis=1) for key, parts in draws.items()}
     rows = list(dict.fromkeys(row for _, row in here))
     squares = {row: sum(float(np.sum(r**2)) for (_, name), r in here.items() if name == row) for row in rows}
-    null = {row: np.sum([np.sum(d**2, axis=1) for (_, name), d in there.items() if name == row], axis=0) for row in rows}
+    null = {
+        row: np.sum([np.sum(d**2, axis=1) for (_, name), d in there.items() if name == row], axis=0) for row in rows
+    }
     means = {row: float(np.mean(null[row])) for row in rows}
     spread = {row: float(np.std(null[row])) for row in rows}
     count = space.null.shape[1]
@@ -127,6 +129,6 @@ def _with(space: TrialSpace, added: Sequence[Tried]) -> tuple[NDArray[np.intp], 
     return taken, out
 
 
-def _columns(one: Tried):  # noqa: ANN202
+def _columns(one: Tried):
     place = one.trial.place
     return zip(range(place.start, place.stop), one.trial.effect.parameters, strict=True)

@@ -62,8 +62,8 @@ class TrialSpace:
     cannot : key → why a candidate cannot be computed on these runs.
     ratios : row → residual ÷ floor of the present model.
     sheet : place → name of the columns that stand for the sensor sheet's tolerances.
-    partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as one
-        that is free of its tolerance.
+    partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
+        one that is free of its tolerance.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
@@ -200,7 +200,9 @@ class TrialSpace:
         names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]
         for name, part in zip(names, parts, strict=True):
             shares[name] = shares.get(name, 0.0) + float(part) / whole
-        for other, part in zip(self.partialled.taken[p:].tolist(), gain[p:] * total[self.partialled.taken[p:], k], strict=True):
+        for other, part in zip(
+            self.partialled.taken[p:].tolist(), gain[p:] * total[self.partialled.taken[p:], k], strict=True
+        ):
             name = self.sheet[other]
             shares[name] = shares.get(name, 0.0) + float(part) / whole
         ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
@@ -250,7 +252,8 @@ class TrialSpace:
         """Compare each fall with the largest over all candidates in every simulated run.
 
         Falls are measured in units of their own mean under the null: beside a misfit, where the sheet's priors are
-        stiffened, a fault whose tolerance moves much would else drown the physics. `louder`: by how much the rows' noise exceeds the sheet's.
+        stiffened, a fault whose tolerance moves much would else drown the physics. `louder`: by how much the noise of
+        rows exceeds the sheet's.
         """
         tested = [c for c in found if c.tested]
         if not tested:

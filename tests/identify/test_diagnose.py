@@ -12,12 +12,13 @@ import pytest
 
 from daq.run import Run
 from identify.catalogue import catalogue
-from identify.diagnose import LEAST_GAIN, SIGNIFICANCE, Diagnosis, diagnose
+from identify.diagnose import Diagnosis, diagnose
 from identify.drive import Drive
 from identify.fit import fit
 from identify.floor import floor_of
 from identify.model import Model
-from identify.trials import ALIKE
+from identify.ties import ALIKE
+from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 from services.cli import main
 
 VEHICLE, RIG = cars.reference_car()
