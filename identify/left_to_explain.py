@@ -20,7 +20,7 @@ import numpy as np
 from identify.blocks import block_numbers
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.refitted import refitted_draws
+from identify.refitted import Draws, refitted_draws
 from identify.rows import row_unit
 from identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
 from identify.states import ClearStates
@@ -99,14 +99,17 @@ class Left:
         return out
 
 
-def left_to_explain(fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, seed: int = 0) -> dict[str, Left]:
+def left_to_explain(
+    fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None
+) -> dict[str, Left]:
     """What is left to explain, row by row, on the runs a model was fitted to.
 
-    `floor` : simulated draws (19 at least for p = 0.05); `clear` : made already for these runs. Rows of fewer than two
-    blocks for each of the folds are left out: nothing can be said of them.
+    `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
+    (`identify.states`, `identify.refitted`). Rows of fewer than two blocks for each of the folds are left out: nothing
+    can be said of them.
     """
     clear = clear or ClearStates(fitted.drives)
-    draws = refitted_draws(fitted, floor, seed=seed)
+    draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
     found: dict[str, tuple[Array, Array, Array, float, int]] = {}
     for row in fitted.rows:

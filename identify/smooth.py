@@ -47,7 +47,7 @@ TAKEN_UP: Mapping[str, tuple[str, ...]] = {
     "tyre": ("tyre deflection", "vertical acceleration"),
     "spin": (),
 }  # fmt: skip
-"""By kind of row, what the base model is linear in: a fit without some effect has bent these to take up what it could."""
+"""By kind of row, what the base model is linear in: a fit that lacks an effect bends these to take up what it can."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Spectrum of a residual against its floor, and its coherence with the states it may follow (Welch).
 
-States are blurred (`identify.states`), so that noise which a state and the residual share does not count. Coherence finds
-what is linear in a state, however it is delayed: where a smooth function of the present state explains
+States are blurred (`identify.states`), so that noise which a state and the residual share does not count.
+Coherence finds what is linear in a state, however it is delayed: where a smooth function of the present state explains
 little and coherence is high, the force depends on history. Sources: Welch 1967; Carter, Coherence and time delay
 estimation, Proc. IEEE 75 (1987); Bendat and Piersol, Random Data, chapter 7 (multiple coherence).
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,8 @@ class RowSpectrum:
     coherence : state → (F,) squared coherence with the residual.
     level : squared coherence that a state unrelated to the residual reaches at any line, for any of the states, with
         probability `SIGNIFICANCE`.
-    together, together_level : (F,) multiple squared coherence with the `together_of` states, and its level (any line).
+    together, together_level : (F,) multiple squared coherence with the `together_of` states, and its level, at any
+        line and however they were chosen.
     segments : effective number of segments averaged.
     """
 
@@ -105,10 +107,11 @@ def row_spectrum(
     most = max(1, min(4, int(segments) // 4))
     chosen = _unlike(states_, order, most)
     return RowSpectrum(
-        row, row_unit(row), frequency, power[0], draws.mean(axis=0), np.asarray(np.quantile(draws, 0.95, axis=0), float),
+        row, row_unit(row), frequency, power[0],
+        np.asarray(draws.mean(axis=0), float), np.asarray(np.quantile(draws, 0.95, axis=0), float),
         {name: coherence[k] for k, name in enumerate(names)}, _level(segments, 1, tests),
         tuple(names[k] for k in chosen), _together(own, states_[:, chosen]),
-        _level(segments, len(chosen), frequency.size), segments,
+        _level(segments, len(chosen), frequency.size * comb(len(names), len(chosen))), segments,
     )  # fmt: skip
 
 
@@ -152,13 +155,14 @@ def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Ar
     """(F,) part of the residual's power that is linear in all states together."""
     if not states.shape[1]:
         return np.zeros(own.shape[1])
-    scale = np.sqrt(np.maximum(np.mean(np.abs(states) ** 2, axis=0), 1e-300))
-    x = states / scale
+    scale = np.asarray(np.sqrt(np.maximum(np.mean(np.abs(states) ** 2, axis=0), 1e-300)), float)
+    x = np.asarray(states / scale, np.complex128)
     S = np.einsum("sif,sjf->fij", np.conj(x), x) / len(x) + 1e-9 * np.eye(x.shape[1])
     c = np.einsum("sif,sf->fi", np.conj(x), own) / len(x)
     solved = np.asarray(np.linalg.solve(S, c[:, :, None])[:, :, 0], np.complex128)
-    explained = np.einsum("fi,fi->f", np.conj(c), solved).real
-    return np.asarray(np.clip(explained / np.maximum(np.mean(np.abs(own) ** 2, axis=0), 1e-300), 0.0, 1.0), float)
+    explained = np.asarray(np.einsum("fi,fi->f", np.conj(c), solved).real, float)
+    power = np.asarray(np.mean(np.abs(own) ** 2, axis=0), float)
+    return np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
 
 
 def spectra(
