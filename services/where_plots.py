@@ -8,8 +8,12 @@ from math import log10
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colorbar import Colorbar
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from identify.left_to_explain import Left
 from identify.phases import PHASES, Phases
@@ -33,7 +37,9 @@ COLOURS = dict(
 _BROKEN = re.compile(r"(?<=cornering) |(?<=,) | (?=in a bend)")
 """Where the name of a phase may be broken."""
 MOST = 5.0
-"""Error ÷ floor from which the map is darkest."""
+"""Error ÷ floor up to which the colours reach at least."""
+LEAST, UTMOST = 0.5, 50.0
+"""Where they begin, and end at most."""
 _MILLI = {"m": "mm", "m/s": "mm/s"}
 
 
@@ -48,6 +54,7 @@ def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
     figure = Figure(figsize=size, layout="constrained")
     heights = [1.0, max(4.0, float(len(rows)))]
     grid = figure.subplots(2, len(parts), squeeze=False, sharex="col", width_ratios=lengths, height_ratios=heights)
+    norm = _norm(*(one.ratio for one in maps))
     image = None
     for k, (one, split) in enumerate(zip(maps, phases, strict=True)):
         strip, axes = grid[0, k], grid[1, k]
@@ -59,7 +66,7 @@ def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
         field = np.full((len(rows), one.edges.size - 1), np.nan)
         for row, line in zip(one.rows, one.ratio, strict=True):
             field[rows.index(row)] = line
-        image = axes.pcolormesh(one.edges, np.arange(len(rows) + 1), field, cmap="magma_r", vmin=0.0, vmax=MOST)
+        image = axes.pcolormesh(one.edges, np.arange(len(rows) + 1), field, cmap="magma_r", norm=norm)
         axes.set_facecolor("#dddddd")
         axes.set_ylim(len(rows), 0)
         axes.set_yticks(np.arange(len(rows)) + 0.5, rows if k == 0 else [""] * len(rows), fontsize=8)
@@ -67,7 +74,7 @@ def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
         axes.set_xlabel("time [s]", fontsize=8)
         axes.tick_params(labelsize=8)
     if image is not None:
-        figure.colorbar(image, ax=grid[1, :], label="error ÷ floor", extend="max")
+        _bar(figure.colorbar(image, ax=grid[1, :], label="error ÷ floor", extend="both"), norm)
     handles = [Patch(color=COLOURS[name], label=name) for name in present]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(6, len(present)), frameon=False, fontsize=8)
     return figure
@@ -79,11 +86,12 @@ def phase_figure(in_phase: Mapping[str, Mapping[str, InPhase]]) -> Figure:
     field = np.array([[own[row].ratio if row in own else np.nan for own in in_phase.values()] for row in rows])
     figure = Figure(figsize=(2.6 + 0.95 * len(in_phase), 1.4 + 0.23 * len(rows)), layout="constrained")
     axes = figure.subplots()
-    image = axes.imshow(field, aspect="auto", cmap="magma_r", vmin=0.0, vmax=MOST)
+    norm = _norm(field)
+    image = axes.imshow(field, aspect="auto", cmap="magma_r", norm=norm)
     for i, line in enumerate(field):
         for j, value in enumerate(line):
             if np.isfinite(value):
-                colour = "white" if value > 0.5 * MOST else MEASURED
+                colour = "white" if float(norm(value)) > 0.5 else MEASURED
                 axes.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=8, color=colour)
     names = [
         f"{_BROKEN.sub(chr(10), name)}\n{max(x.seconds for x in own.values()):.0f} s" for name, own in in_phase.items()
@@ -91,7 +99,7 @@ def phase_figure(in_phase: Mapping[str, Mapping[str, InPhase]]) -> Figure:
     axes.set_xticks(np.arange(len(names)), names, fontsize=8)
     axes.set_yticks(np.arange(len(rows)), rows, fontsize=8)
     axes.tick_params(length=0)
-    figure.colorbar(image, ax=axes, label="error ÷ floor", extend="max")
+    _bar(figure.colorbar(image, ax=axes, label="error ÷ floor", extend="both"), norm)
     return figure
 
 
@@ -104,13 +112,14 @@ def against_figure(against: Mapping[str, Against]) -> Figure:
     first = next(iter(against.values()))
     for axes, (name, one) in zip(grid, against.items(), strict=False):
         scale, unit = _handy(one.mean.unit)
-        axes.plot(scale * one.values, one.residual, ".", ms=2.5, color=ERROR, alpha=0.35, mew=0, label="samples")
+        axes.plot(scale * one.values, one.residual, ".", ms=3.5, color=ERROR, alpha=0.5, mew=0, label="samples")
         x = scale * one.mean.centre
         axes.fill_between(x, one.mean.low, one.mean.high, color=HELD, alpha=0.45, lw=0, label="95 % of the mean")
         axes.plot(x, one.mean.mean, "-o", ms=3, color=MODEL, lw=1.3, label="mean")
         axes.axhline(0.0, color=MEASURED, lw=0.6)
         axes.set_xlabel(f"{name} [{unit}]", fontsize=8)
         axes.set_ylabel(f"error [{one.row_unit}]", fontsize=8)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.tick_params(labelsize=8)
         axes.grid(alpha=0.25)
     for axes in grid[len(against) :]:
@@ -217,6 +226,18 @@ def left_figure(left: Mapping[str, Left]) -> Figure:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     return figure
+
+
+def _norm(*fields: NDArray[np.float64]) -> LogNorm:
+    """Colours by the logarithm of error ÷ floor, alike for all fields."""
+    high = max((float(np.nanmax(field)) for field in fields if np.isfinite(field).any()), default=1.0)
+    return LogNorm(LEAST, float(np.clip(high, MOST, UTMOST)))
+
+
+def _bar(bar: Colorbar, norm: LogNorm) -> None:
+    ticks = [x for x in (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0) if x <= float(norm.vmax or UTMOST)]
+    bar.set_ticks(ticks, labels=[f"{x:g}" for x in ticks])
+    bar.ax.minorticks_off()
 
 
 def _root_scale(axes: Axes, high: float) -> None:
