@@ -17,7 +17,7 @@ from identify.filters import derivative, zero_phase
 from identify.motion import Motion
 from identify.vectors import Array
 
-PHASES = (
+PHASES: tuple[str, ...] = (
     "standing", "straight, steady", "accelerating", "braking", "lift-off", "cornering left", "cornering right",
     "accelerating in a bend", "braking in a bend", "lift-off in a bend", "steering", "rough road",
 )  # fmt: skip
