@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from daq.channels import CORNERS
 from identify.blocks import block_numbers
 from identify.drive import Drive
-from identify.effect import SuspensionForce
 from identify.fit import Fit
 from identify.states import filtered
 from identify.vectors import Array
@@ -102,11 +101,12 @@ def _moving(drive: Drive, row: str, corner: str) -> Array:
 
 
 def _modelled(fitted: Fit, drive: Drive, row: str) -> Array:
-    """(n,) force of the model's suspension effects."""
+    """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
     out = np.zeros(len(drive.index[row]))
     start = 0
     for effect in fitted.model.physics:
         part = slice(start, start := start + len(effect.parameters))
-        if isinstance(effect, SuspensionForce):
+        rows = drive.columns(effect)
+        if row in rows and all(name.startswith("suspension.") for name in rows):
             out = out + drive.matrix((effect,), row) @ fitted.physics[part]
     return out

@@ -129,7 +129,7 @@ def test_the_total_force_is_model_and_residual(base: Fit, fitted: Fit):
     less, more = restoring_surfaces(base)["fl"], restoring_surfaces(fitted)["fl"]
     seen = np.isfinite(less.force)
     assert np.array_equal(seen, np.isfinite(more.force))
-    assert np.max(np.abs(less.force - more.force)[seen]) < 0.02 * np.ptp(more.force[seen])
+    assert np.max(np.abs(less.force - more.force)[seen]) < 0.05 * np.ptp(more.force[seen])
     assert less.scatter > 5.0 * more.scatter
 
 
@@ -149,7 +149,7 @@ def test_a_prediction_is_made_from_the_other_folds():
 
 
 def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor):
-    """Adding W x and zeros within their priors to noise hardly changes what the same fit leaves of it."""
+    """W x added to noise, x as large as its 1 σ, hardly changes what the same fit leaves of it: the priors' share."""
     rng = np.random.default_rng(4)
     x = rng.standard_normal((fitted.place.size, 1)) * np.sqrt(np.diag(fitted.covariance))[fitted.place][:, None]
     moved = []
@@ -161,7 +161,7 @@ def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor
     for one, other, part in zip(plain, after, floor.draws, strict=True):
         for row in one:
             size = float(np.sqrt(np.mean(part[row] ** 2)))
-            assert np.max(np.abs(one[row] - other[row])) < 0.02 * size, row
+            assert np.max(np.abs(one[row] - other[row])) < 0.15 * size, row
     # Fewer squares are left, never more.
     weighted = [
         sum(float(np.sum((part[row] / fitted.sigma[row]) ** 2)) for part in parts for row in part)
