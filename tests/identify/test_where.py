@@ -224,7 +224,7 @@ def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: C
     assert one.rms > 2.0 * one.floor
     assert one.depends_on_history
     assert "history" in one.says
-    assert one.of_excess + one.history_of_excess > 0.7
+    assert one.of_excess + one.history_of_excess > 0.35  # a mass lightly damped rings longer than the resonators do
     assert not any(other.depends_on_history for row, other in left.items() if row != "chassis.fz")
 
 
