@@ -204,15 +204,20 @@ class Work:
             self._compared[key] = [compare(fitted, d, FLOOR_DRAWS, knowledge=knowledge) for d in drives]
         return self._compared[key]
 
+    def floor(self, version: Version, progress: Callable[[int, int], None] | None = None) -> NoiseFloor:
+        """The noise floor of a version's fit on the runs used."""
+        if version.number not in self._floors:
+            self._floors[version.number] = floor_of(self.fitted(version), self.study.draws, progress=progress)
+        return self._floors[version.number]
+
     def diagnose(self, progress: Callable[[int, int], None] | None = None) -> Diagnosis:
         """Rank what is missing in the current version, and keep the finding."""
         version = self.study.version()
         fitted = self.fitted(version)
-        if version.number not in self._floors:
-            self._floors[version.number] = floor_of(fitted, self.study.draws, progress=progress)
+        floor = self.floor(version, progress)
         self.tell("trying every effect of the catalogue")
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
-        diagnosis = diagnose(fitted, self._floors[version.number], candidates)
+        diagnosis = diagnose(fitted, floor, candidates)
         self.study.record_diagnosis(diagnosis_result(diagnosis))
         return diagnosis
 

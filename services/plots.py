@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -11,7 +11,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from identify.rows import row_unit
 from identify.score import Comparison
 from services.fitting import overall
 
@@ -78,54 +77,6 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
     axes.legend(frameon=False, fontsize=9)
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
-    return figure
-
-
-def map_figure(parts: Sequence[Comparison], bin_s: float = 0.5) -> Figure:
-    """Where it fails: residual map, row × time, in units of the noise floor, one panel a run."""
-    rows = list(dict.fromkeys(row for part in parts for row in part.measured))
-    lengths = [float(np.ptp(next(iter(part.t.values())))) for part in parts]
-    figure = Figure(figsize=(11.0, 0.9 + 0.24 * len(rows)), layout="constrained")
-    grid = figure.subplots(1, len(parts), squeeze=False, sharey=True, width_ratios=lengths)
-    image = None
-    for axes, part in zip(grid.flat, parts, strict=True):
-        start = min(float(t[0]) for t in part.t.values())
-        stop = max(float(t[-1]) for t in part.t.values())
-        edges = np.arange(start, stop + bin_s, bin_s)
-        field = np.full((len(rows), len(edges) - 1), np.nan)
-        for i, row in enumerate(rows):
-            if row in part.measured:
-                squares = np.histogram(part.t[row], edges, weights=part.residual(row) ** 2)[0]
-                counts = np.histogram(part.t[row], edges)[0]
-                with np.errstate(invalid="ignore", divide="ignore"):
-                    field[i] = np.sqrt(squares / counts) / part.scores[row].floor
-        image = axes.imshow(
-            field, aspect="auto", cmap="magma_r", vmin=0.0, vmax=5.0, extent=(edges[0], edges[-1], len(rows), 0)
-        )
-        axes.set_yticks(np.arange(len(rows)) + 0.5, rows, fontsize=8)
-        axes.set_xlabel("time [s]", fontsize=8)
-        axes.set_title(part.name, fontsize=9, loc="left")
-        axes.tick_params(labelsize=8)
-    if image is not None:
-        figure.colorbar(image, ax=grid, label="error ÷ floor", extend="max")
-    return figure
-
-
-def against_figure(part: Comparison, row: str, state: Mapping[str, np.ndarray]) -> Figure:
-    """Residual of a row against states at the same instants, with the conditional mean."""
-    figure = Figure(figsize=(3.4 * len(state), 2.8), layout="constrained")
-    for axes, (name, values) in zip(np.atleast_1d(figure.subplots(1, len(state))), state.items(), strict=True):
-        residual = part.residual(row)
-        axes.plot(values, residual, ".", ms=3, color=ERROR, alpha=0.5)
-        edges = np.quantile(values, np.linspace(0, 1, 13))
-        place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, 11)
-        means = [(float(np.mean(values[place == k])), float(np.mean(residual[place == k]))) for k in np.unique(place)]
-        axes.plot(*zip(*means, strict=True), "-o", ms=3, color=MODEL, lw=1.3)
-        axes.axhline(0.0, color=MEASURED, lw=0.6)
-        axes.set_xlabel(name, fontsize=9)
-        axes.set_ylabel(f"{row} error [{row_unit(row)}]", fontsize=9)
-        axes.tick_params(labelsize=8)
-        axes.grid(alpha=0.25)
     return figure
 
 

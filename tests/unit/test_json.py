@@ -89,6 +89,9 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     compared = run("compare", folder, "--no-pictures")
     check(compared["used"], documented("identify")[0]["rows"]["used"], set(), "used")
     check(compared["held"], documented("identify")[0]["rows"]["used"], set(), "held")
+    looked = run("where", folder, "--run", "held")
+    assert looked["left"] == {}  # seven seconds are too short for cross-validation
+    assert set(looked["phases"]) == {"held"}
     ranked = run("diagnose", folder)
     assert {c["answer"] for c in ranked["candidates"]} <= {"missing", "undecided", "not needed", "not testable"}
     added = run("add", folder, "anti_roll_bar.front")

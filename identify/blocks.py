@@ -1,0 +1,25 @@
+"""Stretches of about two seconds that count as one observation each: a residual is correlated within them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identify.drive import Drive
+
+BLOCK = 2.0
+"""Length of a block [s]."""
+
+
+def block_numbers(drives: Sequence[Drive], row: str) -> NDArray[np.intp]:
+    """(n,) block of every sample of a row, all runs that have it one after the other; blocks do not reach over runs."""
+    parts: list[NDArray[np.intp]] = []
+    first = 0
+    for drive in drives:
+        if row in drive.index:
+            since = drive.motion.t[drive.index[row]] - drive.motion.t[0]
+            parts.append(first + (since // BLOCK).astype(np.intp))
+        first += int(np.ptp(drive.motion.t) // BLOCK) + 1
+    return np.concatenate(parts)

@@ -1,0 +1,190 @@
+"""How much of what a model leaves could still be explained by any smooth function of the measured states.
+
+The residual of each row is predicted, in blocks of two seconds that the prediction was not made from, by smooth
+functions of the row's states; then by those and the states' history. What is predicted is left to explain: an effect
+that is not in the model, whether anybody has listed it or not. The same is done to simulated residuals of a model
+that lacks nothing, so that chance is known.
+
+What it cannot see: a force that depends on something neither measured nor driven by what is measured (a gust), a step
+in time, a law rougher than its broken lines, what acts in one block only. A hidden state (a mass on a mount, a liquid,
+a spring behind a damper) is no function of the present states: it shows as `history`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from identify.blocks import block_numbers
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.refitted import Draws, refitted_draws
+from identify.rows import row_unit
+from identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
+from identify.states import ClearStates
+from identify.vectors import Array
+
+SIGNIFICANCE = 0.05
+MATTERS = 0.1
+"""Part of the excess over the floor from which history counts."""
+_LEAST_ODDS = 0.02
+"""A row that chance never predicts is not told from one of which it predicts 2 %."""
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left to explain in one row, all runs together.
+
+    Attributes
+    ----------
+    row, unit : of what.
+    rms, floor : of the residual, and what noise and the sensor sheet's tolerances leave after the same fit [unit].
+    part : of the residual's squares, what smooth functions of the present states predict, cross-validated; `low`,
+        `high` its 95 % interval by blocks; `usual` what chance stays below in 95 % of the simulated runs.
+    p : probability that chance predicts as much; `p_all` that it does in any row.
+    part_rms : the same as a force [unit].
+    history : of the residual's squares, what the states' history predicts beyond that; `history_usual`, `history_p`,
+        `history_p_all`, `history_rms` as above.
+    of_excess : part ÷ what the squares have above the floor's; NaN where they have nothing above it.
+    history_of_excess : the same for the history.
+    states : number of states that were clear of noise.
+    """
+
+    row: str
+    unit: str
+    rms: float
+    floor: float
+    part: float
+    low: float
+    high: float
+    usual: float
+    p: float
+    p_all: float
+    part_rms: float
+    history: float
+    history_usual: float
+    history_p: float
+    history_p_all: float
+    history_rms: float
+    of_excess: float
+    history_of_excess: float
+    states: int
+
+    @property
+    def something(self) -> bool:
+        """Whether smooth functions of the states explain more than chance does in any row."""
+        return self.p_all <= SIGNIFICANCE
+
+    @property
+    def depends_on_history(self) -> bool:
+        """Whether the states' history explains more than chance, and enough of the excess to matter."""
+        return self.history_p_all <= SIGNIFICANCE and self.history_of_excess >= MATTERS
+
+    @property
+    def says(self) -> str:
+        """The finding in a sentence or two."""
+        if not self.something and not self.depends_on_history:
+            loud = self.rms > 1.2 * self.floor
+            what = "nothing left to find that follows the measured states"
+            return f"{what}; the residual is louder than the sensor sheet says" if loud else what
+        out = (
+            f"{100 * self.part:.0f} % of the residual ({self.part_rms:.3g} {self.unit} RMS) follows the measured states"
+            if self.something
+            else "the residual does not follow the present states"
+        )
+        if self.depends_on_history:
+            out += f"; {100 * self.history:.0f} % ({self.history_rms:.3g} {self.unit}) depends on their history"
+        return out
+
+
+def left_to_explain(
+    fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None
+) -> dict[str, Left]:
+    """What is left to explain, row by row, on the runs a model was fitted to.
+
+    `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
+    (`identify.states`, `identify.refitted`). Rows of fewer than two blocks for each of the folds are left out: nothing
+    can be said of them.
+    """
+    clear = clear or ClearStates(fitted.drives)
+    draws = draws or refitted_draws(fitted, floor)
+    maker = ColumnMaker(clear)
+    found: dict[str, tuple[Array, Array, Array, float, int]] = {}
+    for row in fitted.rows:
+        names = clear.names(row)
+        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
+        blocks = block_numbers(fitted.drives, row)
+        if not names or np.unique(blocks).size < 2 * FOLDS:
+            continue
+        residual = np.concatenate([fitted.residual[i][row] for i in having])
+        null = np.concatenate([draws[i][row] for i in having], axis=1)
+        targets = np.column_stack([residual, null.T])
+        columns = maker.columns(row, names)
+        present = blocked_losses(columns.present, targets, blocks)
+        both = [
+            blocked_losses(np.column_stack([columns.present, share * columns.history]), targets, blocks)
+            for share in SHARES
+        ]
+        least = best(present)
+        found[row] = (present[0], least, best(np.concatenate([present, *both])), _rms(null), len(names))
+    parts = {row: 1.0 - least.sum(axis=0) / all_.sum(axis=0) for row, (all_, least, *_) in found.items()}
+    histories = {row: 1.0 - more.sum(axis=0) / least.sum(axis=0) for row, (_, least, more, *_) in found.items()}
+    p, history_p = _family_wise(parts), _family_wise(histories)
+    return {
+        row: _left(fitted, row, *found[row], (parts[row], *p[row]), (histories[row], *history_p[row])) for row in found
+    }
+
+
+def _family_wise(parts: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+    """Row → probability of its first value among its draws, and among the largest over all rows of each draw.
+
+    Rows are compared by what is predicted ÷ what is not, in units of their draws' own 95 % level, so that a row whose
+    chance is wide does not drown others.
+    """
+    if not parts:
+        return {}
+    odds = {row: np.asarray(part / np.maximum(1.0 - part, 1e-12), float) for row, part in parts.items()}
+    sizes = {row: x / max(_LEAST_ODDS, float(np.quantile(x[1:], 0.95))) for row, x in odds.items()}
+    largest = np.max([x[1:] for x in sizes.values()], axis=0)
+
+    def chance(value: float, draws: Array) -> float:
+        return float((1 + np.count_nonzero(draws >= value)) / (1 + draws.size))
+
+    return {row: (chance(float(x[0]), x[1:]), chance(float(x[0]), largest)) for row, x in sizes.items()}
+
+
+def _left(
+    fitted: Fit, row: str, whole: Array, least: Array, more: Array, floor: float, states: int,
+    present: tuple[Array, float, float], history: tuple[Array, float, float],
+) -> Left:  # fmt: skip
+    count = sum(len(part[row]) for part in fitted.residual if row in part)
+    total = float(whole[:, 0].sum())
+    rms = float(np.sqrt(total / count))
+    part, usual = float(present[0][0]), float(np.quantile(present[0][1:], 0.95))
+    beyond = float((least[:, 0] - more[:, 0]).sum()) / total
+    half = 1.96 * _spread(whole[:, 0], least[:, 0])
+    excess = 1.0 - floor**2 / rms**2
+    above = excess > 0.0
+    return Left(
+        row=row, unit=row_unit(row), rms=rms, floor=floor,
+        part=part, low=max(0.0, part - half), high=min(1.0, part + half), usual=usual,
+        p=present[1], p_all=present[2], part_rms=rms * float(np.sqrt(max(0.0, part))),
+        history=beyond, history_usual=float(np.quantile(history[0][1:], 0.95)) * (1.0 - part),
+        history_p=history[1], history_p_all=history[2], history_rms=rms * float(np.sqrt(max(0.0, beyond))),
+        of_excess=part / excess if above else float("nan"),
+        history_of_excess=beyond / excess if above else float("nan"),
+        states=states,
+    )  # fmt: skip
+
+
+def _spread(whole: Array, left: Array) -> float:
+    """1 σ of 1 − Σ left ÷ Σ whole, blocks drawn at random."""
+    ratio = float(left.sum() / whole.sum())
+    count = whole.size
+    return float(np.sqrt(count / (count - 1.0) * np.sum((left - ratio * whole) ** 2)) / whole.sum())
+
+
+def _rms(series: Array) -> float:
+    return float(np.sqrt(np.mean(series**2)))

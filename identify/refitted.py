@@ -1,0 +1,102 @@
+"""Simulated residuals as a fit would leave them: what its parameters and each run's zeros take away is taken away.
+
+The noise floor's draws are what the channels' noise does to Y − W θ. A residual is less: the fit has followed the
+noise with all its parameters. And it can be more without anything being missing in the model: gains and latencies are
+known to the sensor sheet's tolerance only. Both are done here to every draw, so that a residual can be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import scipy.linalg
+
+from identify.assembly import Piece
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.vectors import Array
+
+Draws = tuple[Mapping[str, Array], ...]
+"""For each drive, row → (D, n) [N or N·m]."""
+
+
+def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int = 0) -> Draws:
+    """The draws of a fit's noise floor after the same weighted fit.
+
+    `sheet` : with each of the sensor sheet's gains and latencies drawn too, one value for all runs of a draw.
+    """
+    parts = [{row: [series] for row, series in part.items()} for part in floor.draws]
+    pieces = [list[Piece]() for _ in fitted.drives]
+    for piece in fitted.assembly.pieces():
+        pieces[piece.run].append(piece)
+    noise = [_noise(fitted, pieces[run], part, floor.count, sheet, seed) for run, part in enumerate(parts)]
+    solved: list[tuple[Array, Array, int]] = []
+    lower: list[Array] = []
+    right: list[Array] = []
+    for run, zeros in enumerate(fitted.zeros):
+        z = len(zeros[0])
+        factor, c = _triangle(pieces[run], noise[run], fitted.sigma, zeros[1])
+        solved.append((factor, c, z))
+        lower.append(factor[z:, z:])
+        right.append(c[z:])
+    known = fitted.equations.known
+    lower.append(known[:, : lower[0].shape[1]])
+    right.append(np.zeros((len(known), floor.count)))
+    A = np.concatenate(lower)
+    lengths = np.linalg.norm(A, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    theta = np.asarray(np.linalg.lstsq(A / lengths, np.concatenate(right), rcond=None)[0], float) / lengths[:, None]
+    out: list[dict[str, Array]] = []
+    for run, (factor, c, z) in enumerate(solved):
+        right_side = c[:z] - factor[:z, z:] @ theta
+        own = np.asarray(scipy.linalg.solve_triangular(factor[:z, :z], right_side), float) if z else right_side
+        x = np.concatenate([own, theta])
+        left: dict[str, list[Array]] = {}
+        for piece, draws in zip(pieces[run], noise[run], strict=True):
+            for row, block in piece.blocks.items():
+                left.setdefault(row, []).append(draws[row] - (block @ x).T)
+        out.append({row: np.concatenate(series, axis=1) for row, series in left.items()})
+    return tuple(out)
+
+
+def _noise(
+    fitted: Fit, pieces: list[Piece], part: Mapping[str, list[Array]], count: int, sheet: bool, seed: int
+) -> list[dict[str, Array]]:
+    """For each piece of a run, row → (D, n): its part of the floor's draws, with the sheet's tolerances drawn."""
+    out: list[dict[str, Array]] = []
+    start = dict.fromkeys(part, 0)
+    for piece in pieces:
+        here: dict[str, Array] = {}
+        for row, block in piece.blocks.items():
+            here[row] = part[row][0][:, start[row] : start[row] + len(block)].copy()
+            start[row] += len(block)
+        if sheet and piece.sensitivity is not None:
+            for name, response in fitted.assembly.sheet_responses(piece).items():
+                # By the entry's name, so that a run without one sensor still draws the others' values alike.
+                sizes = np.random.default_rng([seed, 7, *"/".join(map(str, name)).encode()]).standard_normal(count)
+                for row, series in response.items():
+                    if row in here:
+                        here[row] += sizes[:, None] * series
+        out.append(here)
+    return out
+
+
+def _triangle(
+    pieces: list[Piece], noise: list[dict[str, Array]], sigma: Mapping[str, float], priors: Array
+) -> tuple[Array, Array]:
+    """R factor of a run's weighted columns, zeros first, their priors included, and Qᵀ of the draws."""
+    z = len(priors)
+    width = next(iter(pieces[0].blocks.values())).shape[1]
+    count = next(iter(noise[0].values())).shape[0]
+    factor, c = np.zeros((z, width)), np.zeros((z, count))
+    factor[:, :z] = np.diag(1.0 / priors)
+    for piece, draws in zip(pieces, noise, strict=True):
+        weight = {row: 1.0 if piece.weights is None else piece.weights[row][:, None] for row in piece.blocks}
+        A = np.concatenate([factor, *(weight[row] * block / sigma[row] for row, block in piece.blocks.items())])
+        b = np.concatenate([c, *(weight[row] * draws[row].T / sigma[row] for row in piece.blocks)])
+        lengths = np.linalg.norm(A, axis=0)
+        lengths = np.where(lengths > 0.0, lengths, 1.0)
+        q, r = np.linalg.qr(A / lengths)
+        factor, c = np.asarray(r * lengths, float), np.asarray(q.T @ b, float)
+    return factor, c

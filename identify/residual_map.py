@@ -1,0 +1,255 @@
+"""Where, when and against what a model fails: its residual by row and time, by manoeuvre phase, and by state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import stdtrit
+
+from identify.blocks import block_numbers
+from identify.drive import Drive
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.phases import PHASES, Phases
+from identify.refitted import Draws, refitted_draws
+from identify.rows import row_unit
+from identify.score import Comparison
+from identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
+from identify.states import ClearStates, filtered, states_of
+from identify.vectors import Array
+
+BIN = 0.5
+"""Length of a bin of the map [s]."""
+
+
+@dataclass(frozen=True)
+class ResidualMap:
+    """Residual RMS ÷ noise floor of one run: `ratio` (rows, bins), NaN where a row has no sample; `edges` [s]."""
+
+    name: str
+    rows: tuple[str, ...]
+    edges: Array
+    ratio: Array
+
+
+def residual_map(part: Comparison, bin_s: float = BIN) -> ResidualMap:
+    """Row × time in units of each row's floor on this run."""
+    rows = tuple(part.measured)
+    start = min(float(t[0]) for t in part.t.values())
+    stop = max(float(t[-1]) for t in part.t.values())
+    bins = max(1, int(np.ceil((stop - start) / bin_s + 1e-9)))
+    edges = np.asarray(start + bin_s * np.arange(bins + 1), float)
+    field = np.full((len(rows), edges.size - 1), np.nan)
+    for i, row in enumerate(rows):
+        place = np.clip(((part.t[row] - start) / bin_s).astype(np.intp), 0, edges.size - 2)
+        counts = np.bincount(place, minlength=edges.size - 1)
+        squares = np.bincount(place, weights=part.residual(row) ** 2, minlength=edges.size - 1)
+        there = counts > 0
+        field[i, there] = np.sqrt(squares[there] / counts[there]) / part.scores[row].floor
+    return ResidualMap(part.name, rows, edges, field)
+
+
+@dataclass(frozen=True)
+class InPhase:
+    """A row in one manoeuvre phase over several runs: residual `rms` [unit], `ratio` to the floor, `seconds` of it."""
+
+    rms: float
+    ratio: float
+    seconds: float
+
+
+def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str, dict[str, InPhase]]:
+    """Phase → row → residual, over runs with their phases; phases in the order of reports.
+
+    The floor is that of the row on each run: what a phase has above it is the model's failing or the sensors', not
+    their usual noise.
+    """
+    sums: dict[tuple[int, str], list[float]] = {}
+    for part, split in zip(parts, phases, strict=True):
+        for row, t in part.t.items():
+            squares = part.residual(row) ** 2
+            floor, number = part.scores[row].floor, split.at(t)
+            spacing = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+            for k in np.unique(number):
+                here = number == k
+                own = (float(squares[here].sum()), float(squares[here].sum()) / floor**2, float(here.sum()), spacing)
+                total = sums.setdefault((int(k), row), [0.0, 0.0, 0.0, 0.0])
+                total[0] += own[0]
+                total[1] += own[1]
+                total[2] += own[2]
+                total[3] += own[2] * spacing
+    out: dict[str, dict[str, InPhase]] = {}
+    for (k, row), (squares, weighted, count, seconds) in sorted(sums.items(), key=lambda item: item[0][0]):
+        found = InPhase(float(np.sqrt(squares / count)), float(np.sqrt(weighted / count)), seconds)
+        out.setdefault(PHASES[k], {})[row] = found
+    return out
+
+
+@dataclass(frozen=True)
+class Conditional:
+    """Mean residual of a row given a state.
+
+    `centre` (B,) mean of the state in each bin [`unit`]; `mean` (B,) of the residual; `low`, `high` (B,) its 95 % band,
+    NaN where fewer than three blocks of two seconds meet a bin; `count` (B,) samples.
+    """
+
+    state: str
+    unit: str
+    centre: Array
+    mean: Array
+    low: Array
+    high: Array
+    count: NDArray[np.intp]
+
+
+def conditional_mean(
+    state: Array, residual: Array, blocks: NDArray[np.intp], name: str = "", unit: str = "", bins: int = 14
+) -> Conditional:
+    """Mean of a residual in bins of a state that hold as many samples each.
+
+    Residuals of one block of two seconds are correlated: the band takes what each block brings to a bin as one
+    observation (cluster-robust), and Student's t for as many blocks as weigh in the bin.
+    """
+    edges = np.unique(np.quantile(state, np.linspace(0.0, 1.0, max(2, min(bins, state.size // 8)) + 1)))
+    place = np.clip(np.searchsorted(edges, state, side="right") - 1, 0, max(0, edges.size - 2))
+    number = np.unique(place, return_inverse=True)[1]
+    size = int(number.max()) + 1
+    count = np.bincount(number, minlength=size)
+    centre = np.bincount(number, weights=state) / count
+    mean = np.bincount(number, weights=residual) / count
+    block = np.unique(blocks, return_inverse=True)[1]
+    cell = number * (int(block.max()) + 1) + block
+    shape = (size, int(block.max()) + 1)
+    sums = np.bincount(cell, weights=residual - mean[number], minlength=shape[0] * shape[1]).reshape(shape)
+    met = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
+    weights = met / count[:, None]
+    effective = 1.0 / np.sum(weights**2, axis=1)
+    # What a block brings shrinks with its own share in the mean: divided by 1 − share, the variance is not too small.
+    lever = sums / np.maximum(1.0 - weights, 0.25)
+    spread = np.sqrt(np.sum(lever**2, axis=1)) / count
+    enough = (np.count_nonzero(met, axis=1) >= 3) & (effective > 2.0)
+    t = np.full(size, np.nan)
+    t[enough] = stdtrit(effective[enough] - 1.0, 0.975)
+    return Conditional(name, unit, centre, mean, mean - t * spread, mean + t * spread, count)
+
+
+@dataclass(frozen=True)
+class Follows:
+    """How far a row's residual follows one state.
+
+    `part` of its squares that a smooth function of this state predicts, cross-validated in blocks, once the model's own
+    springs, dampers and masses may change with it: a fit that lacks an effect has bent them to take up what they could.
+    `p` that chance does as well in this or any other state of the row; `rms` the same as a force [`row_unit`].
+    """
+
+    state: str
+    unit: str
+    near: int
+    part: float
+    p: float
+    rms: float
+    row_unit: str
+
+
+def followed_states(
+    fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None,
+    draws: Draws | None = None,
+) -> dict[str, list[Follows]]:  # fmt: skip
+    """For each row, its states, those first that predict most of its residual.
+
+    `clear`, `draws` : made already (`identify.states`, `identify.refitted`). Rows too short for cross-validation are
+    left out.
+    """
+    clear = clear or ClearStates(fitted.drives)
+    draws = draws or refitted_draws(fitted, floor)
+    maker = ColumnMaker(clear, history=False)
+    out: dict[str, list[Follows]] = {}
+    for row in rows or fitted.rows:
+        names = clear.names(row)
+        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
+        blocks = block_numbers(fitted.drives, row) if having else np.zeros(0, np.intp)
+        if not names or np.unique(blocks).size < 2 * FOLDS:
+            continue
+        residual = np.concatenate([fitted.residual[i][row] for i in having])
+        targets = np.column_stack([residual, np.concatenate([draws[i][row] for i in having], axis=1).T])
+        columns = maker.columns(row, names)
+        parts: list[Array] = []
+        for k in range(len(names)):
+            losses = blocked_losses(columns.present[:, _beside(columns, k)], targets, blocks)
+            parts.append(1.0 - best(losses).sum(axis=0) / losses[0].sum(axis=0))
+        largest = np.max([part[1:] for part in parts], axis=0)
+        rms = float(np.sqrt(np.mean(residual**2)))
+        states = states_of(fitted.drives[having[0]].motion, row)
+        found = [
+            Follows(
+                name, states[name].unit, states[name].near, float(part[0]),
+                float((1 + np.count_nonzero(largest >= part[0])) / (1 + largest.size)),
+                rms * float(np.sqrt(max(0.0, float(part[0])))), row_unit(row),
+            )
+            for name, part in zip(names, parts, strict=True)
+        ]  # fmt: skip
+        out[row] = sorted(found, key=lambda f: -f.part)
+    return out
+
+
+def _beside(columns: Columns, k: int) -> NDArray[np.intp]:
+    """Places of the model's own lines, then of the smooth functions of a state."""
+    own = np.flatnonzero(columns.of == k)
+    return np.concatenate([columns.lines[~np.isin(columns.lines, own)], own])
+
+
+@dataclass(frozen=True)
+class Against:
+    """A row's residual against a state at the same instants, all runs together.
+
+    `values` (n,) of the state [`mean.unit`]; `residual` (n,) [`row_unit`]; `mean` its conditional mean. Where it is
+    `put_back`, what the model's own springs, dampers and masses took up of it is added to the residual again.
+    """
+
+    row: str
+    row_unit: str
+    values: Array
+    residual: Array
+    mean: Conditional
+    put_back: bool
+
+
+def against_states(
+    drives: Sequence[Drive], residual: Sequence[Mapping[str, Array]], row: str, names: Sequence[str] | None = None,
+    clear: ClearStates | None = None,
+) -> dict[str, Against]:  # fmt: skip
+    """State → the residual of a row against it.
+
+    By default every state of the row, what the row's left side is made of included: this shows, it proves nothing.
+    With `clear`, what the model took up is put back where the state is clear of noise.
+    """
+    having = [i for i, drive in enumerate(drives) if row in drive.index and row in residual[i]]
+    each = [states_of(drives[i].motion, row) for i in having]
+    if not each:
+        return {}
+    shared = [name for name in each[0] if all(name in other for other in each)]
+    left = np.concatenate([residual[i][row] for i in having])
+    blocks = block_numbers([drives[i] for i in having], row)
+    clean = clear.names(row) if clear else ()
+    columns = ColumnMaker(clear, history=False).columns(row, clean) if clear and clean else None
+    out: dict[str, Against] = {}
+    for name in shared if names is None else [name for name in names if name in shared]:
+        values = np.concatenate(
+            [filtered(drives[i], row, states[name].series) for i, states in zip(having, each, strict=True)]
+        )
+        shown = left if columns is None or name not in clean else _put_back(left, columns, clean.index(name))
+        mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)
+        out[name] = Against(row, row_unit(row), values, shown, mean, shown is not left)
+    return out
+
+
+def _put_back(residual: Array, columns: Columns, k: int) -> Array:
+    """The residual without the change of the model's own lines that goes with a smooth function of a state."""
+    places = _beside(columns, k)
+    lines = int(np.count_nonzero(columns.of[places] != k))
+    A = columns.present[:, places]
+    x = np.linalg.solve(A.T @ A + 1e-4 * len(A) * np.eye(places.size), A.T @ residual)
+    return residual - A[:, :lines] @ x[:lines]

@@ -1,0 +1,214 @@
+"""Smooth functions of states as columns, and how much of a residual they predict in blocks they were not fitted to.
+
+Columns are made at full rate and filtered as the residual was. Smooth functions: of each state a line and a broken
+line with its knots where the state has been, of velocities also a step with a soft edge (friction), and products of
+two of the nearest states. History: the same states after first-order lags and light resonators, which is all that a
+hidden linear mass, spring or damper can add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter, lfilter_zi
+
+from identify.filters import zero_phase_of
+from identify.states import ClearStates, State
+from identify.vectors import Array
+
+KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)
+"""Knots of a broken line, as quantiles of the state over all runs."""
+SOFT = 0.05
+"""Edge of a velocity's step ÷ its RMS."""
+LAGS = (0.1, 0.3, 1.0, 3.0)
+"""Time constants of the lags [s]."""
+RESONATORS = (0.4, 0.63, 1.0, 1.6, 2.5, 4.0)
+"""Natural frequencies of the resonators [Hz]…"""
+DAMPING = 0.15
+"""… and their damping ratio: neighbours overlap at half their height."""
+FOLDS = 5
+RIDGE = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
+"""Ridge ÷ number of samples, for columns of unit size; the best is taken, or no column at all."""
+SHARES = (0.1, 1.0)
+"""Weights of history beside the smooth functions of the present that are tried."""
+_PAIRED = ("travel", "travel rate", "tyre deflection", "travel difference across the axle",
+           "rate difference across the axle", "longitudinal acceleration", "lateral acceleration",
+           "vertical acceleration", "roll rate", "pitch rate", "yaw rate", "speed", "heave", "heave, rate")  # fmt: skip
+_DRIVING = ("travel rate", "deflection rate", "rate difference across the axle", "longitudinal acceleration",
+            "lateral acceleration", "vertical acceleration", "roll rate", "pitch rate", "yaw rate")  # fmt: skip
+TAKEN_UP: Mapping[str, tuple[str, ...]] = {
+    "chassis": ("longitudinal acceleration", "lateral acceleration", "vertical acceleration", "roll acceleration",
+                "pitch acceleration", "yaw acceleration"),
+    "suspension": ("travel", "travel rate", "vertical acceleration"),
+    "tyre": ("tyre deflection", "vertical acceleration"),
+    "spin": (),
+}  # fmt: skip
+"""By kind of row, what the base model is linear in: a fit that lacks an effect bends these to take up what it can."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of one row over all runs, mean taken out and of unit size.
+
+    `present` : (n, m) smooth functions; `of` (m,) the state each is of, −1 for a product; `names` of those states;
+    `lines` (l,) places of the states that the model itself has a line of in this row (spring, damper, inertia);
+    `history` : (n, h).
+    """
+
+    names: tuple[str, ...]
+    present: Array
+    of: NDArray[np.intp]
+    lines: NDArray[np.intp]
+    history: Array
+
+
+class ColumnMaker:
+    """Makes the columns of rows; what rows of one corner share is made once.
+
+    `history` : also lagged and resonating states.
+    """
+
+    def __init__(self, clear: ClearStates, history: bool = True):
+        self.clear, self.drives, self.history = clear, clear.drives, history
+        self._made: dict[tuple[str, tuple[str, ...], tuple[int, ...]], tuple[NDArray[np.intp], list[Array], int]] = {}
+
+    def columns(self, row: str, names: tuple[str, ...]) -> Columns:
+        """Columns of a row from some of its states (`identify.states`)."""
+        kind, where = row.split(".")
+        having = tuple(i for i, drive in enumerate(self.drives) if row in drive.index)
+        key = ("chassis" if kind == "chassis" else where, names, having)
+        if key not in self._made:
+            self._made[key] = self._make(row, names, having)
+        of, combs, present = self._made[key]
+        parts: list[Array] = []
+        for i, series in zip(having, combs, strict=True):
+            drive = self.drives[i]
+            parts.append(series[:, drive.index[row] // drive.recording.filters.step])
+        stacked = np.asarray(np.concatenate(parts, axis=1).T, float)
+        stacked = stacked - stacked.mean(axis=0)
+        size = np.sqrt(np.mean(stacked**2, axis=0))
+        keep = size > 1e-9 * max(1e-300, float(size.max(initial=0.0)))
+        stacked = stacked / np.where(keep, size, 1.0)
+        first, second = keep[:present], keep[present:]
+        own = of[first]
+        starts = [int(np.argmax(own == names.index(name))) for name in TAKEN_UP[kind] if name in names]
+        lines = np.asarray([k for k in starts if own[k] >= 0], np.intp)
+        return Columns(names, stacked[:, :present][:, first], own, lines, stacked[:, present:][:, second])
+
+    def _make(
+        self, row: str, names: tuple[str, ...], having: tuple[int, ...]
+    ) -> tuple[NDArray[np.intp], list[Array], int]:
+        """The state of each column, for each run the columns on its comb, and the number of those of the present."""
+        found = [self.clear.blurred(i, row, names) for i in having]
+        scaled = {name: _scaled([states[name] for states in found]) for name in names}
+        near = {name: found[0][name] for name in names}
+        of: list[int] = []
+        out: list[Array] = []
+        for number, i in enumerate(having):
+            z = {name: series[number] for name, (_, series) in scaled.items()}
+            of, present = _present(near, z, {name: knots for name, (knots, _) in scaled.items()})
+            series = (
+                np.concatenate([present, _history(z, self.drives[i].recording.filters.rate)])
+                if self.history
+                else present
+            )
+            filters = self.drives[i].recording.filters
+            comb = slice(filters.step // 2, None, filters.step)
+            # Some columns at a time: at full rate all of them would not fit in memory for a long run.
+            parts = [
+                zero_phase_of(part, filters)[:, comb] for part in np.array_split(series, max(1, len(series) // 32))
+            ]
+            out.append(np.concatenate(parts))
+        return np.asarray(of, np.intp), out, len(of)
+
+
+def _scaled(states: Sequence[State]) -> tuple[Array, list[Array]]:
+    """Knots, and each run's series, in units in which the middle 96 % of the state have length 2 about its median."""
+    everything = np.concatenate([s.series for s in states])
+    low, middle, high = np.quantile(everything, (0.02, 0.5, 0.98))
+    if states[0].velocity and low < 0.0 < high:
+        middle = 0.0  # friction steps where the velocity changes its sign, not at its median
+    unit = 0.5 * float(high - low) or float(np.std(everything)) or 1.0
+    knots = np.unique(np.quantile(everything, KNOTS))
+    return (knots - middle) / unit, [(s.series - middle) / unit for s in states]
+
+
+def _present(
+    states: Mapping[str, State], z: Mapping[str, Array], knots: Mapping[str, Array]
+) -> tuple[list[int], Array]:
+    """Smooth functions (m, N), and the number of the state each is of."""
+    of: list[int] = []
+    out: list[Array] = []
+    for number, (name, x) in enumerate(z.items()):
+        hats = [np.interp(x, knots[name], line) for line in np.eye(knots[name].size)] if knots[name].size > 2 else []
+        if states[name].velocity:
+            hats.append(np.tanh(x / (SOFT * (float(np.sqrt(np.mean(x**2))) or 1.0))))
+        out += [x, *hats]
+        of += [number] * (1 + len(hats))
+    paired = [name for name in _PAIRED if name in z]
+    for a, b in combinations_with_replacement(paired, 2):
+        out.append(z[a] * z[b])
+        of.append(-1)
+    return of, np.stack(out)
+
+
+def _history(z: Mapping[str, Array], rate: float) -> Array:
+    """Lagged and resonating states (h, N), from rest in the run's first value."""
+    out: list[Array] = []
+    for name in (name for name in _DRIVING if name in z):
+        x = z[name]
+        for tau in LAGS:
+            keep = float(np.exp(-1.0 / (tau * rate)))
+            b, a = [1.0 - keep], [1.0, -keep]
+            out.append(np.asarray(lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0], float))
+        for frequency in RESONATORS:
+            w = 2.0 * np.pi * frequency
+            decay, turn = np.exp(-DAMPING * w / rate), w * np.sqrt(1.0 - DAMPING**2) / rate
+            a = [1.0, -2.0 * decay * np.cos(turn), decay**2]
+            level = np.array([1.0 - decay * np.cos(turn), decay * np.sin(turn)])
+            moved = x - x[0]
+            # In phase with the drive, and a quarter of a period later.
+            out += [np.asarray(lfilter(b, a, moved), float) for b in ([level[0], 0.0], [0.0, level[1]])]
+    return np.stack(out) if out else np.zeros((0, next(iter(z.values())).size))
+
+
+def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:
+    """Squares left in every block when it is predicted by a ridge regression on the folds that do not hold it.
+
+    Parameters
+    ----------
+    columns : (n, m) of unit size; m may exceed n.
+    targets : (n, k).
+    blocks : (n,) increasing block numbers.
+
+    Returns (1 + L, B, k): without any column, then for each of the `RIDGE`.
+    """
+    starts = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
+    folds = np.asarray(np.unique(blocks, return_inverse=True)[1], np.intp) % FOLDS
+    predicted = np.zeros((len(RIDGE), *targets.shape))
+    gram, moments = columns.T @ columns, columns.T @ targets
+    for fold in range(FOLDS):
+        test = folds == fold
+        if not test.any() or not columns.shape[1]:
+            continue
+        part = columns[test]
+        values, vectors = np.linalg.eigh(gram - part.T @ part)
+        values = np.maximum(values, 0.0)
+        turned = vectors.T @ (moments - part.T @ targets[test])
+        seen = part @ vectors
+        count = np.count_nonzero(~test)
+        for k, ridge in enumerate(RIDGE):
+            predicted[k, test] = seen @ (turned / (values + ridge * count)[:, None])
+    whole = np.add.reduceat(targets**2, starts, axis=0)
+    left = [np.add.reduceat((targets - p) ** 2, starts, axis=0) for p in predicted]
+    return np.stack([whole, *left])
+
+
+def best(losses: Array) -> Array:
+    """(B, k): of the losses (L, B, k) those with the least sum, target by target."""
+    place = np.argmin(losses.sum(axis=1), axis=0)
+    return np.take_along_axis(losses, place[None, None, :], axis=0)[0]

@@ -1,0 +1,174 @@
+"""Spectrum of a residual against its floor, and its coherence with the states it may follow (Welch).
+
+States are blurred (`identify.states`), so that noise which a state and the residual share does not count.
+Coherence finds what is linear in a state, however it is delayed: where a smooth function of the present state explains
+little and coherence is high, the force depends on history. Sources: Welch 1967; Carter, Coherence and time delay
+estimation, Proc. IEEE 75 (1987); Bendat and Piersol, Random Data, chapter 7 (multiple coherence).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaincinv
+
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.rows import row_unit
+from identify.states import ClearStates, filtered
+from identify.vectors import Array
+
+SEGMENT = 4.0
+"""Length of a segment [s]: a resolution of about 0.4 Hz with its taper."""
+SIGNIFICANCE = 0.05
+_OVERLAP = 1.0 / 36.0
+"""Squared correlation of the power in Hann-tapered segments that overlap by half."""
+
+
+@dataclass(frozen=True)
+class RowSpectrum:
+    """A row's residual in frequency, over all runs.
+
+    Attributes
+    ----------
+    frequency : (F,) Hz, from the first line above zero to the fit's cut-off.
+    residual, floor : (F,) power densities [unit²/Hz]; the floor's is the mean of its draws, `high` (F,) what one draw
+        stays below in 95 % of the cases at each line.
+    coherence : state → (F,) squared coherence with the residual.
+    level : squared coherence that a state unrelated to the residual reaches at any line, for any of the states, with
+        probability `SIGNIFICANCE`.
+    together, together_level : (F,) multiple squared coherence with the `together_of` states, and its level, at any
+        line and however they were chosen.
+    segments : effective number of segments averaged.
+    """
+
+    row: str
+    unit: str
+    frequency: Array
+    residual: Array
+    floor: Array
+    high: Array
+    coherence: Mapping[str, Array]
+    level: float
+    together_of: tuple[str, ...]
+    together: Array
+    together_level: float
+    segments: float
+
+    @property
+    def strongest(self) -> list[tuple[str, float, float]]:
+        """States above the level: name, largest squared coherence and its frequency [Hz], strongest first."""
+        peaks = [(name, float(c.max()), float(self.frequency[int(c.argmax())])) for name, c in self.coherence.items()]
+        return sorted([p for p in peaks if p[1] > self.level], key=lambda p: -p[1])
+
+
+def row_spectrum(
+    fitted: Fit, floor: NoiseFloor, row: str, clear: ClearStates | None = None, segment: float = SEGMENT
+) -> RowSpectrum | None:
+    """Spectrum and coherence of a row; None where no run has three segments without a hole."""
+    clear = clear or ClearStates(fitted.drives)
+    names = clear.names(row)
+    found: list[NDArray[np.complex128]] = []
+    counts: list[int] = []
+    spacing = 1.0
+    for i, drive in enumerate(fitted.drives):
+        if row not in drive.index:
+            continue
+        filters = drive.recording.filters
+        spacing = filters.step / filters.rate
+        states = clear.blurred(i, row, names)
+        stacked = np.stack([states[name].series for name in names]) if names else np.zeros((0, drive.motion.t.size))
+        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i][row], filtered(drive, row, stacked)])
+        place = drive.index[row] // filters.step
+        lines = _segments(series, place, max(8, 2 * round(segment / spacing / 2.0)), spacing)
+        found.append(lines)
+        counts.append(lines.shape[0])
+    total = sum(counts)
+    if total < 3:
+        return None
+    lines = np.concatenate(found)
+    cutoff = fitted.drives[0].recording.filters.fit_cutoff
+    length = max(8, 2 * round(segment / spacing / 2.0))
+    frequency = np.asarray(np.fft.rfftfreq(length, spacing)[1:], float)
+    keep = frequency <= cutoff
+    frequency, lines = frequency[keep], lines[:, :, 1:][:, :, keep]
+    power = np.asarray(np.mean(np.abs(lines) ** 2, axis=0), float)
+    draws = power[1 : 1 + floor.count]
+    own, states_ = lines[:, 0], lines[:, 1 + floor.count :]
+    cross = np.mean(np.conj(own)[:, None] * states_, axis=0)
+    coherence = np.asarray(np.abs(cross) ** 2, float) / np.maximum(power[0] * power[1 + floor.count :], 1e-300)
+    segments = sum(n * n / (n + 2.0 * (n - 1) * _OVERLAP) for n in counts if n)
+    tests = frequency.size * max(1, len(names))
+    order = np.argsort(-coherence.max(axis=1)) if names else np.zeros(0, np.intp)
+    most = max(1, min(4, int(segments) // 4))
+    chosen = _unlike(states_, order, most)
+    return RowSpectrum(
+        row, row_unit(row), frequency, power[0],
+        np.asarray(draws.mean(axis=0), float), np.asarray(np.quantile(draws, 0.95, axis=0), float),
+        {name: coherence[k] for k, name in enumerate(names)}, _level(segments, 1, tests),
+        tuple(names[k] for k in chosen), _together(own, states_[:, chosen]),
+        _level(segments, len(chosen), frequency.size * comb(len(names), len(chosen))), segments,
+    )  # fmt: skip
+
+
+def _segments(series: Array, place: NDArray[np.intp], length: int, spacing: float) -> NDArray[np.complex128]:
+    """(S, k, F) Fourier lines of tapered segments that overlap by half and have no hole, scaled to power densities."""
+    runs = np.split(np.arange(place.size), np.flatnonzero(np.diff(place) != 1) + 1)
+    starts = [int(part[0]) + k for part in runs for k in range(0, part.size - length + 1, length // 2)]
+    taper = np.asarray(np.hanning(length + 1)[:-1], float)
+    scale = np.sqrt(2.0 * spacing / float(np.sum(taper**2)))
+    if not starts:
+        return np.zeros((0, len(series), length // 2 + 1), np.complex128)
+    pieces = np.stack([series[:, start : start + length] for start in starts])
+    tapered = np.asarray((pieces - pieces.mean(axis=2, keepdims=True)) * taper, float)
+    return np.asarray(scale * np.fft.rfft(tapered, axis=2), np.complex128)
+
+
+def _level(segments: float, states: int, tests: int) -> float:
+    """Squared (multiple) coherence with `states` unrelated ones that chance passes in any of so many tests."""
+    if segments <= states + 1.0 or not states:
+        return 1.0
+    each = -np.expm1(np.log1p(-SIGNIFICANCE) / tests)
+    return float(betaincinv(states, segments - states, 1.0 - each))
+
+
+def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) -> list[int]:
+    """Up to `most` states in order, none of which another one tells already."""
+    chosen: list[int] = []
+    for k in order:
+        x = states[:, int(k)]
+        alike = 0.0
+        for other in chosen:
+            y = states[:, other]
+            shared = np.abs(np.vdot(x, y)) ** 2 / max(1e-300, float(np.vdot(x, x).real * np.vdot(y, y).real))
+            alike = max(alike, float(shared))
+        if alike < 0.8 and len(chosen) < most:
+            chosen.append(int(k))
+    return chosen
+
+
+def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Array:
+    """(F,) part of the residual's power that is linear in all states together."""
+    if not states.shape[1]:
+        return np.zeros(own.shape[1])
+    scale = np.asarray(np.sqrt(np.maximum(np.mean(np.abs(states) ** 2, axis=0), 1e-300)), float)
+    x = np.asarray(states / scale, np.complex128)
+    S = np.einsum("sif,sjf->fij", np.conj(x), x) / len(x) + 1e-9 * np.eye(x.shape[1])
+    c = np.einsum("sif,sf->fi", np.conj(x), own) / len(x)
+    solved = np.asarray(np.linalg.solve(S, c[:, :, None])[:, :, 0], np.complex128)
+    explained = np.asarray(np.einsum("fi,fi->f", np.conj(c), solved).real, float)
+    power = np.asarray(np.mean(np.abs(own) ** 2, axis=0), float)
+    return np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
+
+
+def spectra(
+    fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None
+) -> dict[str, RowSpectrum]:
+    """Spectrum and coherence of each row that has enough of them."""
+    clear = clear or ClearStates(fitted.drives)
+    found = {row: row_spectrum(fitted, floor, row, clear) for row in rows or fitted.rows}
+    return {row: spectrum for row, spectrum in found.items() if spectrum is not None}

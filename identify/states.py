@@ -1,0 +1,194 @@
+"""States of the car that a row's residual can be seen against, as series beside the motion.
+
+A state is something measured that a missing force could depend on: travel and its rate, the difference across the
+axle, tyre deflection, steer, accelerations, speed. Those of the row's own corner come first, then those of its axle,
+then those of the body. Series are at full rate, as the motion is; whoever compares them with a residual filters them
+as the residual was filtered (`filtered`), functions of them included: the function first, then the filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from daq.channels import CORNERS
+from identify.drive import Drive
+from identify.filters import zero_phase_of
+from identify.geometry import build_motion
+from identify.motion import CornerMotion, Motion
+from identify.noise import draw_noise
+from identify.reconstruct import Recording, Signals
+from identify.vectors import Array
+
+OWN, AXLE, BODY = 0, 1, 2
+"""How near a state is to a row: at its own corner, across its axle, of the body."""
+LEAST_SPEED = 2.0
+"""Speed below which side slip says nothing [m/s]."""
+NOISY = 0.02
+"""Part of a state's variance that may be its channels' noise; above it a residual, which holds the same noise, would
+seem to follow the state though nothing is missing."""
+BLUR = 3.0
+"""Noise added to the states ÷ their own."""
+
+
+@dataclass(frozen=True)
+class State:
+    """A state along a run.
+
+    Attributes
+    ----------
+    name : as shown, ``travel rate``; with the corner where it is another's.
+    unit : SI.
+    near : `OWN`, `AXLE` or `BODY`.
+    series : (N,) at full rate.
+    velocity : whether its sign is a direction of motion, as friction sees it.
+    in_left_side : whether it is part of what the row measures: the residual is made from it, noise and all, so that it
+        is shown but never counted as something the residual follows.
+    """
+
+    name: str
+    unit: str
+    near: int
+    series: Array
+    velocity: bool = False
+    in_left_side: bool = False
+
+
+def across(corner: str) -> str:
+    """The other corner of the axle."""
+    return corner[0] + ("r" if corner[1] == "l" else "l")
+
+
+def states_of(motion: Motion, row: str) -> dict[str, State]:
+    """States that belong to a row, nearest first, by name, without those that never change or were not measured."""
+    kind, name = row.split(".")
+    found = _body(motion) if kind == "chassis" else [*_corner(motion, name, kind), *_body_seen_at_a_corner(motion)]
+    return {s.name: s for s in found if np.all(np.isfinite(s.series)) and np.ptp(s.series) > 0.0}
+
+
+def _corner(motion: Motion, corner: str, kind: str) -> list[State]:
+    own, other = motion.corners[corner], motion.corners[across(corner)]
+    return [
+        State("travel", "m", OWN, own.travel),
+        State("travel rate", "m/s", OWN, own.rate, velocity=True),
+        State("tyre deflection", "m", OWN, own.deflection),
+        State("deflection rate", "m/s", OWN, own.deflection_rate, velocity=True),
+        State("steer", "rad", OWN, own.steer),
+        State("camber", "rad", OWN, own.camber),
+        State("vertical wheel load", "N", OWN, own.force[2], in_left_side=kind in ("suspension", "tyre")),
+        State("longitudinal wheel force", "N", OWN, own.force[0]),
+        State("lateral wheel force", "N", OWN, own.force[1]),
+        State("wheel speed", "rad/s", OWN, own.spin, velocity=True),
+        State("travel difference across the axle", "m", AXLE, own.travel - other.travel),
+        State("rate difference across the axle", "m/s", AXLE, own.rate - other.rate, velocity=True),
+    ]
+
+
+def _body_seen_at_a_corner(motion: Motion) -> list[State]:
+    return [s for s in _body(motion) if s.name not in ("front steer", *_MODES)]
+
+
+_MODES = ("heave", "roll of the wheels", "pitch of the wheels", "warp")
+_SIGNS = np.array([[1, 1, 1, 1], [1, -1, 1, -1], [-1, -1, 1, 1], [1, -1, -1, 1]]) / 4.0
+
+
+def _body(motion: Motion) -> list[State]:
+    out: list[State] = []
+    for k, which in enumerate(("longitudinal", "lateral", "vertical")):
+        out.append(State(f"{which} acceleration", "m/s²", BODY, motion.body.accel[k]))
+    for k, which in enumerate(("roll", "pitch", "yaw")):
+        out.append(State(f"{which} rate", "rad/s", BODY, motion.body.omega[k], velocity=True))
+    for k, which in enumerate(("roll", "pitch", "yaw")):
+        out.append(State(f"{which} acceleration", "rad/s²", BODY, motion.body.omega_dot[k]))
+    if motion.attitude is not None:
+        out += [State(f"{which} angle", "rad", BODY, motion.attitude[k]) for k, which in enumerate(("roll", "pitch"))]
+    if motion.velocity is not None:
+        forward, left = motion.velocity[0], motion.velocity[1]
+        out.append(State("speed", "m/s", BODY, np.hypot(forward, left)))
+        slip = np.where(np.abs(forward) > LEAST_SPEED, np.arctan2(left, np.abs(forward)), 0.0)
+        out.append(State("side slip", "rad", BODY, slip))
+    corners = [motion.corners[c] for c in CORNERS if c in motion.corners]
+    if len(corners) == len(CORNERS):
+        travel, rate = (_SIGNS @ _stacked(corners, part) for part in ("travel", "rate"))
+        out += [State(name, "m", BODY, series) for name, series in zip(_MODES, travel, strict=True)]
+        out += [State(f"{n}, rate", "m/s", BODY, s, velocity=True) for n, s in zip(_MODES, rate, strict=True)]
+        out.append(State("front steer", "rad", BODY, 0.5 * (corners[0].steer + corners[1].steer)))
+    return out
+
+
+def _stacked(corners: Sequence[CornerMotion], part: str) -> Array:
+    return np.stack([np.asarray(getattr(corner, part), float) for corner in corners])
+
+
+def filtered(drive: Drive, row: str, series: Array) -> Array:
+    """(…, n): full-rate series (…, N) as the row's residual is: through the parallel filter, at its samples."""
+    return drive.decimated({row: series})[row]
+
+
+class ClearStates:
+    """The states that the residuals of some runs can be said to follow, blurred.
+
+    A residual holds the channels' noise, and so do the states: where several states together tell what one of them
+    ought to be, its noise is known from them, and the residual would seem to follow the states though nothing is
+    missing. So the states get `BLUR` times their own noise once more, drawn from the sensor sheet for all channels
+    together: of a residual made of noise no more than 1 ÷ (1 + `BLUR`²) can then be predicted.
+
+    Left out: states of only some of the runs, those a row's left side is made of, and those of whose variance more
+    than `NOISY` is noise.
+    """
+
+    def __init__(self, drives: Sequence[Drive], seed: int = 0):
+        self.drives = tuple(drives)
+        self._noisy = [_with_noise(drive.recording, [seed, 11, i]) for i, drive in enumerate(self.drives)]
+        self._known: dict[tuple[int, str], dict[str, tuple[State, Array]]] = {}
+
+    def names(self, row: str) -> tuple[str, ...]:
+        """Names of a row's states, nearest first."""
+        having = [i for i, drive in enumerate(self.drives) if row in drive.index]
+        if not having:
+            return ()
+        each = [self._states(i, row) for i in having]
+        names = [n for n, (s, _) in each[0].items() if not s.in_left_side and all(n in other for other in each)]
+        if not names:
+            return ()
+        values = [np.stack([states[n][0].series for n in names]) for states in each]
+        noise = [np.stack([states[n][1] for n in names]) for states in each]
+        both = [
+            filtered(self.drives[i], row, np.concatenate(pair))
+            for i, pair in zip(having, zip(values, noise, strict=True), strict=True)
+        ]
+        value, own = np.split(np.concatenate(both, axis=1), 2)
+        total = value.var(axis=1)
+        return tuple(
+            n for n, v, all_ in zip(names, own.var(axis=1), total, strict=True) if all_ > 0.0 and v <= NOISY * all_
+        )
+
+    def blurred(self, run: int, row: str, names: Sequence[str]) -> dict[str, State]:
+        """Some of a row's states on one of the runs, blurred."""
+        states = self._states(run, row)
+        return {n: replace(states[n][0], series=states[n][0].series + BLUR * states[n][1]) for n in names}
+
+    def _states(self, run: int, row: str) -> dict[str, tuple[State, Array]]:
+        """States of a row and one draw of their noise, which is that below the fit's cut-off: no other matters."""
+        kind = row.split(".")[0]
+        key = run, "chassis" if kind == "chassis" else row
+        if key not in self._known:
+            drive = self.drives[run]
+            before, after = states_of(drive.motion, row), states_of(self._noisy[run], row)
+            shared = [name for name in before if name in after]
+            if not shared:
+                return {}
+            moved = np.stack([after[name].series - before[name].series for name in shared])
+            noise = zero_phase_of(moved, drive.recording.filters)
+            self._known[key] = {name: (before[name], own) for name, own in zip(shared, noise, strict=True)}
+        return self._known[key]
+
+
+def _with_noise(recording: Recording, seed: Sequence[int]) -> Motion:
+    """The motion of a run with the sheet's noise once more."""
+    values = recording.signals.value
+    noise = draw_noise(recording, values, np.random.default_rng(seed))
+    moved = Signals.differentiated({name: values[name] + noise[name] for name in values}, recording.filters.rate)
+    return build_motion(recording.with_signals(moved))

@@ -1,0 +1,112 @@
+"""Restoring-force surfaces: the force of a suspension over travel and travel rate, and what the model misses of it.
+
+A spring, a damper and whatever else acts between body and wheel of one corner is a surface over travel and rate; what
+depends on something else (a bar on the other wheel's travel) shows as scatter about it. Source: Masri and Caughey,
+A nonparametric identification technique for nonlinear dynamic problems, J. Appl. Mech. 46 (1979).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CORNERS
+from identify.blocks import block_numbers
+from identify.drive import Drive
+from identify.fit import Fit
+from identify.states import filtered
+from identify.vectors import Array
+
+LEAST_SAMPLES = 4
+"""A cell with fewer samples is left empty."""
+CELLS = 11
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One corner's surface.
+
+    Attributes
+    ----------
+    travel, rate : (T + 1,), (R + 1,) edges of the cells [m], [m/s], compression positive.
+    residual : (R, T) mean residual of the suspension row [N]; NaN where there are too few samples.
+    force : (R, T) mean force of the suspension: its effects in the model and the residual [N], resisting compression.
+    count : (R, T) samples; `blocks` (R, T) stretches of two seconds they are from: one is no evidence.
+    scatter : RMS of the residual about its cell's mean [N]: what is no function of travel and rate.
+    """
+
+    corner: str
+    travel: Array
+    rate: Array
+    residual: Array
+    force: Array
+    count: NDArray[np.intp]
+    blocks: NDArray[np.intp]
+    scatter: float
+
+
+def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
+    """Corner → surface, over the runs a model was fitted to; without corners whose suspension row is not measured."""
+    out: dict[str, Surface] = {}
+    for corner in CORNERS:
+        row = f"suspension.{corner}"
+        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
+        if not having:
+            continue
+        moving = [_moving(fitted.drives[i], row, corner) for i in having]
+        travel, rate = np.concatenate(moving, axis=1)
+        left = np.concatenate([fitted.residual[i][row] for i in having])
+        force = left + np.concatenate([_modelled(fitted, fitted.drives[i], row) for i in having])
+        out[corner] = surface(corner, travel, rate, left, force, block_numbers(fitted.drives, row), cells)
+    return out
+
+
+def surface(
+    corner: str, travel: Array, rate: Array, residual: Array, force: Array, blocks: NDArray[np.intp], cells: int = CELLS
+) -> Surface:
+    """Means over a grid of cells of equal size that holds all but the outermost 1 % of the samples, (n,) each."""
+    edges = [_edges(series, cells) for series in (travel, rate)]
+    i, j = (np.searchsorted(e, series, side="right") - 1 for e, series in zip(edges, (travel, rate), strict=True))
+    inside = (i >= 0) & (i < cells) & (j >= 0) & (j < cells)
+    cell, size = (j * cells + i)[inside], cells * cells
+    count = np.bincount(cell, minlength=size)
+    met = np.unique(np.stack([cell, blocks[inside]]), axis=1)[0]
+
+    def mean(series: Array) -> Array:
+        sums = np.bincount(cell, weights=series[inside], minlength=size)
+        return np.where(count >= LEAST_SAMPLES, sums / np.maximum(count, 1), np.nan)
+
+    means = mean(residual)
+    seen = np.isfinite(means[cell])
+    about = residual[inside][seen] - means[cell[seen]]
+    shape = (cells, cells)
+    return Surface(
+        corner, edges[0], edges[1], means.reshape(shape), mean(force).reshape(shape),
+        count.reshape(shape), np.bincount(met, minlength=size).reshape(shape),
+        float(np.sqrt(np.mean(about**2))) if about.size else float("nan"),
+    )  # fmt: skip
+
+
+def _edges(series: Array, cells: int) -> Array:
+    low, high = (float(x) for x in np.quantile(series, (0.005, 0.995)))
+    pad = 0.5e-9 + 1e-6 * float(high - low)
+    return np.asarray(np.linspace(low - pad, high + pad, cells + 1), float)
+
+
+def _moving(drive: Drive, row: str, corner: str) -> Array:
+    own = drive.motion.corners[corner]
+    return filtered(drive, row, np.stack([own.travel, own.rate]))
+
+
+def _modelled(fitted: Fit, drive: Drive, row: str) -> Array:
+    """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
+    out = np.zeros(len(drive.index[row]))
+    start = 0
+    for effect in fitted.model.physics:
+        part = slice(start, start := start + len(effect.parameters))
+        rows = drive.columns(effect)
+        if row in rows and all(name.startswith("suspension.") for name in rows):
+            out = out + drive.matrix((effect,), row) @ fitted.physics[part]
+    return out

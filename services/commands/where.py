@@ -1,0 +1,58 @@
+"""``lacet where``: where, when and against what a model fails, and how much is left to explain."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from identify.study import Study
+from services.fitting import Work
+from services.progress import Line
+from services.result import DONE, write_result
+from services.where import find_where, follows_table, left_table, phase_table, says, where_result
+from services.where_report import write_where
+
+HELP = "see where the model fails: rows, phases, states, and how much is left to explain"
+DESCRIPTION = """\
+Which rows are above their noise floor, and in which phase of driving (found from the motion: braking, cornering, rough
+road …); which measured states the error follows; and how much of it any smooth function of those states could explain,
+tested on parts of the runs the function was not made from. When that is no more than chance, nothing is left to find
+that these states can show. What depends on the past of the states and not on their present (a liquid, a mass on a
+mount) is told apart as history. Phases and errors are of all runs, the rest of the runs used. See docs/where.md.
+
+  lacet where DIR                         the tables
+  lacet where DIR --report where.html     with all pictures, in one file
+  lacet where DIR --row suspension.fl     one row
+  lacet where DIR --run sinus             one run's phases and errors
+  lacet where DIR --version 1             an earlier model"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
+    parser.add_argument("--row", default="", help="one row of the equations (lacet info --rows lists them)")
+    parser.add_argument(
+        "--run", dest="only_run", metavar="RUN", default="", help="one run, used or held out: its phases and errors"
+    )
+    parser.add_argument("--version", type=int, help="version of the model (default: the present one)")
+    parser.add_argument("--report", metavar="FILE", type=Path, help="write all pictures as one HTML file")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Look and print."""
+    study = Study.open(args.study)
+    version = study.version(args.version)
+    with Line() as line:
+        found = find_where(Work(study, line.show), version, line.show, args.row, args.only_run)
+        if args.report:
+            line.show("drawing")
+            write_where(found, args.report, study.folder.name)
+    print(f"{says(found)}\n")
+    print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")
+    print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found)}\n")
+    print(f"Left to explain (history: beyond the present states):\n{left_table(found)}")
+    if args.report:
+        print(f"\nreport: {args.report}")
+    report = {"report": args.report} if args.report else {}
+    write_result(args.json, "where", {**where_result(found), "says": says(found), **report})
+    return DONE

@@ -1,0 +1,263 @@
+"""Where a model fails: phases, states, bands, surfaces, coherence, and how much is left to explain."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from identify.blocks import block_numbers
+from identify.drive import Drive
+from identify.filters import zero_phase_of
+from identify.fit import Fit, fit
+from identify.floor import NoiseFloor, floor_of
+from identify.left_to_explain import left_to_explain
+from identify.model import Model
+from identify.phases import PHASES, SHORTEST, phases_of
+from identify.refitted import Draws, refitted_draws
+from identify.residual_map import conditional_mean, followed_states
+from identify.smooth import FOLDS, RIDGE, blocked_losses
+from identify.spectra import _level, _segments, row_spectrum
+from identify.states import BLUR, ClearStates, states_of
+from identify.surface import restoring_surfaces, surface
+from identify.vectors import Array
+
+DRAWS = 39
+
+
+@pytest.fixture(scope="module")
+def base(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+    """Both bars missing."""
+    return fit(models["base"], list(drives.values()))
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    """The floor of the complete model."""
+    return floor_of(fitted, DRAWS)
+
+
+@pytest.fixture(scope="module")
+def clear(fitted: Fit) -> ClearStates:
+    """Its states; those of the base model are the same."""
+    return ClearStates(fitted.drives)
+
+
+@pytest.fixture(scope="module")
+def draws(fitted: Fit, floor: NoiseFloor) -> Draws:
+    """The floor's draws after the fit."""
+    return refitted_draws(fitted, floor)
+
+
+def test_phases_are_those_that_were_driven(drives: dict[str, Drive]):
+    found = {name: phases_of(drive.motion) for name, drive in drives.items()}
+    for name, split in found.items():
+        intervals = split.intervals
+        assert intervals[0].start == split.t[0]
+        assert intervals[-1].stop == split.t[-1]
+        assert all(a.stop == b.start and a.phase != b.phase for a, b in pairwise(intervals))
+        assert min(i.stop - i.start for i in intervals) >= SHORTEST - 0.01, name
+        assert not split.unseen
+    assert {"cornering left", "cornering right"} <= set(found["sine"].present)
+    assert any(phase.startswith("lift-off") for phase in found["liftoff"].present)
+    rough = found["rough"].number == PHASES.index("rough road")
+    assert np.mean(rough) > 0.7
+    assert not any("rough road" in found[name].present for name in ("sine", "liftoff"))
+
+
+def test_left_and_right_change_places_in_a_mirror(drives: dict[str, Drive]):
+    motion = drives["sine"].motion
+    turned = motion.body.accel * np.array([[1.0], [-1.0], [1.0]])
+    seen, mirrored = (
+        phases_of(motion).number,
+        phases_of(replace(motion, body=replace(motion.body, accel=turned))).number,
+    )
+    left, right = PHASES.index("cornering left"), PHASES.index("cornering right")
+    assert np.array_equal(seen == left, mirrored == right)
+    assert np.array_equal(seen == right, mirrored == left)
+    assert np.any(seen == left)
+
+
+def test_what_is_not_measured_is_told(drives: dict[str, Drive]):
+    motion = drives["sine"].motion
+    split = phases_of(replace(motion, channels=frozenset(), velocity=None))
+    assert set(split.unseen) == {"accelerations", "steer", "travel", "speed"}
+    assert split.present == ["straight, steady"]
+
+
+def test_the_band_of_a_conditional_mean_holds_the_truth():
+    """Residuals correlated over a second against a state as slow: 95 % bands hold the mean (naive ones 40 to 60 %)."""
+    rng = np.random.default_rng(3)
+    held, naive = [], []
+    blocks = np.repeat(np.arange(40), 28)
+    for _ in range(150):
+        state, residual = lfilter([1.0], [1.0, -0.9], rng.standard_normal((2, 2 * blocks.size)), axis=1)[
+            :, -blocks.size :
+        ]
+        c = conditional_mean(state, residual, blocks, bins=8)
+        held.append(np.abs(c.mean) <= 0.5 * (c.high - c.low))
+        naive.append(np.abs(c.mean) <= 1.96 * residual.std() / np.sqrt(c.count))
+    assert np.mean(naive) < 0.7
+    assert 0.91 <= np.mean(held) <= 0.985
+
+
+def test_too_few_blocks_give_no_band():
+    rng = np.random.default_rng(0)
+    c = conditional_mean(rng.standard_normal(100), rng.standard_normal(100), np.repeat([0, 1], 50))
+    assert np.all(np.isnan(c.low))
+    assert np.all(np.isfinite(c.mean))
+
+
+def test_a_surface_is_the_force_it_was_made_of():
+    rng = np.random.default_rng(1)
+    travel, rate = rng.uniform(-0.02, 0.02, 20000), rng.uniform(-0.1, 0.1, 20000)
+    force = 20e3 * travel + 1500.0 * rate
+    blocks = np.arange(20000) // 100
+    s = surface("fl", travel, rate, 0.1 * force, force, blocks)
+    x, y = (0.5 * (e[:-1] + e[1:]) for e in (s.travel, s.rate))
+    assert np.max(np.abs(s.force - (20e3 * x[None] + 1500.0 * y[:, None]))) < 15.0
+    assert s.count.sum() == pytest.approx(20000, rel=0.03)
+    few = surface("fl", travel[:60], rate[:60], force[:60], force[:60], blocks[:60])
+    assert np.isnan(few.force).sum() > 80
+
+
+def test_the_total_force_is_model_and_residual(base: Fit, fitted: Fit):
+    """The same force whatever the model: what one model lacks in its force it has in its residual."""
+    less, more = restoring_surfaces(base)["fl"], restoring_surfaces(fitted)["fl"]
+    seen = np.isfinite(less.force)
+    assert np.array_equal(seen, np.isfinite(more.force))
+    assert np.max(np.abs(less.force - more.force)[seen]) < 0.05 * np.ptp(more.force[seen])
+    assert less.scatter > 5.0 * more.scatter
+
+
+def test_a_prediction_is_made_from_the_other_folds():
+    rng = np.random.default_rng(2)
+    columns, targets = rng.standard_normal((120, 7)), rng.standard_normal((120, 3))
+    blocks = np.repeat(np.arange(12), 10)
+    losses = blocked_losses(columns, targets, blocks)
+    assert losses.shape == (1 + len(RIDGE), 12, 3)
+    test = blocks % FOLDS == 1
+    A, b = columns[~test], targets[~test]
+    for k, ridge in enumerate(RIDGE):
+        x = np.linalg.solve(A.T @ A + ridge * len(A) * np.eye(7), A.T @ b)
+        expected = np.sum((targets[blocks == 6] - columns[blocks == 6] @ x) ** 2, axis=0)
+        assert losses[1 + k, 6] == pytest.approx(expected)
+    assert losses[0, 6] == pytest.approx(np.sum(targets[blocks == 6] ** 2, axis=0))
+
+
+def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor):
+    """W x added to noise, x as large as its 1 σ, hardly changes what the same fit leaves of it: the priors' share."""
+    rng = np.random.default_rng(4)
+    x = rng.standard_normal((fitted.place.size, 1)) * np.sqrt(np.diag(fitted.covariance))[fitted.place][:, None]
+    moved = []
+    for drive, part in zip(fitted.drives, floor.draws, strict=True):
+        added = {row: (drive.matrix(fitted.model.physics, row)[:, fitted.place] @ x).T for row in part}
+        moved.append({row: series + added[row] for row, series in part.items()})
+    plain = refitted_draws(fitted, floor, sheet=False)
+    after = refitted_draws(fitted, replace(floor, draws=tuple(moved)), sheet=False)
+    for one, other, part in zip(plain, after, floor.draws, strict=True):
+        for row in one:
+            size = float(np.sqrt(np.mean(part[row] ** 2)))
+            assert np.max(np.abs(one[row] - other[row])) < 0.15 * size, row
+    # Fewer squares are left, never more.
+    weighted = [
+        sum(float(np.sum((part[row] / fitted.sigma[row]) ** 2)) for part in parts for row in part)
+        for parts in (plain, floor.draws)
+    ]
+    assert 0.9 * weighted[1] < weighted[0] < weighted[1]
+
+
+def test_states_are_blurred_by_their_own_noise(fitted: Fit, clear: ClearStates):
+    drive, row = fitted.drives[0], "suspension.fl"
+    names = clear.names(row)
+    assert {"travel", "travel rate", "travel difference across the axle", "lateral acceleration"} <= set(names)
+    assert "vertical wheel load" not in names  # the row's left side is made of it
+    plain, blurred = states_of(drive.motion, row), clear.blurred(0, row, names)
+    moved = zero_phase_of(blurred["travel"].series - plain["travel"].series, drive.recording.filters)
+    rig = drive.recording.rig
+    rate = drive.recording.rates["laser.fl.hub"]
+    expected = BLUR * rig.noise("laser.fl.hub") * np.sqrt(drive.recording.filters.fit_cutoff / (0.5 * rate))
+    assert np.std(moved) == pytest.approx(expected, rel=0.2)
+
+
+def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
+    floor = floor_of(base, DRAWS)
+    draws = refitted_draws(base, floor)
+    left = left_to_explain(base, floor, clear, draws)
+    for row, one in left.items():
+        if row.startswith("suspension"):
+            assert one.something, row
+            assert one.of_excess > 0.95
+            assert not one.depends_on_history
+            assert f"{one.part_rms:.3g} N" in one.says
+        else:
+            assert not one.something, row
+    follows = followed_states(base, floor, ["suspension.fl", "chassis.fz"], clear, draws)
+    assert follows["suspension.fl"][0].state in ("travel difference across the axle", "roll angle")
+    assert follows["suspension.fl"][0].part > 0.9
+    assert follows["chassis.fz"][0].p > 0.05
+
+
+def test_nothing_is_left_in_a_complete_model(fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws):
+    left = left_to_explain(fitted, floor, clear, draws)
+    assert set(left) == set(fitted.rows)
+    for row, one in left.items():
+        assert not one.something, row
+        assert not one.depends_on_history, row
+        assert one.part < 0.1, row
+        assert "nothing left to find" in one.says
+
+
+def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws):
+    """A mass on a mount of 1.3 Hz pushes on the body: not on the resonators' grid, and no state shows it."""
+    residual = []
+    for drive, part in zip(fitted.drives, fitted.residual, strict=True):
+        force = _mounted_mass(drive.motion.body.accel[2] - 9.81, drive.recording.filters.rate)
+        residual.append(
+            {**part, "chassis.fz": part["chassis.fz"] + drive.decimated({"chassis.fz": force})["chassis.fz"]}
+        )
+    left = left_to_explain(replace(fitted, residual=tuple(residual)), floor, clear, draws)
+    one = left["chassis.fz"]
+    assert one.rms > 2.0 * one.floor
+    assert one.depends_on_history
+    assert "history" in one.says
+    assert one.of_excess + one.history_of_excess > 0.35  # a mass lightly damped rings longer than the resonators do
+    assert not any(other.depends_on_history for row, other in left.items() if row != "chassis.fz")
+
+
+def _mounted_mass(accel: Array, rate: float) -> Array:
+    """Force of 60 kg on a mount of 1.3 Hz, 6 % damped, by its motion against the body (exact for held input)."""
+    w, d = 2.0 * np.pi * 1.3, 0.06
+    decay, turn = np.exp(-d * w / rate), w * np.sqrt(1.0 - d**2) / rate
+    shift = lfilter([0.0, decay * np.sin(turn) / (w * rate)], [1.0, -2.0 * decay * np.cos(turn), decay**2], -accel)
+    return 60.0 * w**2 * np.asarray(shift, float)
+
+
+def test_coherence_has_its_level(base: Fit, fitted: Fit, floor: NoiseFloor, clear: ClearStates):
+    rng = np.random.default_rng(5)
+    peaks = []
+    for _ in range(400):
+        lines = _segments(rng.standard_normal((2, 500)), np.arange(500), 50, 0.08)
+        cross = np.mean(np.conj(lines[:, 0]) * lines[:, 1], axis=0)
+        power = np.mean(np.abs(lines) ** 2, axis=0)
+        peaks.append(np.max(np.abs(cross[1:-1]) ** 2 / (power[0] * power[1])[1:-1]))
+    count = 19
+    effective = count**2 / (count + 2.0 * (count - 1) / 36.0)
+    assert 0.01 <= np.mean(np.array(peaks) > _level(effective, 1, 24)) <= 0.1
+    quiet = [row_spectrum(fitted, floor, row, clear) for row in ("chassis.fz", "tyre.fl", "suspension.fl")]
+    assert sum(len(s.strongest) > 0 for s in quiet if s is not None) <= 1
+    loud = row_spectrum(base, floor, "suspension.fl", clear)
+    assert loud is not None
+    assert loud.strongest
+    assert np.median(loud.residual / loud.floor) > 5.0
+
+
+def test_blocks_do_not_reach_over_runs(drives: dict[str, Drive]):
+    both = [drives["sine"], drives["rough"]]
+    blocks = block_numbers(both, "chassis.fx")
+    n = len(both[0].index["chassis.fx"])
+    assert blocks[n - 1] < blocks[n]
+    assert np.all(np.diff(blocks) >= 0)
