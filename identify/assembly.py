@@ -92,6 +92,7 @@ class Assembly:
             yield piece if weights is None else replace(piece, weights=weights)
             if place is not None:
                 piece.drive.forget_motion()
+                piece.drive.forget_columns()
                 if piece.sensitivity is not None:
                     piece.sensitivity.forget_slopes()
 

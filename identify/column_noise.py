@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from identify.assembly import Piece
 from identify.fit import Fit
@@ -31,11 +32,12 @@ _SECONDS = 180.0
 class ColumnNoise:
     """Products of noise, run by run.
 
-    `labels` : what the columns are; `runs` : for each run (z + w, z + w), its zeros first, the measured side last.
+    `labels` : what the columns are; `runs` : for each run, row → places (a,) of the columns that are not empty and
+    their products (a, a), its zeros first, the measured side last.
     """
 
     labels: tuple[str, ...]
-    runs: tuple[Array, ...]
+    runs: tuple[Mapping[str, tuple[NDArray[np.intp], Array]], ...]
 
     @classmethod
     def of(
@@ -45,27 +47,34 @@ class ColumnNoise:
         """Draw it, weighted by the rows' `sigma`."""
         seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
         every = max(1, int(seconds // _SECONDS))
-        runs: list[Array] = []
+        runs: list[dict[str, tuple[NDArray[np.intp], Array]]] = []
         for run in range(len(fitted.drives)):
             pieces = list(fitted.assembly.pieces_of(run))
             taken = pieces[::every]
             share = sum(_samples(piece) for piece in taken) / sum(_samples(piece) for piece in pieces)
-            parts = [_of_piece(fitted, layout, sigma, piece, pairs) for piece in taken]
-            runs.append(np.sum(parts, axis=0) / share)
+            found: dict[str, tuple[NDArray[np.intp], Array]] = {}
+            for piece in taken:
+                for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs).items():
+                    found[row] = places, products / share + (found[row][1] if row in found else 0.0)
+            runs.append(found)
             if progress is not None:
                 progress(run + 1, len(fitted.drives))
         return cls(column_labels(fitted, layout), tuple(runs))
 
-    def seen_by(self, fitted: Fit, sums: TrialSums) -> Array:
-        """(w, w) what it adds to `TrialSums.total`."""
-        layout, priors = sums.layout, [zeros[1] / sums.temper for zeros in fitted.zeros]
-        turn = np.eye(layout.width)
+    def seen_by(self, fitted: Fit, sums: TrialSums, louder: Mapping[str, float]) -> Array:
+        """(w, w) what it adds to `TrialSums.total` where the noise of rows is `louder` than the sheet's by a factor."""
+        layout, w = sums.layout, sums.layout.width
+        turn = np.eye(w)
         turn[: layout.model, : layout.model] = sums.turn
         turn[: layout.model, layout.right] = -fitted.solution
-        out = np.zeros((layout.width, layout.width))
-        for prior, following, products in zip(priors, sums.following, self.runs, strict=True):
-            whole = scipy.linalg.block_diag(np.diag(prior), turn)
-            out += at_zeros(whole.T @ products @ whole, following)
+        out = np.zeros((w, w))
+        for (_, priors, _), following, rows in zip(fitted.zeros, sums.following, self.runs, strict=True):
+            z = len(priors)
+            whole = np.zeros((z + w, z + w))
+            for row, (places, products) in rows.items():
+                whole[np.ix_(places, places)] += louder.get(row, 1.0) ** 2 * products
+            side = scipy.linalg.block_diag(np.diag(priors / sums.temper), turn)
+            out += at_zeros(side.T @ whole @ side, following)
         return out
 
 
@@ -75,24 +84,32 @@ def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
     return (*zeros, *fitted.columns, *layout.labels)
 
 
-def _of_piece(fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int) -> Array:
+def _of_piece(
+    fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int
+) -> dict[str, tuple[NDArray[np.intp], Array]]:
     z = next(iter(piece.blocks.values())).shape[1] - layout.model
-    out = np.zeros((z + layout.width, z + layout.width))
-    clean = {row: columns for row, (columns, _) in columns_of(fitted, layout, piece, sigma)}
+    clean = dict(columns_of(fitted, layout, piece, sigma))
     zeros = {row: block[:, :z] / sigma[row] for row, block in piece.blocks.items()}
     place = (piece.run,) if piece.number is None else (piece.run, piece.number)
+    out: dict[str, tuple[NDArray[np.intp], Array]] = {}
+    for row, (_, active) in clean.items():
+        places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
+        out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
         for sign in (1, -1):
             noisy = piece.drive.noisy(draw, sign, [2003, *place, draw], loads=True)
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
-                at = z + active
-                out[np.ix_(at, at)] += columns.T @ columns - clean[row].T @ clean[row]
-                across = zeros[row].T @ (columns - clean[row])
-                out[np.ix_(np.arange(z), at)] += across
-                out[np.ix_(at, np.arange(z))] += across.T
+                before, there = clean[row]
+                # A column without any entry on this run may have some with more noise.
+                columns = columns[:, np.isin(active, there)]
+                products = out[row][1]
+                products[z:, z:] += (columns.T @ columns - before.T @ before) / (2 * pairs)
+                across = zeros[row].T @ (columns - before) / (2 * pairs)
+                products[:z, z:] += across
+                products[z:, :z] += across.T
             noisy.forget_motion()
     piece.drive.forget_noisy(loads=True)
-    return out / (2 * pairs)
+    return out
 
 
 def _samples(piece: Piece) -> int:

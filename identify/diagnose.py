@@ -18,18 +18,19 @@ from identify.column_noise import ColumnNoise
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.lack_of_fit import Left, best_set, left_by, louder_rows
+from identify.lack_of_fit import Left
 from identify.ties import with_ties
 from identify.trials import TrialSpace
+from identify.unlisted import best_set, left_by
 from identify.verdicts import SIGNIFICANCE, implausible, judged
 from identify.whiteness import whiteness
 
-EXCESS = 1.05
-"""Residual ÷ floor above which a row can be said to fail, if no simulated run leaves as much."""
 HALF = 0.5
 """Part of the excess over the floor that the best set of effects must explain, else the cause is not listed."""
 STAYS = 0.15
 """Part of the excess that may stay behind the best set before the cause is called unlisted."""
+QUIET = 0.25
+"""Part of a spectrum's bands that is taken for noise alone."""
 LOUD = 1.3
 """Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
 
@@ -76,9 +77,7 @@ def diagnose(
     of the same candidates found it, spares finding it again.
     """
     space = TrialSpace(fitted, floor, candidates, seed, noise)
-    found = space.try_all()
-    louder = louder_rows(space)
-    found = space.family_wise(found, louder)
+    found = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
     ranked = sorted((c for c in found if c.tested), key=lambda c: -c.total_gain)
     ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
@@ -87,7 +86,7 @@ def diagnose(
     together = best_set(space, plausible)
     after = left_by(space, [space.tried[key] for key in together])
     explained = (now.excess - after.excess) / now.excess if now.excess > 0.0 else 0.0
-    failing = tuple(row for row in now.ratios if now.ratios[row] > EXCESS and now.p[row] <= SIGNIFICANCE)
+    failing = now.above
     best = next((c for c in ranked if c.answer == "missing"), None)
     fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
     stays = after.family <= SIGNIFICANCE and after.excess > STAYS * now.excess and structured(after)
@@ -99,25 +98,30 @@ def diagnose(
     says = {
         "unlisted cause": lambda: _unlisted(now, failing, explained, together),
         "missing": lambda: _missing(best),
-        "nothing missing": lambda: _nothing(space, ranked, louder),
+        "nothing missing": lambda: _nothing(space, ranked),
     }[verdict]()
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
-        verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, louder, failing,
-        tuple(together), space.noise,
+        verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, space.louder,
+        failing, tuple(together), space.noise,
     )  # fmt: skip
 
 
 def structured(left: Left) -> bool:
-    """Whether what is left has another colour than the noise; sensors louder than their sheet leave its colour."""
-    smallest, count = 1.0, 0
+    """Whether what is above the floor has another colour than the noise; sensors louder than their sheet leave it.
+
+    The noise's level is read from the quietest bands of each row's spectrum: most of the excess must stand above it.
+    """
+    smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
     for key, residual in left.residual.items():
-        if left.ratios[key[1]] > EXCESS:
-            place = np.arange(residual.size)
-            found = whiteness(residual, left.draws[key], place, 1.0)
-            if found is not None:
-                smallest, count = min(smallest, found.ljung_box), count + 1
-    return smallest * count <= SIGNIFICANCE and count > 0
+        found = whiteness(residual, left.draws[key], np.arange(residual.size), 1.0) if key[1] in left.above else None
+        if found is not None and found.frequency.size > 1:
+            smallest, count = min(smallest, found.ljung_box), count + 1
+            width = np.gradient(found.frequency)
+            level = float(np.quantile(found.spectrum / found.floor, QUIET))
+            excess += float(np.sum(width * (found.spectrum - found.floor)))
+            coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
+    return smallest * count <= SIGNIFICANCE and coloured > HALF * excess > 0.0
 
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:
@@ -143,7 +147,7 @@ def _unlisted(now: Left, failing: Sequence[str], explained: float, together: Seq
     )
 
 
-def _nothing(space: TrialSpace, ranked: Sequence[Candidate], louder: Mapping[str, float]) -> str:
+def _nothing(space: TrialSpace, ranked: Sequence[Candidate]) -> str:
     worst = max(space.ratios, key=lambda row: space.ratios[row])
     least = min((c.p for c in ranked), default=1.0)
     says = (
@@ -151,7 +155,7 @@ def _nothing(space: TrialSpace, ranked: Sequence[Candidate], louder: Mapping[str
         f"{space.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates does, chance does with "
         f"p = {least:.2g}."
     )
-    loud = [f"{row} {ratio:.1f} times" for row, ratio in louder.items() if ratio > LOUD]
+    loud = [f"{row} {ratio:.1f} times" for row, ratio in space.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
     return says

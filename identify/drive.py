@@ -163,6 +163,10 @@ class Drive:
         """Let go of the full-rate motion, which is rebuilt if asked for again; columns made so far are kept."""
         self.__dict__.pop("motion", None)
 
+    def forget_columns(self) -> None:
+        """Let go of the effects' columns, which are made again if asked for."""
+        self._columns.clear()
+
     def forget_noisy(self, loads: bool = False) -> None:
         """Let go of the runs with more noise, which hold all their channels; they are drawn again if asked for.
 

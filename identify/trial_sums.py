@@ -169,7 +169,7 @@ def columns_of(
     `noisy` : the same piece with more noise, whose columns are wanted instead.
     """
     p, keep, drive = layout.model, fitted.base.independent, noisy or piece.drive
-    drive.prepare([*fitted.model.physics, *(t.effect for t in layout.trials if not t.fault)])
+    drive.prepare([*(fitted.model.physics if noisy else ()), *(t.effect for t in layout.trials if not t.fault)])
     sensors = sensor_columns(fitted, layout, piece, noisy)
     physics = [(trial.place, drive.columns(trial.effect)) for trial in layout.trials if not trial.fault]
     for row, block in piece.blocks.items():
@@ -179,8 +179,8 @@ def columns_of(
             model[:, : len(keep)] = noisy.matrix(fitted.model.physics, row)[:, keep]
         own = [*sensors[row], *((place, found[row]) for place, found in physics if row in found)]
         parts = [model, *(columns.T for _, columns in own), right[:, None]]
-        places = [np.arange(p), *(np.arange(place.start, place.stop) for place, _ in own), [layout.right]]
-        yield row, (np.concatenate(parts, axis=1) / sigma[row], np.concatenate(places).astype(np.intp))
+        active = [*range(p), *(i for place, _ in own for i in range(place.start, place.stop)), layout.right]
+        yield row, (np.concatenate(parts, axis=1) / sigma[row], np.array(active, np.intp))
 
 
 def _products(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:

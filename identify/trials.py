@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.lack_of_fit import louder_rows
 from identify.layout import Layout, Trial
 from identify.partialling import Partialled
 from identify.rows import row_unit
@@ -64,6 +65,7 @@ class TrialSpace:
     sheet : place → name of the columns that stand for the sensor sheet's tolerances.
     partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
         one that is free of its tolerance.
+    louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
@@ -87,7 +89,6 @@ class TrialSpace:
         if noise is None or noise.labels != column_labels(fitted, self.layout):
             noise = ColumnNoise.of(fitted, self.layout, floor.sigma)
         self.noise = noise
-        inside = noise.seen_by(fitted, self.sums)
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
         self.sheet = {self.layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(self.layout.sheet)}
@@ -99,15 +100,13 @@ class TrialSpace:
         there = [place for place in self.sheet if self.sums.total[place, place] > 0.0]
         stiff = (temper / np.array([sigma[place] for place in there])) ** 2
         prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
-        self.partialled = Partialled(self.sums, inside, np.concatenate([model, there]).astype(np.intp), prior)
+        taken = np.concatenate([model, there]).astype(np.intp)
+        self.louder = louder_rows(self.sums, taken, prior)
+        self.partialled = Partialled(self.sums, noise.seen_by(fitted, self.sums, self.louder), taken, prior)
         drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
-        self._sheet_null = self.sums.null_sheet + self.sums.total[:, there] @ drawn
-        self.null = self.null_at({})
+        loud = [self.louder[row] * products for row, products in self.sums.null.items()]
+        self.null = self.sums.null_sheet + self.sums.total[:, there] @ drawn + np.sum(loud, axis=0)
         self.tried: dict[str, Tried] = {}
-
-    def null_at(self, louder: Mapping[str, float]) -> Array:
-        """(w, D) products with simulated runs whose noise is `louder` than the sheet's by a factor, row by row."""
-        return self._sheet_null + np.sum([louder.get(row, 1.0) * n for row, n in self.sums.null.items()], axis=0)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
@@ -248,26 +247,17 @@ class TrialSpace:
 
     # -- all of them --------------------------------------------------------------------------------------------------
 
-    def family_wise(self, found: Sequence[Candidate], louder: Mapping[str, float]) -> list[Candidate]:
+    def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
         """Compare each fall with the largest over all candidates in every simulated run.
 
         Falls are measured in units of their own mean under the null: beside a misfit, where the sheet's priors are
-        stiffened, a fault whose tolerance moves much would else drown the physics. `louder`: by how much the noise of
-        rows exceeds the sheet's.
+        stiffened, a fault whose tolerance moves much would else drown the physics.
         """
-        tested = [c for c in found if c.tested]
+        tested = [self.tried[c.key] for c in found if c.tested]
         if not tested:
             return list(found)
-        null = self.null_at(louder)
-        keys = {c.key for c in tested}
-        drawn: dict[str, list[Array]] = {key: [] for key in keys}
-        for trial in self.layout.trials:
-            key = trial.effect.key
-            if key in keys and np.all(self.partialled.remaining(trial.place) > _GONE):
-                drawn[key].append(self.partialled.scores(trial.place, null)[1])
-        falls = {key: np.max(parts, axis=0) for key, parts in drawn.items()}
-        means = {key: float(np.mean(fall)) for key, fall in falls.items()}
-        worst = np.max([fall / means[key] for key, fall in falls.items()], axis=0)
+        means = {one.key: float(np.mean(one.null)) for one in tested}
+        worst = np.max([one.null / means[one.key] for one in tested], axis=0)
         return [
             replace(c, p=float((1 + np.count_nonzero(worst >= c.drop / means[c.key])) / (1 + worst.size)))
             if c.tested
