@@ -1,4 +1,4 @@
-"""A small sample of the blind benchmark: two drives, four trials, and what the page makes of them.
+"""A small sample of the blind benchmark: two drives, a trial each, and what the page makes of them.
 
 The full one is ``make blind``; here the runs are short and the sizes what a car has, so that each verdict is clear.
 """
@@ -27,16 +27,15 @@ def _single(key: str, size: float) -> Cell:
 
 @pytest.fixture(scope="module")
 def records(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
-    """A null, a late laser on the same drive, and a bar, one trial each."""
+    """A null and a bar, one trial each; a seed that stops when something was added."""
     build = tmp_path_factory.mktemp("blind")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "BUILD", build)
         chosen = {
             "null": Cell("null/sample", "null", "ordinary noise", 1, campaign=SHORT),
-            "gain": _single("sensor_gain.hub.fl", 0.06),
             "bar": _single("anti_roll_bar.front", 19780.0),
         }
-        return {name: scoring.trial(cell, 1, build, DRAWS) for name, cell in chosen.items()}
+        return {name: scoring.trial(cell, scoring.AGAIN + 1, build, DRAWS) for name, cell in chosen.items()}
 
 
 def test_nothing_is_named_when_nothing_is_missing(records: dict[str, dict]) -> None:
@@ -49,10 +48,6 @@ def test_a_bar_is_named_and_its_stiffness_held(records: dict[str, dict]) -> None
     assert page.inside(record, (SINGLES["anti_roll_bar.front"],))
     assert record["held"]["found"] < 0.5 * record["held"]["base"]
     assert page.held_right(record)
-
-
-def test_a_wrong_scale_is_named(records: dict[str, dict]) -> None:
-    assert page.hit(records["gain"]), records["gain"]["steps"]
 
 
 def test_what_is_given_away_does_not_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
