@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from benchmarks.blind.cases import BANDS, CAMPAIGN, Cell, Part, cells
+from benchmarks.blind.cases import BANDS, CAMPAIGN, UNSIZED, Cell, Part, cells
 from benchmarks.blind.making import HOME
 
 PAGE = HOME / "docs" / "benchmarks" / "blind.md"
@@ -172,8 +172,11 @@ def case_table(
         some = by_cell.get(cell.name, [])
         ran = [r for r in some if "steps" in r]
         if cell.left_out:
-            lines.append(f"| {cell.name} | left out: {cell.left_out} | | | |")
-        elif some:
+            what = "not run" if cell.left_out == UNSIZED else "left out"
+            lines.append(f"| {cell.name} | {what}: {cell.left_out} | | | |")
+        elif not some:
+            lines.append(f"| {cell.name} | {size_text(cell)} | not run | | |")
+        else:
             ratios = [r["held"]["found"] / r["held"]["true"] for r in ran if "true" in r["held"]]
             ratio = f"{np.median(ratios):.2f}" if ratios else ""
             lines.append(
@@ -220,7 +223,8 @@ def missed(records: Sequence[Record], found: Sequence[Goal]) -> list[str]:
 def page(results: Mapping[tuple[str, int], Record]) -> str:
     """The page's text."""
     known = cells()
-    wanted = {(cell.name, seed) for cell in known.values() if not cell.left_out for seed in range(1, cell.seeds + 1)}
+    tried = [cell for cell in known.values() if cell.left_out in ("", UNSIZED)]
+    wanted = {(cell.name, seed) for cell in tried for seed in range(1, cell.seeds + 1)}
     records = [results[key] for key in sorted(results) if key in wanted]
     by_cell: dict[str, list[Record]] = {}
     for r in records:
@@ -228,6 +232,7 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
     kinds = {kind: [c for c in known.values() if c.kind == kind] for kind in ("single", "pair", "unlisted", "null")}
     found = goals(records, {cell.name: cell.parts for cell in known.values()})
     seconds = [r["total"] for r in records if "total" in r]
+    versions = len({r["code"] for r in records})
     failed = sum("failed" in r for r in records)
     return "\n".join(
         [
@@ -235,6 +240,8 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "Effects are hidden in an independent simulated car; lacet gets exchange tables, rig and vehicle file, and "
             "says what is missing. Written by `make blind`.", "",
             f"**{len(records)} of {len(wanted)} trials run**" + (f", {failed} of them failed" if failed else "")
+            + (f", by {versions} versions of the sources" if versions > 1 else "")
+            + ("; what is not run counts for nothing below" if len(records) < len(wanted) else "")
             + (f"; {np.median(seconds):.0f} s of processor time each (median)." if seconds else "."), "",
             f"Car `{CAMPAIGN.car}` (what the paper measured: springs, dampers and tyres differ from side to side, so "
             f"that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. The same runs of {CAMPAIGN.duration:g} s for "
