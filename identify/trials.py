@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise, column_labels
@@ -207,9 +209,16 @@ class TrialSpace:
         ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
         return tuple(ranked)
 
+    @cached_property
+    def _acting(self) -> dict[str, NDArray[np.bool_]]:
+        """Row → (w,) whether a column acts on it."""
+        out = {row: np.zeros(self.layout.width, bool) for row in self.sums.null}
+        for block in self.sums.blocks:
+            out[block.row][block.active] = True
+        return out
+
     def _rows(self, place: slice) -> tuple[str, ...]:
-        inside = range(place.start, place.stop)
-        return tuple(dict.fromkeys(b.row for b in self.sums.blocks if np.any(np.isin(b.active, inside))))
+        return tuple(row for row, acting in self._acting.items() if np.any(acting[place]))
 
     def _with_blocks(self, found: Sequence[Candidate]) -> list[Candidate]:
         """Gains by block, and as parts of the residual of the rows acted on."""
