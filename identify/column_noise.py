@@ -33,7 +33,7 @@ class ColumnNoise:
     """Products of noise, run by run.
 
     `labels` : what the columns are; `runs` : for each run, row → places (a,) of the columns that are not empty and
-    their products (a, a), its zeros first, the measured side last.
+    their products (a, a), its zeros first, the residual last.
     """
 
     labels: tuple[str, ...]
@@ -66,15 +66,17 @@ class ColumnNoise:
         layout, w = sums.layout, sums.layout.width
         turn = np.eye(w)
         turn[: layout.model, : layout.model] = sums.turn
-        turn[: layout.model, layout.right] = -fitted.solution
         out = np.zeros((w, w))
-        for (_, priors, _), following, rows in zip(fitted.zeros, sums.following, self.runs, strict=True):
+        for (_, priors, values), following, rows in zip(fitted.zeros, sums.following, self.runs, strict=True):
             z = len(priors)
+            # The right side here is the residual, from which the zeros that were found are taken already.
+            further = following.copy()
+            further[:, layout.right] -= values * sums.temper / priors
             whole = np.zeros((z + w, z + w))
             for row, (places, products) in rows.items():
                 whole[np.ix_(places, places)] += louder.get(row, 1.0) ** 2 * products
             side = scipy.linalg.block_diag(np.diag(priors / sums.temper), turn)
-            out += at_zeros(side.T @ whole @ side, following)
+            out += at_zeros(side.T @ whole @ side, further)
         return out
 
 
@@ -87,9 +89,13 @@ def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
 def _of_piece(
     fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int
 ) -> dict[str, tuple[NDArray[np.intp], Array]]:
-    z = next(iter(piece.blocks.values())).shape[1] - layout.model
+    values = fitted.zeros[piece.run][2]
+    z, p = len(values), layout.model
     clean = dict(columns_of(fitted, layout, piece, sigma))
     zeros = {row: block[:, :z] / sigma[row] for row, block in piece.blocks.items()}
+    # The right side is the fit's own residual, so that the mean shift of a bent law meets no static load.
+    for row, (columns, _) in clean.items():
+        columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
     place = (piece.run,) if piece.number is None else (piece.run, piece.number)
     out: dict[str, tuple[NDArray[np.intp], Array]] = {}
     for row, (_, active) in clean.items():
@@ -99,6 +105,7 @@ def _of_piece(
         for sign in (1, -1):
             noisy = piece.drive.noisy(draw, sign, [2003, *place, draw], loads=True)
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
+                columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
                 # A column without any entry on this run may have some with more noise.
                 columns = columns[:, np.isin(active, there)]
