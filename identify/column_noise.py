@@ -3,7 +3,8 @@
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
 the same draw subtracted leave the products of errors and the mean shift of bent laws, as `identify.noise_bias` has it
-for the fit. It depends on the motion and hardly on the fit, so it is found once and kept with the noise floor.
+for the fit. It depends on the motion and hardly on the noise of a run, so it is found once and kept with the noise
+floor.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from identify.assembly import Piece
 from identify.fit import Fit
 from identify.floor import Progress
 from identify.layout import Layout
+from identify.partialling import Partialled, at_gain
 from identify.trial_sums import TrialSums, at_zeros, columns_of
 from identify.vectors import Array
 
@@ -28,67 +30,75 @@ _SECONDS = 180.0
 """Of more data than this, pieces are left out [s]."""
 
 
+_Products = dict[str, tuple[NDArray[np.intp], Array]]
+
+
 @dataclass(frozen=True)
 class ColumnNoise:
-    """Products of noise, run by run.
+    """What noise adds to the sums of a ranking, everything else partialled out.
 
-    `labels` : what the columns are; `runs` : for each run, row → places (a,) of the columns that are not empty and
-    their products (a, a), its zeros first, the residual last.
+    Attributes
+    ----------
+    labels : what the columns are: noise found for others is of no use.
+    shifts : row → (w,) what it adds to each column's product with the residual.
+    squares : row → for each trial (k, k), what it adds to its columns' own products.
     """
 
     labels: tuple[str, ...]
-    runs: tuple[Mapping[str, tuple[NDArray[np.intp], Array]], ...]
+    shifts: Mapping[str, Array]
+    squares: Mapping[str, tuple[Array, ...]]
 
     @classmethod
     def of(
-        cls, fitted: Fit, layout: Layout, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
+        cls, fitted: Fit, space: Partialled, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
         progress: Progress | None = None,
     ) -> ColumnNoise:  # fmt: skip
         """Draw it, weighted by the rows' `sigma`."""
-        seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
-        every = max(1, int(seconds // _SECONDS))
-        runs: list[dict[str, tuple[NDArray[np.intp], Array]]] = []
+        layout = space.sums.layout
+        w, places = layout.width, [trial.place for trial in layout.trials]
+        totals = {row: np.zeros((w, w)) for row in sigma}
         for run in range(len(fitted.drives)):
-            pieces = list(fitted.assembly.pieces_of(run))
-            taken = pieces[::every]
-            share = sum(_samples(piece) for piece in taken) / sum(_samples(piece) for piece in pieces)
-            found: dict[str, tuple[NDArray[np.intp], Array]] = {}
-            for piece in taken:
-                for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs).items():
-                    found[row] = places, products / share + (found[row][1] if row in found else 0.0)
-            runs.append(found)
+            for row, products in _of_run(fitted, space.sums, sigma, run, pairs).items():
+                totals[row] += products
             if progress is not None:
                 progress(run + 1, len(fitted.drives))
-        return cls(column_labels(fitted, layout), tuple(runs))
-
-    def seen_by(self, fitted: Fit, sums: TrialSums, louder: Mapping[str, float]) -> Array:
-        """(w, w) what it adds to `TrialSums.total` where the noise of rows is `louder` than the sheet's by a factor."""
-        layout, w = sums.layout, sums.layout.width
-        turn = np.eye(w)
-        turn[: layout.model, : layout.model] = sums.turn
-        out = np.zeros((w, w))
-        for (_, priors, values), following, rows in zip(fitted.zeros, sums.following, self.runs, strict=True):
-            z = len(priors)
-            # The right side here is the residual, from which the zeros that were found are taken already.
-            further = following.copy()
-            further[:, layout.right] -= values * sums.temper / priors
-            whole = np.zeros((z + w, z + w))
-            for row, (places, products) in rows.items():
-                whole[np.ix_(places, places)] += louder.get(row, 1.0) ** 2 * products
-            side = scipy.linalg.block_diag(np.diag(priors / sums.temper), turn)
-            out += at_zeros(side.T @ whole @ side, further)
-        return out
+        left = {row: at_gain(total, space.taken, space.gain) for row, total in totals.items()}
+        return cls(
+            column_labels(fitted, layout),
+            {row: part[:, layout.right].copy() for row, part in left.items()},
+            {row: tuple(part[place, place].copy() for place in places) for row, part in left.items()},
+        )
 
 
 def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
-    """What the columns are: noise found for others is of no use."""
-    zeros = (name for names, _, _ in fitted.zeros for name in names)
-    return (*zeros, *fitted.columns, *layout.labels)
+    """What the columns are."""
+    return (*fitted.columns, *layout.labels)
 
 
-def _of_piece(
-    fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int
-) -> dict[str, tuple[NDArray[np.intp], Array]]:
+def _of_run(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int) -> dict[str, Array]:
+    """Row → (w, w) products of noise in one run, its zeros eliminated."""
+    layout, (_, priors, values) = sums.layout, fitted.zeros[run]
+    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
+    pieces = list(fitted.assembly.pieces_of(run))
+    taken = pieces[:: max(1, int(seconds // _SECONDS))]
+    share = sum(_samples(piece) for piece in taken) / sum(_samples(piece) for piece in pieces)
+    z, w = len(priors), layout.width
+    turn = np.eye(w)
+    turn[: layout.model, : layout.model] = sums.turn
+    side = scipy.linalg.block_diag(np.diag(priors / sums.temper), turn)
+    # The right side here is the residual, from which the zeros that were found are taken already.
+    further = sums.following[run].copy()
+    further[:, layout.right] -= values * sums.temper / priors
+    whole: dict[str, Array] = {}
+    for piece in taken:
+        for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs).items():
+            there = whole.setdefault(row, np.zeros((z + w, z + w)))
+            there[np.ix_(places, places)] += products / share
+    return {row: at_zeros(side.T @ products @ side, further) for row, products in whole.items()}
+
+
+def _of_piece(fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int) -> _Products:
+    """Row → places (a,) of the columns that are not empty and their products (a, a), zeros first, the residual last."""
     values = fitted.zeros[piece.run][2]
     z, p = len(values), layout.model
     clean = dict(columns_of(fitted, layout, piece, sigma))
@@ -97,7 +107,7 @@ def _of_piece(
     for row, (columns, _) in clean.items():
         columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
     place = (piece.run,) if piece.number is None else (piece.run, piece.number)
-    out: dict[str, tuple[NDArray[np.intp], Array]] = {}
+    out: _Products = {}
     for row, (_, active) in clean.items():
         places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
         out[row] = places, np.zeros((len(places), len(places)))

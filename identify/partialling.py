@@ -15,20 +15,22 @@ class Partialled:
     Parameters
     ----------
     sums : products of all columns.
-    noise : (w, w) part of them that is noise in the columns themselves.
     taken : places of the columns partialled out.
     prior : (a, a) normal matrix of what is known of their parameters.
 
     Attributes
     ----------
     gain : (a, w) what the columns taken explain of each.
-    left : (w, w) products of what is left; `noise` (w, w) what of it is noise in the columns.
+    left : (w, w) products of what is left.
+    shift : (w,) what noise in the columns adds to their products with the residual.
+    noise : place → (k, k) what it adds to the products of the columns of a trial.
     """
 
-    def __init__(self, sums: TrialSums, noise: Array, taken: NDArray[np.intp], prior: Array):
+    def __init__(self, sums: TrialSums, taken: NDArray[np.intp], prior: Array):
         self.sums, self.taken, self.prior = sums, taken, prior
         self.gain, self.left = _without(sums.total, taken, prior)
-        self.noise = at_gain(noise, taken, self.gain)
+        self.shift = np.zeros(sums.layout.width)
+        self.noise = {t.place.start: np.zeros((t.place.stop - t.place.start,) * 2) for t in sums.layout.trials}
         self._folds: list[tuple[Array, Array]] | None = None
 
     @property
@@ -44,7 +46,7 @@ class Partialled:
     def fall(self, place: slice) -> float:
         """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added."""
         right, total = self.sums.layout.right, 0.0
-        shift = self.noise[place, right]
+        shift = self.shift[place]
         for train, test in self.folds:
             outside = 1.0 - 1.0 / FOLDS
             beta = _solved(train[place, place], train[place, right] - outside * shift)
@@ -54,15 +56,15 @@ class Partialled:
     def scores(self, place: slice, null: Array) -> tuple[float, Array]:
         """Fall of the weighted squares on all data, and (D,) that in simulated runs with products `null` (w, D)."""
         G = self.left[place, place]
-        score = self.left[place, self.sums.layout.right] - self.noise[place, self.sums.layout.right]
+        score = self.left[place, self.sums.layout.right] - self.shift[place]
         drawn = null[place] - self.gain[:, place].T @ null[self.taken]
         return float(score @ _solved(G, score)), np.einsum("kd,kd->d", drawn, _solved(G, drawn))
 
     def values(self, place: slice) -> tuple[Array, Array]:
         """Parameters of the columns at `place` when they are added, and 1 σ as if residuals were independent."""
         G = self.left[place, place]
-        sound = G - self.noise[place, place]
-        score = self.left[place, self.sums.layout.right] - self.noise[place, self.sums.layout.right]
+        sound = G - self.noise[place.start]
+        score = self.left[place, self.sums.layout.right] - self.shift[place]
         if np.any(np.linalg.eigvalsh(sound) <= 0.0):
             sound = G
         inverse = np.linalg.inv(sound)
@@ -77,7 +79,7 @@ class Partialled:
         """Largest part of the energy left in a direction of the columns that is noise in them."""
         G = self.left[place, place]
         root = np.linalg.cholesky(G)
-        half = np.linalg.solve(root, self.noise[place, place])
+        half = np.linalg.solve(root, self.noise[place.start])
         return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
     def coefficients(self, places: Array) -> Array:

@@ -88,9 +88,6 @@ class TrialSpace:
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         self.layout = Layout.of(len(fitted.place), _sheet(fitted), self.effects)
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
-        if noise is None or noise.labels != column_labels(fitted, self.layout):
-            noise = ColumnNoise.of(fitted, self.layout, floor.sigma)
-        self.noise = noise
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
         self.sheet = {self.layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(self.layout.sheet)}
@@ -104,7 +101,14 @@ class TrialSpace:
         prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
         taken = np.concatenate([model, there]).astype(np.intp)
         self.louder = louder_rows(self.sums, taken, prior)
-        self.partialled = Partialled(self.sums, noise.seen_by(fitted, self.sums, self.louder), taken, prior)
+        self.partialled = Partialled(self.sums, taken, prior)
+        if noise is None or noise.labels != column_labels(fitted, self.layout):
+            noise = ColumnNoise.of(fitted, self.partialled, floor.sigma)
+        self.noise = noise
+        for row, louder in self.louder.items():
+            self.partialled.shift += louder**2 * noise.shifts[row]
+            for trial, squares in zip(self.layout.trials, noise.squares[row], strict=True):
+                self.partialled.noise[trial.place.start] += louder**2 * squares
         drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
         loud = [self.louder[row] * products for row, products in self.sums.null.items()]
         self.null = self.sums.null_sheet + self.sums.total[:, there] @ drawn + np.sum(loud, axis=0)

@@ -38,7 +38,7 @@ class AeroDrag(Effect):
     def parameters(self) -> tuple[Parameter, ...]:
         """½ρ·cd·A, and the same times the height of its centre above the body origin."""
         return (
-            self.named("d", "N·s²/m²", -3.0, 3.0, "positive"),
+            self.named("d", "N·s²/m²", 0.0, 3.0, "positive"),
             self.named("m", "N·s²/m", -5.0, 5.0),
         )
 

@@ -33,7 +33,7 @@ class AntiRollBar(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Stiffness k, per metre of travel difference."""
-        return (self.named("k", "N/m", -1e5, 1e5, "positive"),)
+        return (self.named("k", "N/m", 0.0, 1e5, "positive"),)
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """s_left − s_right on the left, its opposite on the right."""

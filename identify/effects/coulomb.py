@@ -28,7 +28,7 @@ class Coulomb(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Friction force f."""
-        return (self.named("f", "N", -500.0, 500.0, "positive"),)
+        return (self.named("f", "N", 0.0, 500.0, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
         """tanh(ṡ/v0)."""

@@ -42,7 +42,7 @@ class DamperSaturation(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Damping at rest c, on top of the linear one."""
-        return (self.named("c", "N·s/m", -2e4, 2e4, "positive"),)
+        return (self.named("c", "N·s/m", 0.0, 2e4, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
         """ṡ / √(1 + (ṡ/v0)²)."""

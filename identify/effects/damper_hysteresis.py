@@ -40,7 +40,7 @@ class DamperHysteresis(Effect):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Friction force f."""
-        return (self.named("f", "N", -1500.0, 1500.0, "positive"),)
+        return (self.named("f", "N", 0.0, 1500.0, "positive"),)
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """z at the corners acted on."""

@@ -30,7 +30,7 @@ class BumpStop(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Stiffness of the stop k."""
-        return (self.named("k", "N/m", -5e5, 5e5, "positive"),)
+        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
         """max(0, s − gap)."""
@@ -50,7 +50,7 @@ class ReboundStop(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Stiffness of the stop k."""
-        return (self.named("k", "N/m", -5e5, 5e5, "positive"),)
+        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
         """−max(0, −s − gap)."""

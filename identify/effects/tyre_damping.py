@@ -24,7 +24,7 @@ class TyreDamping(TyreForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Damping c."""
-        return (self.named("c", "N·s/m", -2e3, 2e3, "positive"),)
+        return (self.named("c", "N·s/m", 0.0, 2e3, "positive"),)
 
     def law(self, corner: CornerMotion) -> Array:
         """δ̇."""
