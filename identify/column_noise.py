@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -68,6 +69,31 @@ class ColumnNoise:
             {row: part[:, layout.right].copy() for row, part in left.items()},
             {row: tuple(part[place, place].copy() for place in places) for row, part in left.items()},
         )
+
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """All of it as plain arrays, for keeping."""
+        flat = {f"squares|{row}": np.concatenate([np.zeros(0), *(a.ravel() for a in every)])
+                for row, every in self.squares.items()}  # fmt: skip
+        sizes = [len(a) for a in next(iter(self.squares.values()), ())]
+        shifts = {f"shift|{row}": a for row, a in self.shifts.items()}
+        return {"labels": np.array(self.labels), "sizes": np.array(sizes, int), **shifts, **flat}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ColumnNoise:
+        """What `arrays` gave."""
+        sizes = arrays["sizes"].astype(int)
+        ends = np.cumsum(sizes**2)
+        squares: dict[str, tuple[Array, ...]] = {}
+        shifts: dict[str, Array] = {}
+        for name, values in arrays.items():
+            kind, _, row = name.partition("|")
+            if kind == "shift":
+                shifts[row] = values.astype(float)
+            elif kind == "squares":
+                parts = np.split(values.astype(float), ends)
+                squares[row] = tuple(part.reshape(k, k) for part, k in zip(parts, sizes, strict=False))
+        return cls(tuple(str(label) for label in arrays["labels"]), shifts, squares)
 
 
 def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:

@@ -30,6 +30,17 @@ class NoiseFloor:
     by_drive: tuple[Mapping[str, float], ...]
     sigma: Mapping[str, float]
 
+    @classmethod
+    def of(cls, draws: Sequence[Mapping[str, Array]]) -> NoiseFloor:
+        """A floor from its draws, for each drive row → (D, n)."""
+        rows = dict.fromkeys(row for part in draws for row in part)
+        every = {row: np.concatenate([part[row].ravel() for part in draws if row in part]) for row in rows}
+        return cls(
+            tuple(draws),
+            tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in part.items()} for part in draws),
+            {row: float(np.sqrt(np.mean(a**2))) for row, a in every.items()},
+        )
+
     @property
     def count(self) -> int:
         """Number of draws."""
@@ -53,13 +64,7 @@ def simulate_floor(
             if progress is not None:
                 progress(done, total)
         out.append({row: np.stack(series) for row, series in parts.items()})
-    by_drive = tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in part.items()} for part in out)
-    rows = dict.fromkeys(row for part in out for row in part)
-    sigma = {
-        row: float(np.sqrt(np.mean(np.concatenate([part[row].ravel() for part in out if row in part]) ** 2)))
-        for row in rows
-    }
-    return NoiseFloor(tuple(out), by_drive, sigma)
+    return NoiseFloor.of(out)
 
 
 def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:

@@ -1,0 +1,94 @@
+"""Formulae for a cause that is not in the catalogue: one-line laws of the measured states that the residual follows.
+
+They are tried exactly as candidates are: the model, zeros and tolerances partialled out, gains cross-validated, chance
+taken from the same simulated runs. What is found is a description and no explanation; the engineer writes the effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from identify.effect import Effect
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.one_line import read_line
+from identify.one_line_effect import OneLine, effect_class
+from identify.trials import TrialSpace
+from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
+
+_SIGN = "tanh(rate/v0)"
+_BAND = ", v0 = 0.01 0.03 0.1 m/s"
+SUSPENSION = (
+    "p * travel**2", "p * travel**3", "p * travel*abs(travel)", "p * abs(travel)", "p * rate*abs(rate)",
+    "p * rate**3", "p * abs(rate)", f"p * {_SIGN}{_BAND}", "p * travel*rate", "p * travel**2*rate",
+    f"p * travel**2*{_SIGN}{_BAND}", f"p * abs(travel)*{_SIGN}{_BAND}", "p * accel", "p * accel*abs(travel)",
+    "p * (travel - travel_other)", "p * (rate - rate_other)", "p * (travel - travel_other)**3",
+    f"p * load*{_SIGN}{_BAND}", "p * fx", "p * fy", "p * ax", "p * ay", "p * ay**2", "p * abs(ay)", "p * ay*travel",
+    "p * steer", "p * steer**2", "p * speed*travel", "p * speed*rate", "p * speed**2", "p * yaw_rate*speed",
+    "p * roll_accel", "p * pitch_accel",
+)  # fmt: skip
+TYRE = (
+    "p * deflection**2", "p * deflection**3", "p * deflection_rate", "p * deflection_rate*abs(deflection_rate)",
+    "p * deflection*deflection_rate", "p * camber", "p * camber**2", "p * camber*deflection", "p * speed*deflection",
+    "p * spin**2", "p * fy", "p * abs(fy)", "p * fx", "p * fy**2", "p * ay", "p * ax",
+)  # fmt: skip
+SPIN = ("p * spin", "p * spin**2", "p * load", "p * load*speed", "p * abs(fy)", "p * fx", "p * deflection_rate")
+CHASSIS = (
+    "p * speed*abs(speed)", "p * vy*speed", "p * vy*abs(vy)", "p * yaw_rate*speed", "p * ax", "p * ay", "p * az",
+    "p * ax*abs(ax)", "p * ay*abs(ay)", "p * roll_rate", "p * pitch_rate", "p * yaw_rate", "p * roll_accel",
+    "p * pitch_accel", "p * yaw_accel", "p * roll_rate*yaw_rate", "p * ax*ay",
+)  # fmt: skip
+MOST = 3
+"""Formulae told."""
+
+
+@dataclass(frozen=True)
+class Formula:
+    """A law that part of the residual follows.
+
+    `text` : as `lacet effect` takes it; `place` the variant that fits best; `rows` it acts on; `gain` part of their
+    weighted residual it takes away in cross-validation; `gain_rms` the same [N or N·m]; `p` as of a candidate.
+    """
+
+    text: str
+    place: str
+    rows: tuple[str, ...]
+    gain: float
+    gain_rms: float
+    p: float
+
+
+def propose(fitted: Fit, floor: NoiseFloor, failing: Sequence[str], known: Sequence[str], seed: int) -> list[Formula]:
+    """The laws that most of the residual of the `failing` rows follows, best first, at most one a family.
+
+    `known` : names taken by the catalogue.
+    """
+    recording = fitted.drives[0].recording
+    texts: dict[str, str] = {}
+    effects: list[Effect] = []
+    for kind, laws in _places(failing):
+        for number, law in enumerate(laws, start=1):
+            name = f"own_{kind.replace('.', '_')}_{number}"
+            cls = effect_class(read_line(f"{name} = {kind}: {law}", (*known, *texts)))
+            texts[name] = f"{kind}: {law}"
+            effects += cls.variants(recording.vehicle, recording.reference)
+    space = TrialSpace(fitted, floor, effects, seed)
+    found = [c for c in space.family_wise(space.try_all()) if c.tested and c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN]
+    out: list[Formula] = []
+    for c in sorted(found, key=lambda c: -c.total_gain):
+        name, _, place = c.key.partition(".")
+        text = _written(texts[name], place, c.shape)
+        if len(out) < MOST and not any(one.rows == c.rows for one in out):
+            out.append(Formula(text, place, c.rows, c.gain, c.gain_rms, c.p))
+    return out
+
+
+def _places(failing: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    kinds = dict.fromkeys(row if row.startswith("chassis") else row.split(".")[0] for row in failing)
+    laws = {"suspension": SUSPENSION, "tyre": TYRE, "spin": SPIN}
+    return [(kind, laws.get(kind, CHASSIS)) for kind in kinds]
+
+
+def _written(text: str, place: str, shape: object) -> str:
+    raise NotImplementedError
