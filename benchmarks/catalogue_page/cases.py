@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -9,9 +10,11 @@ from simulate import Hidden
 
 CAR = RIG = "peugeot-406"
 DURATION = 12.0
-STEERING = "sinus amplitude=0.04"
+"""Of a run that does not say otherwise [s]."""
+SEED = 7
+SLALOM = "sweep amplitude=0.025 low=0.2 high=2 duration=24"
+STEERING = "sinus amplitude=0.03"
 BUMPY = "rough grade=C"
-KERBS = "kerb"
 BRAKING = "braking deceleration=5"
 COASTING = "liftoff"
 
@@ -27,6 +30,7 @@ class Case:
     rows : pattern of rows among which the one that stands out most is drawn.
     hidden : name of the simulator's effect, ``""`` where nothing is hidden; `size` of it [its unit], `shape` constants.
     only_there : whether the second run lacks it.
+    loop : whether the path is drawn instead of points and their mean, for what has a memory.
     how : ``hidden``: simulated with the effect; ``law``: the simulator has no such effect, the catalogue's law stands
         in for it; ``share``: of the base model, what the family itself explains; ``none``: no picture, `why`.
     """
@@ -39,6 +43,7 @@ class Case:
     shape: Mapping[str, float] = field(default_factory=dict[str, float])
     beside: str = ""
     only_there: bool = False
+    loop: bool = False
     how: str = "hidden"
     why: str = ""
 
@@ -53,6 +58,11 @@ class Case:
         return (Hidden(self.hidden, self.size, shape=self.shape),) if self.hidden and self.how == "hidden" else ()
 
     @property
+    def digest(self) -> str:
+        """Changes when the picture would."""
+        return hashlib.sha256(f"{self} {CAR} {DURATION} {SEED}".encode()).hexdigest()[:12]
+
+    @property
     def option(self) -> str:
         """As `lacet simulate --hide` takes it."""
         constants = "".join(f",{name}={value:g}" for name, value in self.shape.items())
@@ -60,9 +70,9 @@ class Case:
 
 
 def _suspension(
-    hidden: str, size: float, state: str, run: str = BUMPY, beside: str = STEERING, **shape: float
+    hidden: str, size: float, state: str, run: str = SLALOM, beside: str = BUMPY, loop: bool = False, **shape: float
 ) -> Case:
-    return Case(state, run, "suspension.f*", f"{hidden}.front", size, shape, beside)
+    return Case(state, run, "suspension.f*", f"{hidden}.front", size, shape, beside, loop=loop)
 
 
 def _share(state: str, rows: str, run: str = BUMPY, beside: str = STEERING) -> Case:
@@ -74,28 +84,29 @@ def _plain(state: str, rows: str, run: str, beside: str, hidden: str = "", size:
 
 
 CASES: dict[str, Case] = {
-    "anti_roll_bar": _suspension("anti_roll_bar", 15e3, "travel difference across the axle", STEERING, BUMPY),
-    "coulomb": _suspension("coulomb", 120.0, "travel rate", STEERING, BUMPY, v0=0.01),
-    "damper_asymmetry": _suspension("damper_asymmetry", -500.0, "travel rate"),
-    "damper_digressive": _suspension("damper_digressive", -2500.0, "travel rate"),
+    "anti_roll_bar": _suspension("anti_roll_bar", 15e3, "travel difference across the axle"),
+    "coulomb": _suspension("coulomb", 120.0, "travel rate", STEERING, v0=0.01),
+    "damper_asymmetry": _suspension("damper_asymmetry", -600.0, "travel rate"),
+    "damper_digressive": _suspension("damper_digressive", -2000.0, "travel rate"),
     "damper_saturation": Case(
-        "travel rate", BUMPY, "suspension.f*", "damper_saturation.front", 2000.0, {"v0": 0.1}, STEERING, how="law"
+        "travel rate", SLALOM, "suspension.f*", "damper_saturation.front", 2000.0, {"v0": 0.1}, BUMPY, how="law"
     ),
-    "damper_hysteresis": _suspension("damper_hysteresis", 200.0, "travel", STEERING, BUMPY, length=0.003),
-    "damper_stroke": _suspension("damper_stroke", 3e4, "travel × travel rate"),
-    "helper_spring": _suspension("helper_spring", 2e4, "travel", gap=0.005),
-    "spring_quadratic": _suspension("spring_quadratic", 4e5, "travel"),
-    "spring_cubic": _suspension("spring_cubic", 2e7, "travel"),
-    "bump_stop": _suspension("bump_stop", 1e5, "travel", gap=0.015),
-    "rebound_stop": _suspension("rebound_stop", 1e5, "travel", gap=0.015),
+    "damper_hysteresis": _suspension("damper_hysteresis", 200.0, "travel", STEERING, loop=True, length=0.003),
+    "damper_stroke": _suspension("damper_stroke", 2e4, "travel × travel rate"),
+    "helper_spring": _suspension("helper_spring", 1e4, "travel", gap=0.005),
+    "spring_quadratic": _suspension("spring_quadratic", 1e5, "travel"),
+    "spring_cubic": _suspension("spring_cubic", 5e6, "travel"),
+    "bump_stop": _suspension("bump_stop", 3e4, "travel", gap=0.02),
+    "rebound_stop": _suspension("rebound_stop", 3e4, "travel", gap=0.02),
     "tyre_damping": Case("deflection rate", BUMPY, "tyre.f*", "tyre_damping.front", 200.0, beside=STEERING),
-    "tyre_progression": Case("tyre deflection", BUMPY, "tyre.f*", "tyre_progression.front", 2e6, beside=STEERING),
+    "tyre_progression": Case("tyre deflection", SLALOM, "tyre.f*", "tyre_progression.front", 2e6, beside=BUMPY),
     "aero_drag": Case("speed squared", BRAKING, "chassis.fx", "aero_drag", 0.8, {"height": 0.3}, COASTING),
     "aero_lift": Case("speed squared", BRAKING, "chassis.*", "aero_lift.front", 0.6, beside=BUMPY),
     "aero_side": Case(
-        "speed × lateral speed", "sinus amplitude=0.03 speed=38", "chassis.*", "aero_side", 3.0, {"x": -1.2}, BUMPY
+        "speed × lateral speed", "sinus amplitude=0.03 speed=36", "chassis.*", "aero_side", 5.0, {"x": -1.2},
+        "sinus amplitude=0.06 speed=14",
     ),
-    "chassis_torsion": Case("roll acceleration", KERBS, "chassis.*", "chassis_torsion", 1e5, beside=STEERING),
+    "chassis_torsion": Case("roll acceleration", SLALOM, "chassis.*", "chassis_torsion", 1e5, beside=BUMPY),
     "engine_mount": Case("vertical acceleration", BUMPY, "chassis.*", "engine_mount", 250.0, beside=STEERING),
     "payload": Case(
         "vertical acceleration", BUMPY, "chassis.fz", "payload", 100.0, beside=STEERING, only_there=True
@@ -108,7 +119,9 @@ CASES: dict[str, Case] = {
         "longitudinal acceleration", BRAKING, "chassis.fz", "sensor_crosstalk.wheel.force", 0.03,
         {"x": 0.0, "y": 0.0, "zx": 1.0}, BUMPY,
     ),
-    "sensor_drift": Case("time", STEERING, "suspension.fl", "sensor_drift.wheel.fl.force.z", 600.0, beside=BUMPY),
+    "sensor_drift": Case(
+        "time", "sinus amplitude=0.015 duration=120", "suspension.fl", "sensor_drift.wheel.fl.force.z", 20.0, beside=BUMPY
+    ),
     "sensor_gain": Case("travel", BUMPY, "tyre.fl", "sensor_gain.hub.fl", 0.05, beside=STEERING),
     "sensor_latency": Case("deflection rate", BUMPY, "tyre.*", "sensor_latency.laser", 0.004, beside=STEERING),
     "sensor_misalignment": Case(

@@ -14,7 +14,7 @@ from PIL import Image
 from benchmarks.catalogue_page.residuals import Signature
 from identify.residual_map import conditional_mean
 
-POINTS, MEAN, BAND, AXIS = "#7fb2d1", "#b3261e", "#d9d9d9", "#444444"
+LINE, POINTS, MEAN, BAND, AXIS = "#2e86ab", "#5fa3c7", "#b3261e", "#d9d9d9", "#444444"
 SIZE = 6.6, 2.2
 DOTS = 110
 COLOURS = 24
@@ -25,8 +25,8 @@ LEAST = 5.0
 SMALL = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "m²/s": ("cm²/s", 1e4), "rad": ("mrad", 1e3), "N": ("kN", 1e-3)}
 
 
-def draw(one: Signature, path: Path) -> None:
-    """Write the picture as a PNG of few colours."""
+def draw(one: Signature, loop: bool, path: Path) -> None:
+    """Write the picture as a PNG of few colours; `loop`: a path against the state, not points and their mean."""
     figure = Figure(figsize=SIZE, dpi=DOTS, layout="constrained")
     time, state = figure.subplots(1, 2, sharey=True, width_ratios=(1.35, 1.0))
     for axes in (time, state):
@@ -34,7 +34,7 @@ def draw(one: Signature, path: Path) -> None:
         axes.axhline(0.0, color="white", lw=0.6)
         axes.tick_params(labelsize=8, colors=AXIS, length=3)
         axes.spines[["top", "right"]].set_visible(False)
-    time.plot(one.t, one.residual, color="#2e86ab", lw=0.9)
+    time.plot(one.t, one.residual, color=LINE, lw=0.9)
     time.set_xlim(one.t[0], one.t[-1])
     low, high = np.quantile(one.residual, (0.001, 0.999))
     room = 0.08 * (high - low)
@@ -42,7 +42,7 @@ def draw(one: Signature, path: Path) -> None:
     time.set_ylabel("residual ÷ noise floor", fontsize=8)
     time.set_xlabel("time [s]", fontsize=8)
     time.set_title(f"{one.row}, floor {one.floor:.2g} {one.row_unit}", fontsize=8, loc="left", color=AXIS)
-    _against(state, one)
+    _against(state, one, loop)
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file)
     picture = Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
@@ -50,18 +50,21 @@ def draw(one: Signature, path: Path) -> None:
     picture.save(path, optimize=True)
 
 
-def _against(axes: Axes, one: Signature) -> None:
+def _against(axes: Axes, one: Signature, loop: bool) -> None:
     unit, factor = SMALL.get(one.unit, (one.unit, 1.0))
     if np.max(np.abs(one.against)) * factor > 1e4 and unit == one.unit:
         factor = 1e-3
         unit = f"10³ {unit}"
     x = one.against * factor
-    axes.plot(x, one.residual, ".", color=POINTS, ms=1.6, mew=0)
-    blocks = np.floor((one.t - one.t[0]) / BLOCK).astype(np.intp)
-    mean = conditional_mean(x, one.residual, blocks, bins=16)
-    axes.plot(mean.centre, mean.mean, color=MEAN, lw=1.6)
+    if loop:
+        axes.plot(x, one.residual, color=LINE, lw=0.9)
+    else:
+        axes.plot(x, one.residual, ".", color=POINTS, ms=3.5, mew=0)
+        blocks = np.floor((one.t - one.t[0]) / BLOCK).astype(np.intp)
+        mean = conditional_mean(x, one.residual, blocks, bins=14)
+        axes.plot(mean.centre, mean.mean, color=MEAN, lw=1.6)
+        axes.set_title("mean in red", fontsize=8, loc="right", color=MEAN)
     low, high = np.quantile(x, (0.002, 0.998))
     if high > low:
         axes.set_xlim(low, high)
     axes.set_xlabel(f"{one.state} [{unit}]", fontsize=8)
-    axes.set_title("mean in red", fontsize=8, loc="right", color=MEAN)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.making import cropped, simulator_code
-from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, Case
+from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
@@ -33,7 +33,6 @@ from simulate.vehicle_file import vehicle_text
 
 Array = NDArray[np.float64]
 BUILD = Path(__file__).parents[2] / "build" / "catalogue_page"
-SEED = 7
 
 
 def _speed_squared(motion: Motion, row: str) -> State:
@@ -112,11 +111,12 @@ def driven(run: str, hidden: Sequence[Hidden]) -> Run:
     words = f"{run} {DURATION} {SEED} {[(h.name, h.size, sorted(h.shape.items())) for h in hidden]}"
 
     def make() -> Run:
-        chosen = {key: float(value) if key != "grade" else value for key, value in (s.split("=") for s in settings)}
-        manoeuvre = make_manoeuvre(name, duration=DURATION, **chosen)
+        pairs = [setting.split("=") for setting in settings]
+        chosen = {"duration": DURATION} | {key: value if key == "grade" else float(value) for key, value in pairs}
+        manoeuvre = make_manoeuvre(name, **chosen)
         mechanical = [h for h in hidden if not h.of_sensor]
         motion = simulate_drive(find_car(CAR), manoeuvre, mechanical, SEED)
-        return cropped(exchange_run(motion, Rig.load(RIG), SEED, faults=list(hidden)), DURATION)
+        return cropped(exchange_run(motion, Rig.load(RIG), SEED, faults=list(hidden)), manoeuvre.duration)
 
     return _kept(name, words, make)
 
@@ -150,8 +150,7 @@ def fitted_plain(runs: tuple[str, ...]) -> tuple[Fit, Comparison]:
 def signature(family: str) -> Signature:
     """The signature of a family's case."""
     case = CASES[family]
-    words = f"{case} {DURATION} {SEED}"
-    return _kept(f"signature-{family}", words, lambda: _signature(family, case))
+    return _kept(f"signature-{family}", case.digest, lambda: _signature(family, case))
 
 
 def _signature(family: str, case: Case) -> Signature:
