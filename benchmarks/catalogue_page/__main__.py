@@ -65,7 +65,12 @@ def _pictures(again: list[str]) -> bool:
                 print(f"{number}/{len(missing)} {family}: {cause}", flush=True)
                 continue
             draw(one, CASES[family].loop, PICTURES / f"{family}.png")
-            facts = {"case": CASES[family].digest, "row": one.row, "ratio": float(f"{one.ratio:.2g}"), "state": one.state}
+            facts = {
+                "case": CASES[family].digest,
+                "row": one.row,
+                "ratio": float(f"{one.ratio:.2g}"),
+                "state": one.state,
+            }
             said = {**pictured(), family: facts}
             PICTURED.write_text(json.dumps(said, indent=1, sort_keys=True, ensure_ascii=False) + "\n", encoding="utf-8")
             spent = time.process_time() - begin

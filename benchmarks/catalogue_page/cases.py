@@ -84,7 +84,9 @@ def _plain(state: str, rows: str, run: str, beside: str, hidden: str = "", size:
 
 
 CASES: dict[str, Case] = {
-    "anti_roll_bar": _suspension("anti_roll_bar", 15e3, "travel difference across the axle"),
+    "anti_roll_bar": _suspension(
+        "anti_roll_bar", 15e3, "travel difference across the axle", "rough grade=C duration=24", "kerb"
+    ),
     "coulomb": _suspension("coulomb", 120.0, "travel rate", STEERING, v0=0.01),
     "damper_asymmetry": _suspension("damper_asymmetry", -600.0, "travel rate"),
     "damper_digressive": _suspension("damper_digressive", -2000.0, "travel rate"),
@@ -120,7 +122,8 @@ CASES: dict[str, Case] = {
         {"x": 0.0, "y": 0.0, "zx": 1.0}, BUMPY,
     ),
     "sensor_drift": Case(
-        "time", "sinus amplitude=0.015 duration=120", "suspension.fl", "sensor_drift.wheel.fl.force.z", 20.0, beside=BUMPY
+        "time", "sinus amplitude=0.015 duration=120", "suspension.fl", "sensor_drift.wheel.fl.force.z", 20.0,
+        beside=BUMPY,
     ),
     "sensor_gain": Case("travel", BUMPY, "tyre.fl", "sensor_gain.hub.fl", 0.05, beside=STEERING),
     "sensor_latency": Case("deflection rate", BUMPY, "tyre.*", "sensor_latency.laser", 0.004, beside=STEERING),

@@ -32,20 +32,20 @@ RUNS = ("RUN", "OTHER")
 
 HEAD = """# The catalogue of effects
 
-Every effect `lacet diagnose` can name: what it is, its law, the rows of the equations it acts on, how it shows when the model
-lacks it, and a picture of that. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not edit by hand.
-An effect of your own: [effects.md](effects.md). What a row is: [rows.md](rows.md).
+Every effect `lacet diagnose` can name: what it is, its law, the rows of the equations it acts on, how it shows when the
+model lacks it, and a picture of that. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not
+edit by hand. An effect of your own: [effects.md](effects.md). What a row is: [rows.md](rows.md).
 
-How to read the pictures. The base model, which lacks the effect, is fitted to two runs of a simulated car that has it ({car}, ordinary
-noise and zeros). Left: what is left over in one row of the first run, in units of the noise floor, which is what the sensors' noise
-alone leaves there (root mean square); the grey band is ± 2. Right: the same against the state that tells, with its mean in red.
-The base model takes over what part it can, so that a residual is seldom the law itself: of friction, say, the damper takes the slope.
-A mean that leaves the band, in the form a law would have, points to that law; a residual that stays in the band
-says that nothing is missing. The sizes are such that the form is plain to see, not the least that can be found. The command below
-a picture makes its first run.
+How to read the pictures. The base model, which lacks the effect, is fitted to two runs of a simulated car that has it
+({car}, ordinary noise and zeros). Left: what is left over in one row of the first run, in units of the noise floor,
+which is what the sensors' noise alone leaves there (root mean square); the grey band is ± 2. Right: the same against
+the state that tells, with its mean in red. The base model takes over what part it can, so that a residual is seldom the
+law itself: of friction, say, the damper takes the slope. A mean that leaves the band, in the form a law would have,
+points to that law; a residual that stays in the band says that nothing is missing. The sizes are such that the form is
+plain to see, not the least that can be found. The command below a picture makes a run like its first.
 
-Parameters are bounded by what is plausible on any car. "Sign" is what a car usually has; a fitted value of the other sign
-is a hint that something else is at work. Constants that are not linear are tried at the values given.
+Parameters are bounded by what is plausible on any car. A fitted value of the sign that is not usual is a hint that
+something else is at work. Constants that are not linear are tried at the values given.
 """
 
 
@@ -188,8 +188,8 @@ def _how(case: Case) -> str:
         return f"What the rest of the base model leaves for it to explain, in {run}{also}."
     if case.how == "law":
         return (
-            f"`{case.option}` in {run}{also}. The simulator has no such effect: its force, by the law above, is added to a plain "
-            "run's, less what the base model takes of it."
+            f"`{case.option}` in {run}{also}. The simulator has no such effect: its force, by the law above, is "
+            "added to a plain run's, less what the base model takes of it."
         )
     if not case.hidden:
         return f"Every simulated car has it, and nothing is left over: {run}{also}."

@@ -71,7 +71,7 @@ FURTHER: dict[str, Callable[[Motion, str], State]] = {
 
 @dataclass(frozen=True)
 class Signature:
-    """What a picture shows: residual of a `row` in units of its noise `floor` [`row_unit`] over `t` and against a state.
+    """Residual of a `row` in units of its noise `floor` [`row_unit`] over `t` [s], and `against` a `state` [`unit`].
 
     `ratio` is its root mean square.
     """
@@ -172,7 +172,9 @@ def _signature(family: str, case: Case) -> Signature:
     drive, score = fitted.drives[0], part.scores[row]
     state = state_of(drive.motion, row, case.state)
     against = filtered(drive, row, state.series)
-    return Signature(row, score.unit, score.floor, part.t[row], left[row] / score.floor, state.name, state.unit, against)
+    return Signature(
+        row, score.unit, score.floor, part.t[row], left[row] / score.floor, state.name, state.unit, against
+    )
 
 
 def state_of(motion: Motion, row: str, name: str) -> State:

@@ -42,11 +42,14 @@ def test_an_entry_says_everything(family: str) -> None:
     assert measured != ("- **parameter**" in entry)
     pictures = re.findall(r"!\[.+\]\((.+)\)", entry)
     if case.how == "none":
-        assert not pictures and case.why in entry
+        assert not pictures
+        assert case.why in entry
         return
     assert pictures == [f"images/effects/{family}.png"]
     assert (made.PAGE.parent / pictures[0]).read_bytes().startswith(b"\x89PNG")
-    ratio = made.pictured()[family]["ratio"]
+    facts = made.pictured()[family]
+    assert facts["case"] == case.digest, "the picture is of another case: run python -m benchmarks.catalogue_page"
+    ratio = facts["ratio"]
     if measured:
         assert ratio < 1.2, "the residual of what is measured stays at the floor"
     elif case.how != "share":
