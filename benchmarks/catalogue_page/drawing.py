@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -17,7 +18,8 @@ from identify.residual_map import conditional_mean
 LINE, POINTS, MEAN, BAND, AXIS = "#2e86ab", "#5fa3c7", "#b3261e", "#d9d9d9", "#444444"
 SIZE = 6.6, 2.2
 DOTS = 110
-COLOURS = 24
+SHADES = 6
+"""Of each ink on each ground."""
 BLOCK = 2.0
 """Length of a block of correlated residuals [s]."""
 LEAST = 5.0
@@ -37,7 +39,7 @@ def draw(one: Signature, loop: bool, path: Path) -> None:
     time.plot(one.t, one.residual, color=LINE, lw=0.9)
     time.set_xlim(one.t[0], one.t[-1])
     low, high = np.quantile(one.residual, (0.001, 0.999))
-    room = 0.08 * (high - low)
+    room = 0.08 * max(high - low, abs(high), abs(low))
     time.set_ylim(min(low - room, -LEAST), max(high + room, LEAST))
     time.set_ylabel("residual ÷ noise floor", fontsize=8)
     time.set_xlabel("time [s]", fontsize=8)
@@ -45,16 +47,30 @@ def draw(one: Signature, loop: bool, path: Path) -> None:
     _against(state, one, loop)
     file = io.BytesIO()
     FigureCanvasAgg(figure).print_png(file)
-    picture = Image.open(file).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    picture = Image.open(file).convert("RGB").quantize(palette=_palette(), dither=Image.Dither.NONE)
     path.parent.mkdir(parents=True, exist_ok=True)
     picture.save(path, optimize=True)
 
 
+def _palette() -> Image.Image:
+    """Every ink on white and on the band, and half-tones of their edges: a chosen palette keeps the colours' meaning."""
+    colours: list[tuple[int, ...]] = []
+    for ground in ("#ffffff", BAND):
+        for ink in (LINE, POINTS, MEAN, AXIS, "#000000", BAND):
+            pair = np.array([to_rgb(ground), to_rgb(ink)])
+            mixed = np.linspace(0.0, 1.0, SHADES)[:, None] * (pair[1] - pair[0]) + pair[0]
+            colours += [tuple(int(round(255.0 * v)) for v in colour) for colour in mixed]
+    flat = [v for colour in dict.fromkeys(colours) for v in colour]
+    out = Image.new("P", (1, 1))
+    out.putpalette(flat)
+    return out
+
+
 def _against(axes: Axes, one: Signature, loop: bool) -> None:
-    unit, factor = SMALL.get(one.unit, (one.unit, 1.0))
-    if np.max(np.abs(one.against)) * factor > 1e4 and unit == one.unit:
-        factor = 1e-3
-        unit = f"10³ {unit}"
+    unit, factor = one.unit, 1.0
+    largest = float(np.max(np.abs(one.against)))
+    if largest < 1.0 or one.unit == "N":
+        unit, factor = SMALL.get(one.unit, (one.unit, 1.0))
     x = one.against * factor
     if loop:
         axes.plot(x, one.residual, color=LINE, lw=0.9)
