@@ -100,8 +100,10 @@ CASES: dict[str, Case] = {
     "spring_cubic": _suspension("spring_cubic", 5e6, "travel"),
     "bump_stop": _suspension("bump_stop", 3e4, "travel", gap=0.02),
     "rebound_stop": _suspension("rebound_stop", 3e4, "travel", gap=0.02),
-    "tyre_damping": Case("deflection rate", BUMPY, "tyre.f*", "tyre_damping.front", 200.0, beside=STEERING),
-    "tyre_progression": Case("tyre deflection", SLALOM, "tyre.f*", "tyre_progression.front", 2e6, beside=BUMPY),
+    "tyre_damping": Case("deflection rate", BUMPY, "tyre.f*", "tyre_damping.front", 800.0, beside=STEERING),
+    "tyre_progression": Case(
+        "tyre deflection", "sinus amplitude=0.045", "tyre.f*", "tyre_progression.front", 3e6, beside=BUMPY
+    ),
     "aero_drag": Case("speed squared", BRAKING, "chassis.fx", "aero_drag", 0.8, {"height": 0.3}, COASTING),
     "aero_lift": Case("speed squared", BRAKING, "chassis.*", "aero_lift.front", 0.6, beside=BUMPY),
     "aero_side": Case(
@@ -109,9 +111,12 @@ CASES: dict[str, Case] = {
         "sinus amplitude=0.06 speed=14",
     ),
     "chassis_torsion": Case("roll acceleration", SLALOM, "chassis.*", "chassis_torsion", 1e5, beside=BUMPY),
-    "engine_mount": Case("vertical acceleration", BUMPY, "chassis.*", "engine_mount", 250.0, beside=STEERING),
+    "engine_mount": Case(
+        "acceleration of a mass on 7 Hz mounts beyond the body's", BUMPY, "chassis.*", "engine_mount", 250.0,
+        {"frequency": 7.0}, STEERING,
+    ),
     "payload": Case(
-        "vertical acceleration", BUMPY, "chassis.fz", "payload", 100.0, beside=STEERING, only_there=True
+        "pitch acceleration", BUMPY, "chassis.fz", "payload", 100.0, beside=STEERING, only_there=True
     ),
     "anti_dive": Case("longitudinal wheel force", COASTING, "suspension.f*", "anti_dive.front", 0.1, beside=BUMPY),
     "jacking": Case("lateral wheel force", STEERING, "suspension.f*", "jacking.front", 0.08, beside=BUMPY),
@@ -125,7 +130,7 @@ CASES: dict[str, Case] = {
         "time", "sinus amplitude=0.015 duration=120", "suspension.fl", "sensor_drift.wheel.fl.force.z", 20.0,
         beside=BUMPY,
     ),
-    "sensor_gain": Case("travel", BUMPY, "tyre.fl", "sensor_gain.hub.fl", 0.05, beside=STEERING),
+    "sensor_gain": Case("travel", SLALOM, "tyre.fl", "sensor_gain.hub.fl", 0.05, beside=BUMPY),
     "sensor_latency": Case("deflection rate", BUMPY, "tyre.*", "sensor_latency.laser", 0.004, beside=STEERING),
     "sensor_misalignment": Case(
         "lateral acceleration", STEERING, "chassis.fx", "sensor_misalignment.imu.yaw", 0.03, beside=BRAKING
@@ -134,7 +139,7 @@ CASES: dict[str, Case] = {
         "yaw acceleration", "sinus amplitude=0.03 frequency=1.5", "chassis.*", "sensor_position.imu.x", 0.15,
         beside=BUMPY,
     ),
-    "laser_tilt": Case("longitudinal acceleration", BRAKING, "tyre.*", "laser_tilt.pitch", 0.03, beside=BUMPY),
+    "laser_tilt": Case("pitch angle", BRAKING, "tyre.*", "laser_tilt.pitch", 0.03, beside=BUMPY),
     "rolling_resistance": _plain("speed", "chassis.fx", COASTING, STEERING, "rolling_resistance.front", 0.01),
     "camber_thrust": _plain("camber", "suspension.f*", STEERING, BUMPY, "camber_thrust.front", 1.0),
     "steer_compliance": _plain("steer", "suspension.f*", STEERING, BUMPY, "steer_compliance.front", 5e-6),
@@ -145,7 +150,7 @@ CASES: dict[str, Case] = {
     "tyre_side_compliance": Case(
         how="none", why="The simulated tyre does not give way sideways, so that there is nothing to draw."
     ),
-    "body": _share("vertical acceleration", "chassis.fz"),
+    "body": _share("lateral acceleration", "chassis.fy", STEERING, BUMPY),
     "spring": _share("travel", "suspension.fl"),
     "damper": _share("travel rate", "suspension.fl"),
     "offset": _share("travel", "suspension.fl"),
@@ -153,3 +158,6 @@ CASES: dict[str, Case] = {
     "tyre_stiffness": _share("tyre deflection", "tyre.fl"),
 }  # fmt: skip
 """By family."""
+
+AT_HUB = ("outboard_mass",)
+"""Families that are there only where the loads are measured at the hub."""

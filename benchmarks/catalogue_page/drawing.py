@@ -53,13 +53,13 @@ def draw(one: Signature, loop: bool, path: Path) -> None:
 
 
 def _palette() -> Image.Image:
-    """Every ink on white and on the band, and half-tones of their edges: a chosen palette keeps the colours' meaning."""
+    """Every ink on white and on the band, with half-tones for their edges: chosen, so that no ink is lost."""
     colours: list[tuple[int, ...]] = []
     for ground in ("#ffffff", BAND):
         for ink in (LINE, POINTS, MEAN, AXIS, "#000000", BAND):
             pair = np.array([to_rgb(ground), to_rgb(ink)])
             mixed = np.linspace(0.0, 1.0, SHADES)[:, None] * (pair[1] - pair[0]) + pair[0]
-            colours += [tuple(int(round(255.0 * v)) for v in colour) for colour in mixed]
+            colours += [tuple(round(255.0 * v) for v in colour) for colour in mixed]
     flat = [v for colour in dict.fromkeys(colours) for v in colour]
     out = Image.new("P", (1, 1))
     out.putpalette(flat)

@@ -86,11 +86,14 @@ def group_of(cls: type[Effect]) -> str:
 
 
 def variants() -> dict[str, list[Effect]]:
-    """Every variant on the reference car, by family; of what differs from run to run, one for each of `RUNS`."""
+    """Every variant on the reference car, whatever its loads refer to, by family; one a run of `RUNS` where they differ."""
     vehicle, rig = Vehicle.load(CAR), Rig.load(RIG)
     out: dict[str, list[Effect]] = {}
-    for effect in catalogue(vehicle, rig.wheel_reference, runs=RUNS).values():
-        out.setdefault(effect.name, []).append(effect)
+    for at in (rig.wheel_reference, "hub", "contact"):
+        for effect in catalogue(vehicle, at, runs=RUNS).values():
+            known = out.setdefault(effect.name, [])
+            if effect.key not in [one.key for one in known]:
+                known.append(effect)
     return out
 
 

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.blind.making import cropped, simulator_code
-from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
+from benchmarks.catalogue_page.cases import AT_HUB, CAR, CASES, DURATION, RIG, SEED, Case
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
 from identify.catalogue import base_model, catalogue
 from identify.drive import Drive
+from identify.effects.engine_mount import EngineMount
 from identify.fit import Fit, fit
 from identify.model import Model
 from identify.motion import Motion
@@ -55,6 +56,13 @@ def _wheel(motion: Motion, row: str) -> State:
     return State("vertical wheel acceleration", "m/s²", 0, motion.corners[row.split(".")[1]].centre_accel[2])
 
 
+def _mounted(motion: Motion, row: str) -> State:
+    mount = EngineMount(shape={"frequency": 7.0, "damping": 0.08})
+    return State(
+        "acceleration of a mass on 7 Hz mounts beyond the body's", "m/s²", 2, mount.columns(motion)["chassis.fz"][0]
+    )
+
+
 def _time(motion: Motion, row: str) -> State:
     return State("time", "s", 2, np.asarray(motion.t, float))
 
@@ -64,6 +72,7 @@ FURTHER: dict[str, Callable[[Motion, str], State]] = {
     "speed × lateral speed": _slipping,
     "travel × travel rate": _stroke,
     "vertical wheel acceleration": _wheel,
+    "acceleration of a mass on 7 Hz mounts beyond the body's": _mounted,
     "time": _time,
 }
 """States beyond those of `identify.states`, by name."""
@@ -105,10 +114,10 @@ def _kept(name: str, words: str, make: Callable[[], Any]) -> Any:
     return made
 
 
-def driven(run: str, hidden: Sequence[Hidden]) -> Run:
-    """Exchange table of a simulated run, ordinary noise and zeros, kept in ``build/``."""
+def driven(run: str, hidden: Sequence[Hidden], at: str) -> Run:
+    """Table of a simulated run, loads measured `at` contact or hub, ordinary noise and zeros; kept in ``build/``."""
     name, *settings = run.split()
-    words = f"{run} {DURATION} {SEED} {[(h.name, h.size, sorted(h.shape.items())) for h in hidden]}"
+    words = f"{run} {DURATION} {SEED} {[(h.name, h.size, sorted(h.shape.items())) for h in hidden]}{_of(at)}"
 
     def make() -> Run:
         pairs = [setting.split("=") for setting in settings]
@@ -116,49 +125,60 @@ def driven(run: str, hidden: Sequence[Hidden]) -> Run:
         manoeuvre = make_manoeuvre(name, **chosen)
         mechanical = [h for h in hidden if not h.of_sensor]
         motion = simulate_drive(find_car(CAR), manoeuvre, mechanical, SEED)
-        return cropped(exchange_run(motion, Rig.load(RIG), SEED, faults=list(hidden)), manoeuvre.duration)
+        return cropped(exchange_run(motion, car(at)[1], SEED, faults=list(hidden)), manoeuvre.duration)
 
     return _kept(name, words, make)
 
 
+def reference(family: str) -> str:
+    """Where the loads are measured for a family's picture: as the rig says, where it makes no difference."""
+    return "hub" if family in AT_HUB else Rig.load(RIG).wheel_reference
+
+
+def _of(at: str) -> str:
+    return "" if at == Rig.load(RIG).wheel_reference else f" {at}"
+
+
 @cache
-def car() -> tuple[Vehicle, Rig]:
-    """The car to identify with, as `lacet simulate` writes it, and the rig."""
+def car(at: str) -> tuple[Vehicle, Rig]:
+    """The car to identify with, as `lacet simulate` writes it, and the rig, its loads measured `at` contact or hub."""
     BUILD.mkdir(parents=True, exist_ok=True)
     file = BUILD / "vehicle.toml"
     file.write_text(vehicle_text(find_car(CAR)), encoding="utf-8")
-    return Vehicle.load(file), Rig.load(RIG)
+    return Vehicle.load(file), replace(Rig.load(RIG), wheel_reference=at)
 
 
-def _fitted(runs: Sequence[Run]) -> tuple[Fit, Comparison]:
+def _fitted(runs: Sequence[Run], at: str) -> tuple[Fit, Comparison]:
     """The base model fitted to the runs, and what it makes of the first."""
-    vehicle, rig = car()
+    vehicle, rig = car(at)
     fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), [Drive.of(r, vehicle, rig) for r in runs])
     return fitted, compare(fitted, fitted.drives[0])
 
 
-_fits: dict[tuple[str, ...], tuple[Fit, Comparison]] = {}
+_fits: dict[tuple[tuple[str, ...], str], tuple[Fit, Comparison]] = {}
 
 
-def fitted_plain(runs: tuple[str, ...]) -> tuple[Fit, Comparison]:
+def fitted_plain(runs: tuple[str, ...], at: str) -> tuple[Fit, Comparison]:
     """Runs in which nothing is hidden, fitted once for all families that share them."""
-    if runs not in _fits:
-        _fits[runs] = _fitted([driven(run, ()) for run in runs])
-    return _fits[runs]
+    if (runs, at) not in _fits:
+        _fits[runs, at] = _fitted([driven(run, (), at) for run in runs], at)
+    return _fits[runs, at]
 
 
 def signature(family: str) -> Signature:
     """The signature of a family's case."""
     case = CASES[family]
-    return _kept(f"signature-{family}", case.digest, lambda: _signature(family, case))
+    return _kept(f"signature-{family}", case.digest + _of(reference(family)), lambda: _signature(family, case))
 
 
 def _signature(family: str, case: Case) -> Signature:
+    at = reference(family)
     if case.effects:
         beside = () if case.only_there else case.effects
-        fitted, part = _fitted([driven(run, case.effects if run == case.run else beside) for run in case.runs])
+        hidden = {case.beside: beside, case.run: case.effects}
+        fitted, part = _fitted([driven(run, hidden[run], at) for run in case.runs], at)
     else:
-        fitted, part = fitted_plain(case.runs)
+        fitted, part = fitted_plain(case.runs, at)
     left = {row: part.residual(row) for row in part.measured if fnmatch(row, case.rows)}
     if case.how == "share":
         drive, known = fitted.drives[0], fitted.model.physics
@@ -192,7 +212,7 @@ def _left_of_law(fitted: Fit, case: Case) -> dict[str, Array]:
 
     The law's force joins what was measured; the model, fitted again with the same weights, takes what part of it can.
     """
-    vehicle, rig = car()
+    vehicle, rig = car(Rig.load(RIG).wheel_reference)
     effect = catalogue(vehicle, rig.wheel_reference)[case.hidden]
     effect = replace(effect, shape={**effect.shape, **case.shape})
     pieces: list[tuple[int, str, Array, Array]] = []
