@@ -112,7 +112,7 @@ CASES: dict[str, Case] = {
     ),
     "chassis_torsion": Case("roll acceleration", SLALOM, "chassis.*", "chassis_torsion", 1e5, beside=BUMPY),
     "engine_mount": Case(
-        "acceleration of a mass on 7 Hz mounts beyond the body's", BUMPY, "chassis.*", "engine_mount", 250.0,
+        "7 Hz mass less body, acceleration", BUMPY, "chassis.*", "engine_mount", 250.0,
         {"frequency": 7.0}, STEERING,
     ),
     "payload": Case(
@@ -121,7 +121,7 @@ CASES: dict[str, Case] = {
     "anti_dive": Case("longitudinal wheel force", COASTING, "suspension.f*", "anti_dive.front", 0.1, beside=BUMPY),
     "jacking": Case("lateral wheel force", STEERING, "suspension.f*", "jacking.front", 0.08, beside=BUMPY),
     "camber_change": Case("lateral wheel force", STEERING, "suspension.f*", "camber_change.front", 0.3, beside=BUMPY),
-    "toe_change": Case("lateral wheel force", STEERING, "suspension.f*", "toe_change.front", 0.8, beside=BUMPY),
+    "toe_change": Case("lateral wheel force", STEERING, "suspension.f*", "toe_change.front", -0.4, beside=BUMPY),
     "sensor_crosstalk": Case(
         "longitudinal acceleration", BRAKING, "chassis.fz", "sensor_crosstalk.wheel.force", 0.03,
         {"x": 0.0, "y": 0.0, "zx": 1.0}, BUMPY,

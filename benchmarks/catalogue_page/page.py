@@ -86,7 +86,7 @@ def group_of(cls: type[Effect]) -> str:
 
 
 def variants() -> dict[str, list[Effect]]:
-    """Every variant on the reference car, whatever its loads refer to, by family; one a run of `RUNS` where they differ."""
+    """Every variant on the reference car, by family, wherever its loads are measured and in each of `RUNS`."""
     vehicle, rig = Vehicle.load(CAR), Rig.load(RIG)
     out: dict[str, list[Effect]] = {}
     for at in (rig.wheel_reference, "hub", "contact"):

@@ -58,9 +58,7 @@ def _wheel(motion: Motion, row: str) -> State:
 
 def _mounted(motion: Motion, row: str) -> State:
     mount = EngineMount(shape={"frequency": 7.0, "damping": 0.08})
-    return State(
-        "acceleration of a mass on 7 Hz mounts beyond the body's", "m/s²", 2, mount.columns(motion)["chassis.fz"][0]
-    )
+    return State("7 Hz mass less body, acceleration", "m/s²", 2, mount.columns(motion)["chassis.fz"][0])
 
 
 def _time(motion: Motion, row: str) -> State:
@@ -72,7 +70,7 @@ FURTHER: dict[str, Callable[[Motion, str], State]] = {
     "speed × lateral speed": _slipping,
     "travel × travel rate": _stroke,
     "vertical wheel acceleration": _wheel,
-    "acceleration of a mass on 7 Hz mounts beyond the body's": _mounted,
+    "7 Hz mass less body, acceleration": _mounted,
     "time": _time,
 }
 """States beyond those of `identify.states`, by name."""
