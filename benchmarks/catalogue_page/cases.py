@@ -121,7 +121,9 @@ CASES: dict[str, Case] = {
     "anti_dive": Case("longitudinal wheel force", COASTING, "suspension.f*", "anti_dive.front", 0.1, beside=BUMPY),
     "jacking": Case("lateral wheel force", STEERING, "suspension.f*", "jacking.front", 0.08, beside=BUMPY),
     "camber_change": Case("lateral wheel force", STEERING, "suspension.f*", "camber_change.front", 0.3, beside=BUMPY),
-    "toe_change": Case("lateral wheel force", STEERING, "suspension.f*", "toe_change.front", -0.4, beside=BUMPY),
+    "toe_change": Case(
+        "lateral wheel force", "sinus amplitude=0.06", "suspension.f*", "toe_change.front", -0.9, beside=BUMPY
+    ),
     "sensor_crosstalk": Case(
         "longitudinal acceleration", BRAKING, "chassis.fz", "sensor_crosstalk.wheel.force", 0.03,
         {"x": 0.0, "y": 0.0, "zx": 1.0}, BUMPY,
