@@ -1,0 +1,239 @@
+"""The text of ``docs/catalogue.md``: what the catalogue says of every effect, and the picture of each.
+
+Nothing is simulated here. What the pictures show (row, error ÷ floor, state) is kept beside them in ``pictured.json``.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from identify.catalogue import catalogue, effect_classes
+from identify.effect import AlreadyMeasured, Effect, Parameter, SensorFault
+
+PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
+PICTURES = PAGE.parent / "images" / "effects"
+PICTURED = Path(__file__).with_name("pictured.json")
+GROUPS = (
+    "Suspension", "Tyres", "Aerodynamics", "Body", "Kinematics", "Sensors", "Already measured", "Base model",
+)  # fmt: skip
+KINEMATICS = ("anti_dive", "jacking", "wheel_turn")
+"""Modules of effects that correct the bench table's kinematics."""
+SIGNS = {"positive": "usually positive", "negative": "usually negative", "any": "either sign"}
+NAMES_SHOWN = 3
+RUNS = ("RUN", "OTHER")
+"""Names of runs, for what differs from one to the next."""
+
+HEAD = """# The catalogue of effects
+
+Every effect `lacet diagnose` can name: what it is, its law, the rows of the equations it acts on, how it shows when the
+model lacks it, and a picture of that. Written by `python -m benchmarks.catalogue_page` from `identify/effects`; do not
+edit by hand. An effect of your own: [effects.md](effects.md). What a row is: [rows.md](rows.md).
+
+How to read the pictures. The base model, which lacks the effect, is fitted to two runs of a simulated car that has it
+({car}, ordinary noise and zeros). Left: what is left over in one row of the first run, in units of the noise floor,
+which is what the sensors' noise alone leaves there (root mean square); the grey band is ± 2. Right: the same against
+the state that tells, with its mean in red. The base model takes over what part it can, so that a residual is seldom the
+law itself: of friction, say, the damper takes the slope. A mean that leaves the band, in the form a law would have,
+points to that law; a residual that stays in the band says that nothing is missing. The sizes are such that the form is
+plain to see, not the least that can be found. The command below a picture makes a run like its first.
+
+Parameters are bounded by what is plausible on any car. A fitted value of the sign that is not usual is a hint that
+something else is at work. Constants that are not linear are tried at the values given.
+"""
+
+
+def page() -> str:
+    """The whole page."""
+    grouped: dict[str, list[type[Effect]]] = {group: [] for group in GROUPS}
+    for cls in effect_classes().values():
+        grouped[group_of(cls)].append(cls)
+    found = variants()
+    lines = [HEAD.format(car=CAR), "| family | what it is | rows | shown by |", "|---|---|---|---|"]
+    for group, classes in grouped.items():
+        lines.append(f"| **[{group}](#{group.lower().replace(' ', '-')})** | | | |")
+        lines += [
+            f"| [{cls.name}](#{cls.name}) | {_cell(cls.about)} | {_cell(rows_of(cls))} | {_cell(cls.shown_by)} |"
+            for cls in classes
+        ]
+    for group, classes in grouped.items():
+        lines += ["", f"## {group}"]
+        for cls in classes:
+            lines += ["", *entry(cls, found.get(cls.name, []))]
+    return "\n".join(lines) + "\n"
+
+
+def group_of(cls: type[Effect]) -> str:
+    """The group an effect is listed in."""
+    if cls.base:
+        return "Base model"
+    if issubclass(cls, AlreadyMeasured):
+        return "Already measured"
+    if issubclass(cls, SensorFault):
+        return "Sensors"
+    if cls.name.startswith("aero_"):
+        return "Aerodynamics"
+    if cls.__module__.rpartition(".")[2] in KINEMATICS:
+        return "Kinematics"
+    kinds = {row.partition(".")[0] for row in cls.rows}
+    return "Body" if kinds == {"chassis"} else "Tyres" if kinds == {"tyre"} else "Suspension"
+
+
+def variants() -> dict[str, list[Effect]]:
+    """Every variant on the reference car, by family, wherever its loads are measured and in each of `RUNS`."""
+    vehicle, rig = Vehicle.load(CAR), Rig.load(RIG)
+    out: dict[str, list[Effect]] = {}
+    for at in (rig.wheel_reference, "hub", "contact"):
+        for effect in catalogue(vehicle, at, runs=RUNS).values():
+            known = out.setdefault(effect.name, [])
+            if effect.key not in [one.key for one in known]:
+                known.append(effect)
+    return out
+
+
+def rows_of(cls: type[Effect]) -> str:
+    """The rows an effect acts on, in words."""
+    if cls.rows:
+        return ", ".join(cls.rows)
+    return "none" if issubclass(cls, AlreadyMeasured) else "those its channels enter"
+
+
+def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
+    """Everything about one family."""
+    case = CASES.get(cls.name)
+    lines = [f"### {cls.name}", "", f"{_sentence(cls.about)}", "", *prose(cls), ""]
+    if cls.measured_by:
+        lines.append(f"- **cannot be missing**: {cls.measured_by}")
+    else:
+        lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
+        lines += [f"- **{name} tried**: {_values(values)} (SI)" for name, values in cls.grids.items()]
+    if cls.needs:
+        lines.append(f"- **needs**: {', '.join(f'`{channel}`' for channel in cls.needs)}")
+    lines += [f"- **in the residual**: {cls.signature}", f"- **shown by**: {cls.shown_by}"]
+    if cls.looks_like:
+        lines.append(f"- **looks alike**: {', '.join(_link(name) for name in cls.looks_like)}")
+    lines += [f"- **source**: {cls.source}", "", *picture(cls, case)]
+    return lines
+
+
+def prose(cls: type[Effect]) -> list[str]:
+    """The class's docstring as Markdown: law and remarks."""
+    return [line.replace("``", "`") for line in inspect.cleandoc(cls.__doc__ or "").splitlines()]
+
+
+def places(found: list[Effect]) -> str:
+    """Where an effect is tried."""
+    if [effect.where for effect in found] == [*RUNS]:
+        return "each run, by its name"
+    named = [effect.where for effect in found if effect.where]
+    if not named:
+        return "the car as a whole"
+    return ", ".join(f"`{name}`" for name in _corners_together(named))
+
+
+def _corners_together(named: list[str]) -> list[str]:
+    """Names with each full set of four corners as one, ``{c}``."""
+    corners = ("fl", "fr", "rl", "rr")
+    out: list[str] = []
+    for name in named:
+        parts = name.split(".")
+        here = [i for i, part in enumerate(parts) if part in corners]
+        short = ".".join("{c}" if i in here else part for i, part in enumerate(parts))
+        full = here and all(short.replace("{c}", corner) in named for corner in corners)
+        if (one := short if full else name) not in out:
+            out.append(one)
+    return out
+
+
+def parameters(found: list[Effect]) -> list[str]:
+    """A line for each kind of parameter: names, unit, range and sign, those that differ in the name alone together."""
+    kinds: dict[tuple[str, float, float, str], list[str]] = {}
+    for effect in found:
+        for q in effect.parameters:
+            names = kinds.setdefault((q.unit, q.low, q.high, q.expect), [])
+            if (name := _short(q, effect)) not in names:
+                names.append(name)
+    out: list[str] = []
+    for (unit, low, high, expect), names in kinds.items():
+        shown = ", ".join(f"`{name}`" for name in names[:NAMES_SHOWN]) + (", …" if len(names) > NAMES_SHOWN else "")
+        unit = "" if unit == "-" else f" {unit}"
+        out.append(f"- **parameter** {shown}: {_number(low)} to {_number(high)}{unit}, {SIGNS[expect]}")
+    return out
+
+
+def _short(q: Parameter, effect: Effect) -> str:
+    return q.name.removeprefix(f"{effect.key}.")
+
+
+def picture(cls: type[Effect], case: Case | None) -> list[str]:
+    """The picture with what it shows, or why there is none."""
+    if case is None:
+        return ["No picture: nobody has said yet how to hide it (`benchmarks/catalogue_page/cases.py`)."]
+    if case.how == "none":
+        return [f"No picture. {case.why}"]
+    facts = pictured().get(cls.name)
+    if facts is None:
+        return ["No picture yet: `python -m benchmarks.catalogue_page`."]
+    row, ratio, state = facts["row"], facts["ratio"], facts["state"]
+    shown = f"![{row} of a car with {cls.name}, over time and against {state}](images/effects/{cls.name}.png)"
+    return [shown, "", f"`{row}` is {ratio:g} × its floor. {_how(case)}", *_command(case)]
+
+
+def _how(case: Case) -> str:
+    run, also = f"`{case.run}`", f"; fitted together with `{case.beside}`"
+    if case.how == "share":
+        return f"What the rest of the base model leaves for it to explain, in {run}{also}."
+    if case.how == "law":
+        return (
+            f"`{case.option}` in {run}{also}. The simulator has no such effect: its force, by the law above, is "
+            "added to a plain run's, less what the base model takes of it."
+        )
+    if not case.hidden:
+        return f"Every simulated car has it, and nothing is left over: {run}{also}."
+    of = ", of a car without it" if case.only_there else ""
+    return f"`{case.option}` in {run}{also}{of}."
+
+
+def _command(case: Case) -> list[str]:
+    """How to hide it oneself."""
+    if not case.effects:
+        return []
+    name, *settings = case.run.split()
+    if not any(setting.startswith("duration=") for setting in settings):
+        settings.append(f"duration={DURATION:g}")
+    options = "".join(f" --set {setting}" for setting in settings)
+    command = f"lacet simulate --rig {RIG} --manoeuvre {name}{options} --seed {SEED}"
+    return ["", "```sh", f"{command} --hide {case.option} --format parquet -o runs", "```"]
+
+
+def pictured() -> Mapping[str, Any]:
+    """What each picture shows, by family."""
+    return json.loads(PICTURED.read_text(encoding="utf-8")) if PICTURED.is_file() else {}
+
+
+def _values(values: Iterable[float]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _number(value: float) -> str:
+    if value == int(value) and abs(value) < 1e7:
+        return f"{int(value):,}".replace("-", "−")
+    return f"{value:g}".replace("-", "−")
+
+
+def _link(name: str) -> str:
+    return f"[{name}](#{name})"
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", "\\|")
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:] + "."
