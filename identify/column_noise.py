@@ -70,7 +70,6 @@ class ColumnNoise:
             {row: tuple(part[place, place].copy() for place in places) for row, part in left.items()},
         )
 
-
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of it as plain arrays, for keeping."""
         flat = {f"squares|{row}": np.concatenate([np.zeros(0), *(a.ravel() for a in every)])

@@ -18,6 +18,7 @@ from identify.column_noise import ColumnNoise
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.formulas import Formula, propose
 from identify.lack_of_fit import Left
 from identify.ties import with_ties
 from identify.trials import TrialSpace
@@ -52,6 +53,7 @@ class Diagnosis:
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
     noise : in the columns, for the next ranking.
+    formulas : for an unlisted cause, laws that part of the residual follows, best first.
     """
 
     verdict: str
@@ -66,6 +68,7 @@ class Diagnosis:
     failing: tuple[str, ...]
     together: tuple[str, ...]
     noise: ColumnNoise = field(repr=False)
+    formulas: tuple[Formula, ...] = ()
 
 
 def diagnose(
@@ -95,15 +98,16 @@ def diagnose(
         best = None
     ranked = [_open(c, best) for c in ranked]
     verdict = "unlisted cause" if unlisted else "missing" if best else "nothing missing"
+    formulas = propose(fitted, floor, failing, seed) if unlisted else []
     says = {
-        "unlisted cause": lambda: _unlisted(now, failing, explained, together),
+        "unlisted cause": lambda: _unlisted(now, failing, explained, together, formulas),
         "missing": lambda: _missing(best),
         "nothing missing": lambda: _nothing(space, ranked),
     }[verdict]()
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
         verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, space.louder,
-        failing, tuple(together), space.noise,
+        failing, tuple(together), space.noise, tuple(formulas),
     )  # fmt: skip
 
 
@@ -138,12 +142,21 @@ def _missing(best: Candidate | None) -> str:
     return f"{best.key} is missing. {best.why}{tied}"
 
 
-def _unlisted(now: Left, failing: Sequence[str], explained: float, together: Sequence[str]) -> str:
+def _unlisted(
+    now: Left, failing: Sequence[str], explained: float, together: Sequence[str], formulas: Sequence[Formula]
+) -> str:
     worst = max(failing, key=lambda row: now.ratios[row])
-    return (
+    says = (
         f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
         f"set of effects of the catalogue ({', '.join(together) or 'none'}) explains "
         f"{100 * max(0.0, explained):.0f} % of what is above the floor, and the rest is no noise."
+    )
+    if not formulas:
+        return f"{says} No law of the measured states describes it: it may depend on something that is not measured."
+    best = formulas[0]
+    return (
+        f"{says} What comes nearest of simple laws is '{best.text}', which takes {100 * best.gain:.0f} % off "
+        f"{', '.join(best.rows)} in parts of the runs it was not fitted to: a description, not a cause."
     )
 
 

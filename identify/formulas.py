@@ -7,13 +7,13 @@ taken from the same simulated runs. What is found is a description and no explan
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.one_line import read_line
-from identify.one_line_effect import OneLine, effect_class
+from identify.one_line_effect import effect_class
 from identify.trials import TrialSpace
 from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 
@@ -59,26 +59,25 @@ class Formula:
     p: float
 
 
-def propose(fitted: Fit, floor: NoiseFloor, failing: Sequence[str], known: Sequence[str], seed: int) -> list[Formula]:
-    """The laws that most of the residual of the `failing` rows follows, best first, at most one a family.
-
-    `known` : names taken by the catalogue.
-    """
+def propose(fitted: Fit, floor: NoiseFloor, failing: Sequence[str], seed: int) -> list[Formula]:
+    """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
     recording = fitted.drives[0].recording
-    texts: dict[str, str] = {}
+    laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
     for kind, laws in _places(failing):
         for number, law in enumerate(laws, start=1):
             name = f"own_{kind.replace('.', '_')}_{number}"
-            cls = effect_class(read_line(f"{name} = {kind}: {law}", (*known, *texts)))
-            texts[name] = f"{kind}: {law}"
+            cls = effect_class(read_line(f"{name} = {kind}: {law}"))
+            laws_by_name[name] = kind, law.removesuffix(_BAND)
             effects += cls.variants(recording.vehicle, recording.reference)
     space = TrialSpace(fitted, floor, effects, seed)
     found = [c for c in space.family_wise(space.try_all()) if c.tested and c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN]
     out: list[Formula] = []
     for c in sorted(found, key=lambda c: -c.total_gain):
         name, _, place = c.key.partition(".")
-        text = _written(texts[name], place, c.shape)
+        kind, law = laws_by_name[name]
+        constants = "".join(f", {constant} = {value:g} m/s" for constant, value in c.shape.items())
+        text = f"{kind}{'.' if place else ''}{place}: {law}{constants}"
         if len(out) < MOST and not any(one.rows == c.rows for one in out):
             out.append(Formula(text, place, c.rows, c.gain, c.gain_rms, c.p))
     return out
@@ -88,7 +87,3 @@ def _places(failing: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
     kinds = dict.fromkeys(row if row.startswith("chassis") else row.split(".")[0] for row in failing)
     laws = {"suspension": SUSPENSION, "tyre": TYRE, "spin": SPIN}
     return [(kind, laws.get(kind, CHASSIS)) for kind in kinds]
-
-
-def _written(text: str, place: str, shape: object) -> str:
-    raise NotImplementedError

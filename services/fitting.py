@@ -19,12 +19,13 @@ from identify.drive import Drive
 from identify.estimates import estimates
 from identify.filters import Filters
 from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
+from identify.floor import NoiseFloor, Progress, floor_of
 from identify.model import Model
 from identify.score import Comparison, compare
 from identify.study import Study, Version
 from identify.vectors import Array
 from identify.whole import NAMES, UNITS, whole_vehicle
+from services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from services.loading import Loaded, load
 from services.result import plain
 
@@ -204,20 +205,29 @@ class Work:
             self._compared[key] = [compare(fitted, d, FLOOR_DRAWS, knowledge=knowledge) for d in drives]
         return self._compared[key]
 
-    def floor(self, version: Version, progress: Callable[[int, int], None] | None = None) -> NoiseFloor:
-        """The noise floor of a version's fit on the runs used."""
+    def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
+        """The noise floor of a version's fit on the runs used, simulated once and kept in the study."""
         if version.number not in self._floors:
-            self._floors[version.number] = floor_of(self.fitted(version), self.study.draws, progress=progress)
+            key = floor_key(self.study, version)
+            found = load_floor(self.study, key)
+            if found is None:
+                made = floor_of(self.fitted(version), self.study.draws, progress=progress)
+                found = save_floor(self.study, key, made)
+            self._floors[version.number] = found
         return self._floors[version.number]
 
-    def diagnose(self, progress: Callable[[int, int], None] | None = None) -> Diagnosis:
+    def diagnose(self, progress: Progress | None = None) -> Diagnosis:
         """Rank what is missing in the current version, and keep the finding."""
         version = self.study.version()
         fitted = self.fitted(version)
         floor = self.floor(version, progress)
-        self.tell("trying every effect of the catalogue")
+        key = floor_key(self.study, version)
+        kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
-        diagnosis = diagnose(fitted, floor, candidates)
+        self.tell(f"trying {len(candidates)} effects")
+        diagnosis = diagnose(fitted, floor, candidates, noise=kept)
+        if diagnosis.noise is not kept:
+            save_noise(self.study, key, diagnosis.noise)
         self.study.record_diagnosis(diagnosis_result(diagnosis))
         return diagnosis
 
@@ -254,6 +264,9 @@ def candidate_result(c: Candidate) -> dict[str, Any]:
         "shape": dict(c.shape),
         "values": list(c.values),
         "half95": list(c.interval),
+        "rows": list(c.rows),
+        "drop": c.drop,
+        "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
         "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
     }
 
@@ -270,6 +283,10 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "excess": d.excess,
             "explained": d.explained,
             "draws": d.draws,
+            "louder": dict(d.louder),
+            "failing": list(d.failing),
+            "together": list(d.together),
+            "formulas": [asdict(formula) for formula in d.formulas],
         }
     )
 
