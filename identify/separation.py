@@ -14,10 +14,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+import scipy.linalg
 
 from identify.assembly import Assembly, Piece
 from identify.drive import Drive
@@ -168,15 +169,54 @@ class RunTold:
         return _merged(known, np.sqrt(share) * self.root)[z:, z:]
 
 
-def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Array:
-    """(w, w) R factor of what the runs of the fit tell, weighted by their noise floor.
+@dataclass(frozen=True)
+class Present:
+    """What the runs of a fit tell: `root` (w, w) R factor of their columns, weighted by their noise floor, and `noise`
+    (w, w) the same of what is noise in the columns themselves, which sets nothing apart."""
+
+    root: Array
+    noise: Array
+
+
+def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Present:
+    """What the runs of the fit tell, weighted by their noise floor.
 
     `louder` : row → by how much its noise exceeds the sheet's; 1 where absent.
     """
     assembly = question.fitted.assembly
-    sigma = {row: floor.sigma[row] * (louder or {}).get(row, 1.0) for row in floor.sigma}
-    runs = [run_told(question, list(assembly.pieces_of(run)), sigma) for run in range(len(assembly.drives))]
-    return _merged(*(run.lasting() for run in runs))
+    larger = {row: (louder or {}).get(row, 1.0) for row in floor.sigma}
+    sigma = {row: floor.sigma[row] * larger[row] for row in floor.sigma}
+    roots: list[Array] = []
+    noise: list[Array] = []
+    for run in range(len(assembly.drives)):
+        pieces = list(assembly.pieces_of(run))
+        roots.append(run_told(question, pieces, sigma).lasting())
+        noise.append(_column_noise(question, pieces, floor.sigma))
+    return Present(_merged(*roots), _merged(*noise))
+
+
+def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> Array:
+    """(w, w) R factor of noise in a run's columns, from one draw added and taken away; of a long run from its middle.
+
+    Louder sensors bring more of it and weigh it less.
+    """
+    piece = pieces[len(pieces) // 2]
+    assert piece.sensitivity is not None
+    assert piece.zeros is not None
+    z = len(piece.zeros.sigma)
+    moved: list[dict[str, Array]] = []
+    for sign in (1, -1):
+        drive = piece.drive.noisy(0, sign, [2003, piece.run], loads=True)
+        noisy = replace(piece, drive=drive, sensitivity=piece.sensitivity.on(drive.recording))
+        moved.append(dict(question.columns(noisy)))
+    piece.drive.forget_noisy(loads=True)
+    share = sum(map(_samples, pieces)) / _samples(piece)
+    parts = [(plus - moved[1][row])[:, z:] * (0.5 * np.sqrt(share) / sigma[row]) for row, plus in moved[0].items()]
+    return _merged(np.zeros((0, question.width)), *parts)
+
+
+def _samples(piece: Piece) -> int:
+    return sum(len(block) for block in piece.blocks.values())
 
 
 def planned_run(
@@ -226,26 +266,35 @@ class Separations:
     Parameters
     ----------
     question : what is compared.
-    runs : (w, w) R factors, of the present runs and of one to come (`present_runs`, `RunTold.lasting`).
+    present : what the runs at hand tell; None where there are none.
+    runs : (w, w) R factors of runs to come (`RunTold.lasting`).
     """
 
-    def __init__(self, question: Question, *runs: Array):
+    def __init__(self, question: Question, present: Present | None, *runs: Array):
         self.question = question
-        whole = _merged(question.known, *runs)
-        self._length = np.linalg.norm(whole, axis=0)
+        whole = _merged(question.known, *((present.root,) if present else ()), *runs)
         # Tolerances that may be left out come after everything else that is partialled out.
         own = question.own(*range(len(question.compared)))
         taken = [i for i in range(question.first) if i not in own]
         order = [*taken, *own, *range(question.first, question.width)]
-        left = _merged(whole[:, order])[len(taken) :, len(taken) :]
-        self._left = {place: left[:, i] for i, place in enumerate(order[len(taken) :])}
+        R, lengths = scaled_triangle(whole[:, order])
+        t = len(taken)
+        # Columns are in units of their own length before anything is partialled out.
+        self._left = R[t:, t:]
+        self._noise = np.zeros((0, len(order) - t))
+        if present is not None:
+            taken_up = np.asarray(scipy.linalg.solve_triangular(R[:t, :t], R[:t, t:]), float)
+            noise = present.noise[:, order] / lengths
+            self._noise = noise[:, t:] - noise[:, :t] @ taken_up
+        self._place = {place: i for i, place in enumerate(order[t:])}
+        self._length = {place: float(length) for place, length in zip(order[t:], lengths[t:], strict=True)}
 
     def separation(self, a: int, b: int) -> float:
         """T of effect `a` as found against effect `b` at any size, and at the shape that imitates it best."""
         q = self.question
         free = [i for i in q.own(*range(len(q.compared))) if i not in q.own(a, b)]
-        y = self._columns(q.places[a][0]) @ q.compared[a].values
-        return min(self._squares(y, [*free, *_places(place)]) for place in q.places[b])
+        effect = q.places[a][0], q.compared[a].values
+        return min(self.remaining(*effect, [*free, *_places(place)]) for place in q.places[b])
 
     def least(self, which: Sequence[int] | None = None) -> float:
         """The smallest separation of any two of the effects, either of them taken for the one missing."""
@@ -256,20 +305,20 @@ class Separations:
     def size(self, a: int, values: Array | None = None) -> float:
         """√λ of effect `a` at `values`, by default as given: how far it stands out of the noise by itself."""
         q = self.question
-        y = self._columns(q.places[a][0]) @ (q.compared[a].values if values is None else values)
-        return float(np.sqrt(self._squares(y, q.own(*range(len(q.compared))))))
+        theta = q.compared[a].values if values is None else values
+        return float(np.sqrt(self.remaining(q.places[a][0], theta, q.own(*range(len(q.compared))))))
 
-    def _columns(self, place: slice) -> Array:
-        return np.stack([self._left[i] for i in _places(place)], axis=1)
-
-    def _squares(self, y: Array, places: Sequence[int]) -> float:
-        """min ‖y − X θ‖² over the columns at these places."""
-        if places:
-            X = np.stack([self._left[i] / (self._length[i] or 1.0) for i in places], axis=1)
-            U, s, _ = np.linalg.svd(X, full_matrices=False)
-            kept = U[:, s > _GONE]
-            y = y - kept @ (kept.T @ y)
-        return float(y @ y)
+    def remaining(self, place: slice, values: Array, others: Sequence[int] = ()) -> float:
+        """Weighted squares of columns times values that model, zeros, sheet and the columns `others` leave."""
+        x = np.zeros(self._left.shape[1])
+        for i, value in zip(_places(place), values, strict=True):
+            x[self._place[i]] = value * self._length[i]
+        if others:
+            where = [self._place[i] for i in others]
+            U, s, Vt = np.linalg.svd(self._left[:, where], full_matrices=False)
+            kept = s > _GONE
+            x[where] -= Vt[kept].T @ ((U[:, kept].T @ (self._left @ x)) / s[kept])
+        return max(0.0, float(np.sum((self._left @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
 
 
 def _places(place: slice) -> range:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from identify.separation import (
     NEEDED,
     SHOWS,
     Compared,
+    Present,
     Question,
     RunTold,
     Separations,
@@ -27,12 +26,10 @@ from identify.separation import (
     wrong_pick,
 )
 from identify.vectors import Array
-from services import tables
 from services.fitting import Tell, Work, silent
 from services.manoeuvre_library import Limits, kinds, library
 from services.planned_car import known_values, planned_car
 from services.planning import SECONDS, PlannedRun, simulated_runs
-from services.result import plain
 from simulate.engine import engine_library
 
 FAULT = 4.0
@@ -47,14 +44,15 @@ _UNTOUCHED = ("gain", "latency", "drift")
 class Recommended:
     """One manoeuvre: separation, or √λ of a single effect, `now` and `after` a run as long as allowed.
 
-    `seconds` : the shortest duration tried that is enough, or None; `each` √λ of every effect after it.
+    `seconds` : the shortest duration tried that is enough, or None; `ordinary` : √λ of a single effect at an ordinary
+    size after it.
     """
 
     run: PlannedRun
     now: float
     after: float
     seconds: float | None
-    each: tuple[float, ...]
+    ordinary: float | None
     sentence: str
 
     @property
@@ -74,7 +72,7 @@ class Recommendation:
     compared: tuple[Compared, ...]
     found: tuple[bool, ...]
     now: float
-    each: tuple[float, ...]
+    each: Sequence[float]
     runs: tuple[Recommended, ...]
     says: str
     warnings: tuple[str, ...]
@@ -114,6 +112,7 @@ def recommend(
         raise UsageError(f"runs are predicted by simulation: {missing}") from None
     known = work.study.effects(work.loaded.reference)
     compared, found = _compared(fitted, known, diagnosis, wanted)
+    why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
     faults = [e for e in known.values() if isinstance(e, SensorFault) and e.tolerance not in _UNTOUCHED]
     question = Question(fitted, compared, [(fault, _tolerance(fitted, fault)) for fault in faults])
     tell("what the present runs tell")
@@ -127,16 +126,17 @@ def recommend(
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         tell(f"what it would tell, {number} of {len(planned)}: {one.label}")
-        lacking = [why for c in compared if (why := one.drive.can(c.effect))]
+        lacking = [reason for c in compared if (reason := one.drive.can(c.effect))]
         if lacking:
             problems.append(f"left out: {one.label}: {lacking[0]}")
             continue
-        runs.append(_judged(question, present, before, one, planned_run(question, one.drive, diagnosis.louder), chosen))
+        told = planned_run(question, one.drive, diagnosis.louder)
+        runs.append(_judged(question, present, before, one, told, chosen, bool(why)))
         one.drive.forget_motion()
         one.drive.forget_columns()
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
-    says = _says(question, now, runs, not names)
+    says = _says(question, now, runs, not names, why)
     return Recommendation(question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems))
 
 
@@ -144,15 +144,6 @@ def tied(diagnosis: Diagnosis) -> list[str]:
     """The best candidate and those that cannot be told apart from it, or nothing."""
     best = diagnosis.best
     return [best.key, *(key for key, _ in best.ties)] if best and best.ties else []
-
-
-def hint(diagnosis: Diagnosis, folder: object) -> str:
-    """What to type when candidates are tied, or cannot be tested; or nothing."""
-    if tied(diagnosis):
-        return f"Which run tells them apart: lacet diagnose {folder} --next"
-    if any(c.answer == "not testable" for c in diagnosis.candidates):
-        return f"Which run would show an effect that cannot be tested: lacet diagnose {folder} --next EFFECT"
-    return ""
 
 
 def _compared(
@@ -227,20 +218,21 @@ def _library(
 
 
 def _judged(
-    question: Question, present: Array, before: Separations, run: PlannedRun, told: RunTold, limits: Limits
-) -> Recommended:
+    question: Question, present: Present, before: Separations, run: PlannedRun, told: RunTold, limits: Limits,
+    blocked: bool,
+) -> Recommended:  # fmt: skip
     """One manoeuvre, as long as allowed, and the shortest duration that is enough."""
     after = Separations(question, present, told.lasting(limits.duration))
     value, now = _value(after), _value(before)
     needed = SHOWS if len(question.compared) == 1 else NEEDED
     seconds = None
-    if value >= needed > now:
+    if value >= needed and (now < needed or blocked):
         tried = [*(d for d in DURATIONS if d < limits.duration), limits.duration]
         enough = (d for d in tried if _value(Separations(question, present, told.lasting(d))) >= needed)
         seconds = next(enough, limits.duration)
-    each = _sizes(after)
+    ordinary = _alone(after, question.compared[0].values) if len(question.compared) == 1 else None
     sentence = _sentence(question, run.label, seconds or limits.duration, now, value, limits.duration)
-    return Recommended(run, now, value, seconds, each, sentence)
+    return Recommended(run, now, value, seconds, ordinary, sentence)
 
 
 def _value(separations: Separations) -> float:
@@ -248,13 +240,17 @@ def _value(separations: Separations) -> float:
     return _sizes(separations)[0] if len(separations.question.compared) == 1 else separations.least()
 
 
-def _sizes(separations: Separations) -> tuple[float, ...]:
+def _sizes(separations: Separations) -> list[float]:
     """√λ of each effect; where it is asked for alone, at its largest plausible size."""
     compared = separations.question.compared
-    if len(compared) > 1:
-        return tuple(separations.size(i) for i in range(len(compared)))
-    largest = [q.largest for q in compared[0].effect.parameters]
-    return (max((separations.size(0, values) for values in np.diag(largest)), default=0.0),)
+    if len(compared) == 1:
+        return [_alone(separations, np.array([q.largest for q in compared[0].effect.parameters]))]
+    return [separations.size(i) for i in range(len(compared))]
+
+
+def _alone(separations: Separations, sizes: Array) -> float:
+    """√λ of the first effect, of the parameter that stands out most."""
+    return max((separations.size(0, values) for values in np.diag(sizes)), default=0.0)
 
 
 def _names(question: Question) -> str:
@@ -266,167 +262,52 @@ def _sentence(question: Question, label: str, seconds: float, now: float, after:
     if len(question.compared) == 1:
         return (
             f"To {_names(question)}: drive {label}, {seconds:g} s (at its largest plausible size it would stand out "
-            f"{_short(after)} times its noise after {longest:g} s, at present {_short(now)}; {SHOWS:g} are needed)."
+            f"{short(after)} times its noise after {longest:g} s, at present {short(now)}; {SHOWS:g} are needed)."
         )
     return (
-        f"To {_names(question)}: drive {label}, {seconds:g} s (separation {_short(after)} after {longest:g} s, at "
-        f"present {_short(now)}; {NEEDED:g} is needed)."
+        f"To {_names(question)}: drive {label}, {seconds:g} s (separation {short(after)} after {longest:g} s, at "
+        f"present {short(now)}; {NEEDED:g} is needed)."
     )
 
 
-def _says(question: Question, now: float, runs: Sequence[Recommended], tied_now: bool) -> str:
-    """What to drive, or that it is of no use."""
+def _says(question: Question, now: float, runs: Sequence[Recommended], tied_now: bool, why: str) -> str:
+    """What to drive, or that it is of no use; `why` a single effect cannot be tested at present."""
     alone = len(question.compared) == 1
     needed = SHOWS if alone else NEEDED
-    if now >= needed and alone:
+    if now >= needed and alone and not why:
         return (
             f"To {_names(question)} no further run is needed: at its largest plausible size it stands out "
-            f"{_short(now)} times its noise now ({needed:g} are needed)."
+            f"{short(now)} times its noise now ({needed:g} are needed)."
         )
-    if now >= needed and not tied_now:
-        return f"To {_names(question)} no further run is needed (separation {_short(now)} now; {needed:g} is needed)."
+    if now >= needed and not alone and not tied_now:
+        return f"To {_names(question)} no further run is needed (separation {short(now)} now; {needed:g} is needed)."
     if not runs:
         return "No manoeuvre of the library could be simulated."
     best = runs[0]
-    if now >= needed:
+    if now >= needed and not alone:
         return (
-            f"The runs at hand could {_names(question)} (separation {_short(now)}; {needed:g} is needed), yet the error "
-            f"falls alike with each: both may be missing, or neither. Most more would tell {best.run.label} "
-            f"(separation {_short(best.after)})."
+            f"The runs at hand could {_names(question)} (separation {short(now)}; {needed:g} is needed), yet the "
+            f"error falls alike with each: both may be missing, or neither. {best.run.label} would tell most "
+            f"(separation {short(best.after)})."
         )
     if best.seconds is None:
         what = "√λ" if alone else "separation"
-        wrong = "" if alone else f": the wrong one would still be picked with {_percent(best.after)}"
+        wrong = "" if alone else f": the wrong one would still be picked with {percent(best.after)}"
         return (
             f"No manoeuvre of the library is enough to {_names(question)}: the best is {best.run.label}, {what} "
-            f"{_short(best.after)}, at present {_short(now)}; {needed:g} is needed{wrong}."
+            f"{short(best.after)}, at present {short(now)}; {needed:g} is needed{wrong}."
         )
     if alone:
-        return best.sentence
-    return f"{best.sentence} The wrong one is then picked with {_percent(best.after)}, at present {_percent(now)}."
+        return f"{best.sentence} Now: {why}" if why else best.sentence
+    return f"{best.sentence} The wrong one is then picked with {percent(best.after)}, at present {percent(now)}."
 
 
-def _short(x: float) -> str:
+def short(x: float) -> str:
+    """A separation or √λ in few digits."""
     return f"{x:.0f}" if x >= 10.0 else f"{x:.1f}"
 
 
-def _percent(separation: float) -> str:
+def percent(separation: float) -> str:
+    """How often the wrong one is picked."""
     part = 100.0 * wrong_pick(separation)
     return "less than 0.1 %" if part < 0.1 else f"{part:.1f} %" if part < 10.0 else f"{part:.0f} %"
-
-
-# -- the command ------------------------------------------------------------------------------------------------------
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the next run."""
-    parser.add_argument(
-        "--next", metavar="EFFECT", nargs="*",
-        help="which run to drive next: to tell apart the best candidate and those tied with it, or the effects named; "
-        "of one effect named, to show it",
-    )  # fmt: skip
-    parser.add_argument(
-        "--without", metavar="NAMES", default="", help="with --next: manoeuvres that cannot be driven, by commas"
-    )
-
-
-def next_of(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, tell: Tell) -> dict[str, Any]:
-    """What ``--next`` adds to the result, ready to print; nothing where it was not asked for."""
-    if args.next is None:
-        return {}
-    without = [word.strip() for word in args.without.split(",") if word.strip()]
-    found = recommend(work, diagnosis, args.next, without=without, tell=tell)
-    return {"next": next_result(found) if found else None}
-
-
-def next_result(found: Recommendation) -> dict[str, Any]:
-    """A recommendation as plain data (``docs/json.md``, ``diagnose``)."""
-
-    def smallest(stands: float, c: Compared) -> float | None:
-        single = found.alone and len(c.effect.parameters) == 1 and stands > 0.0
-        return c.effect.parameters[0].largest * SHOWS / stands if single else None
-
-    return plain(
-        {
-            "says": found.says,
-            "quantity": "size" if found.alone else "separation",
-            "needed": found.needed,
-            "now": found.now,
-            "effects": [
-                {
-                    "effect": c.effect.key,
-                    "shape": dict(c.effect.shape),
-                    "values": list(c.values),
-                    "units": [q.unit for q in c.effect.parameters],
-                    "found": real,
-                    "size": size,
-                }
-                for c, real, size in zip(found.compared, found.found, found.each, strict=True)
-            ],
-            "runs": [
-                {
-                    "run": one.run.label,
-                    "manoeuvre": one.run.manoeuvre,
-                    "settings": {key: value for key, value in one.run.settings.items() if key != "duration"},
-                    "after": one.after,
-                    "seconds": one.seconds,
-                    "wrong_pick": None if found.alone else wrong_pick(one.after),
-                    "ordinary": _ordinary(found, one),
-                    "smallest": smallest(one.after, found.compared[0]),
-                    "says": one.sentence,
-                }
-                for one in found.runs
-            ],
-            "warnings": list(found.warnings),
-        }
-    )
-
-
-def _ordinary(found: Recommendation, one: Recommended) -> float | None:
-    """√λ of a single effect of one parameter at its ordinary size: it grows with the size."""
-    c = found.compared[0]
-    if not found.alone or len(c.values) != 1:
-        return None
-    return one.after * abs(float(c.values[0])) / c.effect.parameters[0].largest
-
-
-def next_text(result: Mapping[str, Any], most: int) -> str:
-    """The table and the sentence."""
-    if "next" not in result:
-        return ""
-    found = result["next"]
-    if found is None:
-        return "Nothing is tied with the best candidate. Name effects to tell apart (--next A B), or one to show."
-    alone = found["quantity"] == "size"
-    runs = found["runs"][:most]
-    if alone:
-        unit = found["effects"][0]["units"][0]
-        head = ["", "run", "√λ now", "largest", "ordinary", f"shows from [{unit}]", "s"]
-        cells = [
-            [_short(found["now"]), _short(r["after"]), _maybe(r["ordinary"]), _maybe(r["smallest"], True)] for r in runs
-        ]
-        title = f"{found['effects'][0]['effect']}: how far it would stand out of its noise ({SHOWS:g} are needed)"
-    else:
-        head = ["", "run", "T now", "T then", "wrong pick", "s"]
-        cells = [[_short(found["now"]), _short(r["after"]), _percent(r["after"])] for r in runs]
-        title = f"Separation of {', '.join(e['effect'] for e in found['effects'])} ({NEEDED:g} is needed)"
-    rows = [
-        [str(i), r["run"], *cell, "-" if r["seconds"] is None else f"{r['seconds']:.0f}"]
-        for i, (r, cell) in enumerate(zip(runs, cells, strict=True), 1)
-    ]
-    sizes = [
-        f"  {e['effect']} taken at {_values(e)}, "
-        + ("as these runs have it" if e["found"] else "an ordinary size: these runs do not tell it")
-        for e in found["effects"]
-    ]
-    warnings = [f"! {warning}" for warning in found["warnings"]]
-    return "\n".join([f"{title}:", *sizes, "", tables.table(head, rows, left=2), "", *warnings, found["says"]])
-
-
-def _maybe(x: float | None, digits: bool = False) -> str:
-    return "-" if x is None else f"{x:.2g}" if digits else _short(x)
-
-
-def _values(effect: Mapping[str, Any]) -> str:
-    parts = [f"{value:.3g} {unit}" for value, unit in zip(effect["values"], effect["units"], strict=True)]
-    return ", ".join([*parts, *(f"{name} {value:g}" for name, value in effect["shape"].items())])

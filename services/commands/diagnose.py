@@ -11,8 +11,8 @@ from daq.errors import UsageError
 from identify.study import Study
 from services import tables
 from services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
-from services.next_separation import add_arguments as add_next_arguments
-from services.next_separation import hint, next_of, next_text
+from services.next_report import add_arguments as add_next_arguments
+from services.next_report import hint, next_of, next_text
 from services.progress import Line
 from services.result import DONE, write_result
 

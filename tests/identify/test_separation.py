@@ -18,6 +18,7 @@ from identify.floor import NoiseFloor, floor_of
 from identify.model import Model
 from identify.separation import (
     Compared,
+    Present,
     Question,
     Separations,
     planned_run,
@@ -54,17 +55,19 @@ TYRE = Compared(KNOWN["tyre_damping.front"], np.array([300.0]))
 LATE = Compared(KNOWN["sensor_latency.laser"], np.array([0.004]))
 
 
-def told(*compared: Compared, planned: str = "rough") -> tuple[Question, Array, Array]:
+def told(*compared: Compared, planned: str = "rough") -> tuple[Question, Present, Array]:
     question = Question(fitted(), compared)
     return question, present_runs(question, floor()), planned_run(question, drive(planned)).lasting()
 
 
 @cache
-def pair(which: str) -> tuple[Question, Array, Array]:
+def pair(which: str) -> tuple[Question, Present, Array]:
     return told(*{"springs": (CUBIC, STOP), "late": (TYRE, LATE)}[which])
 
 
-def brute(question: Question, y_of: int, others: list[slice], without: list[int], *runs: tuple[Piece, dict[str, float]]):
+def brute(
+    question: Question, y_of: int, others: list[slice], without: list[int], *runs: tuple[Piece, dict[str, float]]
+):
     """T from all samples of all runs stacked, each run's zeros in columns of their own."""
     parts, priors = [], []
     for held, sigma in runs:
@@ -103,7 +106,7 @@ def test_it_is_the_least_squares_of_all_samples(which: str, a: int, b: int):
     one = run_told(question, held, sigma).lasting()
     same = {row: 1.3 * sigma[row] for row in drive("sine").rows}
     other = run_told(question, held, same).lasting()
-    found = Separations(question, one, other).separation(a, b)
+    found = Separations(question, None, one, other).separation(a, b)
     expected = brute(question, a, question.places[b], question.own(a, b), (held[0], sigma), (held[0], same))
     assert found == pytest.approx(expected, rel=1e-8)
     assert found > 1e-3
@@ -162,12 +165,28 @@ def test_it_grows_with_the_time_driven():
     question, _, _ = pair("springs")
     run = planned_run(question, drive("rough"))
     at = [
-        Separations(question, run.lasting(run.edges + share * run.seconds)).separation(0, 1)
+        Separations(question, None, run.lasting(run.edges + share * run.seconds)).separation(0, 1)
         for share in (1e4, 2e4, 1.0, 2.0)
     ]
     assert at[1] / at[0] == pytest.approx(2.0, rel=0.02)
     assert at[2] <= at[3] <= 2.0 * at[2] * (1 + 1e-9)
-    assert Separations(question, run.lasting(0.5 * run.edges)).separation(0, 1) == pytest.approx(0.0, abs=1e-12)
+    assert Separations(question, None, run.lasting(0.5 * run.edges)).separation(0, 1) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_what_is_noise_in_the_columns_sets_nothing_apart():
+    """A law that follows a rate's noise beyond the filter stands out by nothing that a run without noise has not."""
+    question, now, _ = pair("springs")
+    bare = Present(now.root, np.zeros_like(now.noise))
+    sound, all_of_it = Separations(question, now), Separations(question, bare)
+    assert 0.9 * all_of_it.size(0) < sound.size(0) < all_of_it.size(0)
+    nothing = Present(np.zeros_like(now.root), now.root)
+    assert Separations(question, nothing).size(0) == 0.0
+    torsion = Compared(KNOWN["chassis_torsion"], np.array([q.largest for q in KNOWN["chassis_torsion"].parameters]))
+    noisy = Question(fitted(), [torsion])
+    told_now = present_runs(noisy, floor())
+    as_if = Separations(noisy, Present(told_now.root, np.zeros_like(told_now.noise))).size(0)
+    assert as_if > 8.0
+    assert Separations(noisy, told_now).size(0) < 0.5 * as_if
 
 
 def test_noise_makes_it_smaller_by_its_square():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import pytest
@@ -20,6 +20,7 @@ from identify.fit import Fit, fit
 from identify.floor import floor_of
 from identify.model import Model
 from identify.motion import Motion
+from identify.sensitivity import residual
 from identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
 from identify.vectors import Array
 from services.manoeuvre_library import Limits, Plan, library
@@ -46,24 +47,30 @@ PAIRS = {
 KINDS = ("sinus", "braking", "rough", "kerb")
 
 
-class Measured(Effect):
-    """The left side itself: what no model leaves of it is the loss of that model."""
+def left_by(fitted: Fit) -> Compared:
+    """What the present model leaves, as an effect: what no model leaves of it is the loss of that model.
 
-    name = "measured"
+    Not the measured sides themselves: what is known beforehand then holds on to the fit.
+    """
 
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        return (self.named("one", "-", -1.0, 1.0),)
+    class Left(Effect):
+        name = "left"
 
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        return []
+        @property
+        def parameters(self) -> tuple[Parameter, ...]:
+            return (self.named("one", "-", -1.0, 1.0),)
 
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        return {row: motion.measured(row)[None] for row in motion.rows}
+        @classmethod
+        def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+            return []
+
+        def columns(self, motion: Motion) -> dict[str, Array]:
+            return {row: a[None] for row, a in residual(motion, fitted.model.physics, fitted.physics).items()}
+
+    return Compared(Left(), np.ones(1))
 
 
-def driven(name: str, settings: dict[str, object], hidden: tuple[Hidden, ...], seed: int) -> Drive:
+def driven(name: str, settings: Mapping[str, Any], hidden: tuple[Hidden, ...], seed: int) -> Drive:
     """A run as it is measured: other noise, zeros and road than any plan knows of."""
     motion = run(CAR, make_manoeuvre(name, **settings), list(hidden), seed, settle=1.0, step=0.001)
     return Drive.of(exchange_run(motion, RIG, seed, sheet=Sheet()), VEHICLE, RIG)
@@ -83,15 +90,14 @@ def present(pair: str, true: int) -> Fit:
 def loss(after: Separations, which: int) -> float:
     """What the model with one of the effects, and neither fault's tolerance, leaves of the measured sides."""
     question = after.question
-    y = after._columns(question.places[2][0])
-    tried = [after._squares(y[:, 0], range(one.start, one.stop)) for one in question.places[which]]
-    return min(tried)
+    places = question.places[which]
+    return min(after.remaining(question.places[2][0], np.ones(1), range(one.start, one.stop)) for one in places)
 
 
 def compared(pair: str, true: int, kinds: Sequence[str] = KINDS) -> dict[str, tuple[float, ...]]:
     """Manoeuvre → T at present, T predicted, T of the run driven, and the losses' difference found in it."""
     fitted = present(pair, true)
-    question = Question(fitted, [*PAIRS[pair], Compared(Measured(), np.ones(1))])
+    question = Question(fitted, [*PAIRS[pair], left_by(fitted)])
     now = present_runs(question, floor_of(fitted, 20))
     like = planned_car(VEHICLE, known_values(VEHICLE, fitted, "contact"))
     plans: list[Plan] = [library(like.car, Limits(), [kind], SECONDS)[-1] for kind in kinds]
