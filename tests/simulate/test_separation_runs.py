@@ -41,7 +41,7 @@ PAIRS = {
     ),
     "late": (
         Compared(KNOWN["tyre_damping.front"], np.array([250.0])),
-        Compared(KNOWN["sensor_latency.laser"], np.array([0.003])),
+        Compared(KNOWN["sensor_latency.laser"], np.array([0.0015])),
     ),
 }
 KINDS = ("sinus", "braking", "rough", "kerb")
