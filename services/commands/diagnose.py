@@ -11,6 +11,8 @@ from daq.errors import UsageError
 from identify.study import Study
 from services import tables
 from services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
+from services.next_report import add_arguments as add_next_arguments
+from services.next_report import hint, next_of, next_text
 from services.progress import Line
 from services.result import DONE, write_result
 
@@ -23,7 +25,10 @@ with these runs (undecided: judged again once the first is added). Held-out runs
 
   lacet diagnose DIR             rank once
   lacet diagnose DIR --auto      add the first, fit again, and so on until nothing is missing
-  lacet diagnose DIR --why       the reason for every answer"""
+  lacet diagnose DIR --why       the reason for every answer
+  lacet diagnose DIR --next      which run tells the first from those it is tied with
+  lacet diagnose DIR --next spring_cubic.front bump_stop.front
+  lacet diagnose DIR --next chassis_torsion     which run would show what these cannot"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -33,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, help="noise-floor simulations (default: the study's)")
     parser.add_argument("--most", type=int, default=8, help="rows of the ranking printed (default 8)")
     parser.add_argument("--why", action="store_true", help="print the reason for every answer")
+    add_next_arguments(parser)
 
 
 MOST_EFFECTS = 10
@@ -50,22 +56,23 @@ def run(args: argparse.Namespace) -> int:
     result: dict[str, Any] = {}
     with Line() as line:
         work = Work(study, line.show)
-        go_on = True
-        while go_on:
+        while True:
             diagnosis = work.diagnose(lambda done, total: line.show(f"simulating the noise floor: {done} of {total}"))
             steps.append(diagnosis_result(diagnosis))
             print_diagnosis(steps[-1], args.most, args.why)
-            go_on = args.auto and diagnosis.best is not None and len(added) < MOST_EFFECTS
-            if go_on and diagnosis.best is not None:
-                before = work.study.version()
-                after = work.add(diagnosis.best.key, diagnosis.best.shape)
-                added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-                print_fall(added[-1])
-    result = steps[-1]
+            if not args.auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
+                break
+            before = work.study.version()
+            after = work.add(diagnosis.best.key, diagnosis.best.shape)
+            added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+            print_fall(added[-1])
+        following = next_of(args, work, diagnosis, line.show)
+    result = {**steps[-1], **following}
     if args.auto:
         print(tables.history(work.study.versions()))
     elif result["best"]:
         print(f"\nTo add it: lacet add {study.folder} {result['best']}")
+    print(f"\n{next_text(result, args.most) or hint(diagnosis, study.folder)}".rstrip())
     write_result(args.json, "diagnose", {**result, "auto": args.auto, "added": added, "steps": steps})
     return DONE
 

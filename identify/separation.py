@@ -1,0 +1,344 @@
+"""How well a run would tell apart effects that look alike, or show one that the present runs cannot test.
+
+If effect A is what is missing, its columns at its size, y_A = X_A v_A, are in the data. Effect B, the model, the runs'
+sensor zeros and the sensor sheet's tolerances imitate it as well as they can; what they cannot is the separation
+
+    T = min ‖y_A − X_B θ_B − W θ − Z z‖² / σ² + what is known beforehand of θ and z
+
+in squares of the noise floor σ. The weighted squares that A leaves are then below those of B by T on average, with
+standard deviation 2 √T: the wrong one is picked with probability Φ(−√T / 2). Nothing need be measured for it but the
+motion, so that T is predicted for runs not driven yet, on top of what the present runs tell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+import scipy.linalg
+
+from identify.assembly import Assembly, Piece
+from identify.drive import Drive
+from identify.effect import Effect, SensorFault
+from identify.fit import Fit
+from identify.floor import NoiseFloor
+from identify.priors import known_beforehand
+from identify.sheet import SheetEntry, sheet_entries, sheet_responses
+from identify.triangle import scaled_triangle
+from identify.vectors import Array
+
+NEEDED = 25.0
+"""Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""
+SHOWS = 8.0
+"""Weighted size √λ from which an effect can be tested (`identify.trials`)."""
+DRAWS = 8
+"""Draws of the channels' noise behind the floor of a run not driven yet."""
+_GONE = 1e-7
+"""Part of a column's length below which nothing of it is left."""
+
+
+def wrong_pick(separation: float) -> float:
+    """Probability that of two effects the wrong one leaves less: Φ(−√T / 2)."""
+    return 0.5 * math.erfc(math.sqrt(max(0.0, separation) / 8.0))
+
+
+@dataclass(frozen=True)
+class Compared:
+    """An effect at a size: `effect` with its shape constants, `values` (p,) of its parameters [SI]."""
+
+    effect: Effect
+    values: Array
+
+
+class Question:
+    """Which effects are to be told apart, and the columns that needs.
+
+    Columns in order: the model's physics and sensor faults; the sheet's gains and latencies, then `tolerances`, each
+    for one σ; of every effect compared, each shape that the ranking tries, its own first.
+
+    Parameters
+    ----------
+    fitted : the present model, on the present runs.
+    compared : the effects.
+    tolerances : sensor faults, other than gains and latencies, that the sheet bounds: fault and 1 σ.
+
+    Attributes
+    ----------
+    sheet : gains and latencies of the sheet, those apart that the model has as faults.
+    known : (k, w) what is known beforehand, as equations with σ = 1 and right side 0.
+    first : place of the first effect's columns.
+    """
+
+    def __init__(self, fitted: Fit, compared: Sequence[Compared], tolerances: Sequence[tuple[SensorFault, float]] = ()):
+        self.fitted, self.compared = fitted, tuple(compared)
+        model = fitted.model
+        mine = {fault.key for fault in model.faults}
+        self.tolerances = tuple((fault, sigma) for fault, sigma in tolerances if fault.key not in mine and sigma > 0.0)
+        self.sheet = _sheet(fitted)
+        self.parameters = len(model.parameters)
+        self.first = self.parameters + len(self.sheet) + len(self.tolerances)
+        self.shapes = [
+            [one.effect, *(e for e in one.effect.shapes() if dict(e.shape) != dict(one.effect.shape))]
+            for one in self.compared
+        ]
+        self.places: list[list[slice]] = []
+        start = self.first
+        for effects in self.shapes:
+            self.places.append([])
+            for effect in effects:
+                self.places[-1].append(slice(start, start + len(effect.parameters)))
+                start += len(effect.parameters)
+        self.width = start
+        physics = sum(len(effect.parameters) for effect in model.physics)
+        beforehand = known_beforehand(model, np.arange(physics, dtype=np.int64))
+        tolerance = np.eye(self.first - self.parameters)
+        self.known = np.zeros((len(beforehand) + len(tolerance), self.width))
+        self.known[: len(beforehand), : self.parameters] = beforehand
+        self.known[len(beforehand) :, self.parameters : self.first] = tolerance
+
+    def own(self, *which: int) -> list[int]:
+        """Places of the tolerances that stand for the compared effects themselves: a fault is tried free of its own."""
+        effects = [self.compared[i].effect for i in which]
+        faults = [effect for effect in effects if isinstance(effect, SensorFault)]
+        entries = {(fault.tolerance, channel) for fault in faults for channel in fault.channels()}
+        keys = {fault.key for fault in faults}
+        out = [self.parameters + i for i, entry in enumerate(self.sheet) if entry[:2] in entries]
+        start = self.parameters + len(self.sheet)
+        return out + [start + i for i, (fault, _) in enumerate(self.tolerances) if fault.key in keys]
+
+    def columns(self, piece: Piece) -> Iterator[tuple[str, Array]]:
+        """For each row of a piece of a run, (n, z + w) columns, the run's zeros first."""
+        assert piece.zeros is not None
+        assert piece.sensitivity is not None
+        model, drive, sensitivity = self.fitted.model, piece.drive, piece.sensitivity
+        z, faults = len(piece.zeros.sigma), len(model.faults)
+        responses = sheet_responses(drive, sensitivity)
+        tolerances = [(drive.decimated(sensitivity.fault(fault)), sigma) for fault, sigma in self.tolerances]
+        tried: list[tuple[slice, dict[str, Array]]] = []
+        for effects, places in zip(self.shapes, self.places, strict=True):
+            for effect, place in zip(effects, places, strict=True):
+                if isinstance(effect, SensorFault):
+                    found = {row: a[None] for row, a in drive.decimated(sensitivity.fault(effect)).items()}
+                else:
+                    found = drive.columns(effect)
+                tried.append((place, found))
+        for row, block in piece.blocks.items():
+            out = np.zeros((len(block), z + self.width))
+            out[:, :z] = block[:, :z]
+            part = out[:, z:]
+            part[:, : self.parameters - faults] = drive.matrix(model.physics, row)
+            if faults:
+                part[:, self.parameters - faults : self.parameters] = block[:, -faults:]
+            for place, entry in enumerate(self.sheet, start=self.parameters):
+                if row in responses.get(entry, {}):
+                    part[:, place] = responses[entry][row]
+            for place, (response, sigma) in enumerate(tolerances, start=self.parameters + len(self.sheet)):
+                if row in response:
+                    part[:, place] = sigma * response[row]
+            for place, found in tried:
+                if row in found:
+                    part[:, place] = found[row].T
+            yield row, out
+
+
+@dataclass(frozen=True)
+class RunTold:
+    """The weighted equations of one run before its sensor zeros are eliminated, so that it can be made longer.
+
+    `root` (z + w, z + w) R factor of ``[zeros | columns]``; `prior` (z,) 1 σ of the zeros; `seconds` what remains of
+    the run when the filters' transients are left out [s]; `edges` what they take [s].
+    """
+
+    root: Array
+    prior: Array
+    seconds: float
+    edges: float
+
+    def lasting(self, duration: float | None = None) -> Array:
+        """(w, w) R factor of a run of this kind that lasts `duration` [s], by default as long as it is.
+
+        Squares grow with the time driven; what is known of the zeros beforehand does not.
+        """
+        share = 1.0 if duration is None else max(0.0, duration - self.edges) / self.seconds
+        z = len(self.prior)
+        known = np.zeros((z, self.root.shape[1]))
+        known[:, :z] = np.diag(1.0 / self.prior)
+        return _merged(known, np.sqrt(share) * self.root)[z:, z:]
+
+
+@dataclass(frozen=True)
+class Present:
+    """What the runs of a fit tell: `root` (w, w) R factor of their columns, weighted by their noise floor, and `noise`
+    (w, w) the same of what is noise in the columns themselves, which sets nothing apart."""
+
+    root: Array
+    noise: Array
+
+
+def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Present:
+    """What the runs of the fit tell, weighted by their noise floor.
+
+    `louder` : row → by how much its noise exceeds the sheet's; 1 where absent.
+    """
+    assembly = question.fitted.assembly
+    larger = {row: (louder or {}).get(row, 1.0) for row in floor.sigma}
+    sigma = {row: floor.sigma[row] * larger[row] for row in floor.sigma}
+    roots: list[Array] = []
+    noise: list[Array] = []
+    for run in range(len(assembly.drives)):
+        pieces = list(assembly.pieces_of(run))
+        roots.append(run_told(question, pieces, sigma).lasting())
+        noise.append(_column_noise(question, pieces, floor.sigma))
+    return Present(_merged(*roots), _merged(*noise))
+
+
+def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> Array:
+    """(w, w) R factor of noise in a run's columns, from one draw added and taken away; of a long run from its middle.
+
+    Louder sensors bring more of it and weigh it less.
+    """
+    piece = pieces[len(pieces) // 2]
+    assert piece.sensitivity is not None
+    assert piece.zeros is not None
+    z = len(piece.zeros.sigma)
+    moved: list[dict[str, Array]] = []
+    for sign in (1, -1):
+        drive = piece.drive.noisy(0, sign, [2003, piece.run], loads=True)
+        noisy = replace(piece, drive=drive, sensitivity=piece.sensitivity.on(drive.recording))
+        moved.append(dict(question.columns(noisy)))
+    piece.drive.forget_noisy(loads=True)
+    share = sum(map(_samples, pieces)) / _samples(piece)
+    parts = [(plus - moved[1][row])[:, z:] * (0.5 * np.sqrt(share) / sigma[row]) for row, plus in moved[0].items()]
+    return _merged(np.zeros((0, question.width)), *parts)
+
+
+def _samples(piece: Piece) -> int:
+    return sum(len(block) for block in piece.blocks.values())
+
+
+def planned_run(
+    question: Question, drive: Drive, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
+) -> RunTold:
+    """What a motion, driven with the rig's sensors, would tell: weighted by the noise that they bring to its rows."""
+    fitted = question.fitted
+    model = fitted.model
+    every = np.arange(len(fitted.physics), dtype=np.int64)
+    pieces = list(Assembly(model.physics, every, model.faults, [drive], fitted.physics, zeros=True).pieces())
+    squares = dict.fromkeys(drive.rows, 0.0)
+    counts = dict.fromkeys(drive.rows, 0)
+    rng = np.random.default_rng([seed, draws])
+    for piece in pieces:
+        assert piece.sensitivity is not None
+        for _ in range(draws):
+            for row, noise in piece.drive.decimated(piece.sensitivity.noise(rng)).items():
+                squares[row] += float(np.sum(noise**2))
+                counts[row] += noise.size
+    sigma: dict[str, float] = {}
+    for row in drive.rows:
+        floor = float(np.sqrt(squares[row] / max(1, counts[row]))) * (louder or {}).get(row, 1.0)
+        # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
+        sigma[row] = max(floor, 1e-9 * float(np.max(np.abs(drive.measured[row]), initial=1.0)))
+    return run_told(question, pieces, sigma)
+
+
+def run_told(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> RunTold:
+    """The equations of one run, piece by piece, weighted by the rows' `sigma`."""
+    zeros = pieces[0].zeros
+    assert zeros is not None
+    root = np.zeros((0, len(zeros.sigma) + question.width))
+    seen: dict[str, int] = {}
+    for piece in pieces:
+        parts = [columns / sigma[row] for row, columns in question.columns(piece)]
+        root = _merged(root, *parts)
+        for row, block in piece.blocks.items():
+            seen[row] = seen.get(row, 0) + len(block)
+    filters = pieces[0].drive.recording.filters
+    seconds = max(seen.values(), default=1) * filters.step / filters.rate
+    return RunTold(root, zeros.sigma, seconds, 2.0 * filters.edge)
+
+
+class Separations:
+    """What runs together tell of the effects compared.
+
+    Parameters
+    ----------
+    question : what is compared.
+    present : what the runs at hand tell; None where there are none.
+    runs : (w, w) R factors of runs to come (`RunTold.lasting`).
+    """
+
+    def __init__(self, question: Question, present: Present | None, *runs: Array):
+        self.question = question
+        whole = _merged(question.known, *((present.root,) if present else ()), *runs)
+        # Tolerances that may be left out come after everything else that is partialled out.
+        own = question.own(*range(len(question.compared)))
+        taken = [i for i in range(question.first) if i not in own]
+        order = [*taken, *own, *range(question.first, question.width)]
+        R, lengths = scaled_triangle(whole[:, order])
+        t = len(taken)
+        # Columns are in units of their own length before anything is partialled out.
+        self._left = R[t:, t:]
+        self._noise = np.zeros((0, len(order) - t))
+        if present is not None:
+            taken_up = np.asarray(scipy.linalg.solve_triangular(R[:t, :t], R[:t, t:]), float)
+            noise = present.noise[:, order] / lengths
+            self._noise = noise[:, t:] - noise[:, :t] @ taken_up
+        self._place = {place: i for i, place in enumerate(order[t:])}
+        self._length = {place: float(length) for place, length in zip(order[t:], lengths[t:], strict=True)}
+
+    def separation(self, a: int, b: int) -> float:
+        """T of effect `a` as found against effect `b` at any size, and at the shape that imitates it best."""
+        q = self.question
+        free = [i for i in q.own(*range(len(q.compared))) if i not in q.own(a, b)]
+        effect = q.places[a][0], q.compared[a].values
+        return min(self.remaining(*effect, [*free, *_places(place)]) for place in q.places[b])
+
+    def least(self, which: Sequence[int] | None = None) -> float:
+        """The smallest separation of any two of the effects, either of them taken for the one missing."""
+        chosen = range(len(self.question.compared)) if which is None else which
+        pairs = combinations(chosen, 2)
+        return min((min(self.separation(a, b), self.separation(b, a)) for a, b in pairs), default=np.inf)
+
+    def size(self, a: int, values: Array | None = None) -> float:
+        """√λ of effect `a` at `values`, by default as given: how far it stands out of the noise by itself."""
+        q = self.question
+        theta = q.compared[a].values if values is None else values
+        return float(np.sqrt(self.remaining(q.places[a][0], theta, q.own(*range(len(q.compared))))))
+
+    def remaining(self, place: slice, values: Array, others: Sequence[int] = ()) -> float:
+        """Weighted squares of columns times values that model, zeros, sheet and the columns `others` leave."""
+        x = np.zeros(self._left.shape[1])
+        for i, value in zip(_places(place), values, strict=True):
+            x[self._place[i]] = value * self._length[i]
+        if others:
+            where = [self._place[i] for i in others]
+            U, s, Vt = np.linalg.svd(self._left[:, where], full_matrices=False)
+            kept = s > _GONE
+            x[where] -= Vt[kept].T @ ((U[:, kept].T @ (self._left @ x)) / s[kept])
+        return max(0.0, float(np.sum((self._left @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
+
+
+def _places(place: slice) -> range:
+    return range(place.start, place.stop)
+
+
+def _merged(*parts: Array) -> Array:
+    """(w, w) R factor of parts stacked, safe for columns of many sizes."""
+    R, lengths = scaled_triangle(np.concatenate(parts))
+    return R * lengths
+
+
+def _sheet(fitted: Fit) -> list[SheetEntry]:
+    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
+    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
+    found: dict[SheetEntry, None] = {}
+    for run, drive in enumerate(fitted.drives):
+        for piece in fitted.assembly.pieces_of(run):
+            assert piece.sensitivity is not None
+            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+            break
+    return [entry for entry in found if entry[:2] not in ours]
