@@ -20,6 +20,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.formulas import Formula, propose
 from identify.lack_of_fit import Left
+from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
 from identify.unlisted import best_set, left_by
@@ -87,7 +88,9 @@ def diagnose(
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
     now = left_by(space, [])
     together = best_set(space, plausible)
-    after = left_by(space, [space.tried[key] for key in together])
+    # A gap between two values of the grid would leave what looks like another cause.
+    by_key = {c.key: refined(space, c) for c in ranked if c.key in together}
+    after = left_by(space, [replace(effects[key], shape=by_key[key].shape) for key in together])
     explained = (now.excess - after.excess) / now.excess if now.excess > 0.0 else 0.0
     failing = now.above
     best = next((c for c in ranked if c.answer == "missing"), None)
@@ -96,6 +99,10 @@ def diagnose(
     unlisted = fails and (best is None or explained < HALF or stays)
     if unlisted:
         best = None
+    elif best is not None:
+        best = by_key.get(best.key) or refined(space, best)
+        best = replace(best, why=judged(best, effects[best.key], floor.count).why)
+        ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_open(c, best) for c in ranked]
     verdict = "unlisted cause" if unlisted else "missing" if best else "nothing missing"
     formulas = propose(fitted, floor, failing, seed) if unlisted else []

@@ -156,15 +156,17 @@ def fit(
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
-    out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
+    out = _fit_linear(model, corrected, weights, zeros, unbias and not model.faults, robust, draws, stored)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
-        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
+        out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
+    if model.faults and unbias:
+        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
     if model.faults:
         theta = out.theta.copy()
         theta[theta.size - faults.size :] += faults

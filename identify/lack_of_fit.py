@@ -67,10 +67,12 @@ def left_after(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> Left:
     for key in here:
         runs.setdefault(key[1], []).append(key)
     squares = {row: sum(float(np.sum(here[key] ** 2)) for key in keys) for row, keys in runs.items()}
-    null = {row: np.sum([np.sum(there[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()}
+    null: dict[str, Array] = {
+        row: np.sum([np.sum(there[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()
+    }
     means = {row: float(np.mean(each)) for row, each in null.items()}
     spread = {row: float(np.std(each)) for row, each in null.items()}
-    worst = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
+    worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
     most = max((squares[row] - means[row]) / spread[row] for row in runs)
     count = noise.shape[1]
     return Left(

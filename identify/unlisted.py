@@ -6,28 +6,52 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from identify.effect import Effect
 from identify.lack_of_fit import Left, left_after
-from identify.trials import TrialSpace, Tried
+from identify.layout import Layout, Trial
+from identify.partialling import Partialled
+from identify.trial_sums import TrialSums
+from identify.trials import TrialSpace
 from identify.vectors import Array
 
 MOST_TOGETHER = 3
 """Effects that are tried together before a cause is called unlisted."""
 
 
-def left_by(space: TrialSpace, added: Sequence[Tried]) -> Left:
-    """The residual after model, zeros, sensor sheet and some candidates, beside simulated runs treated alike.
+def beside(space: TrialSpace, effects: Sequence[Effect]) -> Partialled:
+    """Columns of some effects at their present shapes, less what model, zeros, gains and latencies explain."""
+    start = space.layout.model + len(space.layout.sheet)
+    trials: list[Trial] = []
+    for effect in effects:
+        stop = start + len(effect.parameters)
+        trials.append(Trial(effect, slice(start, stop)))
+        start = stop
+    layout = Layout(space.layout.model, space.layout.sheet, tuple(trials))
+    sums = TrialSums.of(space.fitted, space.floor, layout, space.sums.temper, {}, np.random.default_rng(0))
+    places = np.arange(layout.model + len(layout.sheet))
+    taken = places[np.diag(sums.total)[places] > 0.0].astype(np.intp)
+    p = layout.model
+    prior = np.diag(np.full(len(taken), sums.temper**2))
+    prior[:p, :p] = sums.known
+    return Partialled(sums, taken, prior)
 
-    A sensor fault that is added is free of the sheet's tolerance.
-    """
-    base, prior = space.partialled.taken.tolist(), space.partialled.prior
-    fresh = {i: q.prior for one in added for i, q in _columns(one)}
-    taken = [*base, *(i for i in fresh if i not in set(base))]
-    known = np.zeros((len(taken), len(taken)))
-    known[: len(base), : len(base)] = prior
-    for n, i in enumerate(taken):
-        if i in fresh:
-            known[n, n] = fresh[i] ** -2.0
-    return left_after(space.sums, np.array(taken, np.intp), known)
+
+def left_by(space: TrialSpace, added: Sequence[Effect]) -> Left:
+    """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
+    if not added:
+        return left_after(space.sums, space.partialled.taken, space.partialled.prior)
+    inside = beside(space, added)
+    fresh = [
+        (i, q.prior)
+        for trial in inside.sums.layout.trials
+        for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
+    ]
+    taken = np.concatenate([inside.taken, [i for i, _ in fresh]]).astype(np.intp)
+    prior = np.zeros((len(taken), len(taken)))
+    n = len(inside.taken)
+    prior[:n, :n] = inside.prior
+    prior[range(n, len(taken)), range(n, len(taken))] = [sigma**-2.0 for _, sigma in fresh]
+    return left_after(inside.sums, taken, prior)
 
 
 def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
@@ -55,8 +79,3 @@ def _drop(left: Array, place: slice, right: int, space: TrialSpace) -> float:
     if np.any(np.diag(G) < 1e-9 * np.diag(space.sums.total)[place]) or np.linalg.cond(G) > 1e12:
         return 0.0
     return float(score @ np.linalg.solve(G, score))
-
-
-def _columns(one: Tried):
-    place = one.trial.place
-    return zip(range(place.start, place.stop), one.trial.effect.parameters, strict=True)
