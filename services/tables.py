@@ -206,6 +206,28 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
     return text
 
 
+def fall_by_row(versions: Sequence[Any]) -> str:
+    """Residual ÷ noise floor of each row, version by version, on the runs used | held out."""
+    by_version = [{kind: row_ratios(v.result["rows"][kind]) for kind in ("used", "held")} for v in versions]
+    rows = dict.fromkeys(row for part in by_version for row in (*part["used"], *part["held"]))
+
+    def cell(part: Mapping[str, Mapping[str, float]], row: str) -> str:
+        used, held = (f"{part[kind][row]:.2f}" if row in part[kind] else "-" for kind in ("used", "held"))
+        return f"{used} | {held}" if any(one["held"] for one in by_version) else used
+
+    lines = [[row, *(cell(part, row) for part in by_version)] for row in rows]
+    return table(["row", *(f"version {v.number}" for v in versions)], lines, left=1)
+
+
+def row_ratios(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Row → root mean square of residual ÷ floor over runs."""
+    rows: dict[str, list[float]] = {}
+    for scores in runs.values():
+        for row, score in scores.items():
+            rows.setdefault(row, []).append(float(score["ratio"]) ** 2)
+    return {row: float(sum(squares) / len(squares)) ** 0.5 for row, squares in rows.items()}
+
+
 def history(versions: Sequence[Any]) -> str:
     """How the error fell, version by version."""
     lines: list[list[str]] = []

@@ -18,7 +18,7 @@ from services.result import DONE, write_result
 HELP = "add an effect to the model and see the error fall"
 DESCRIPTION = """\
 Add an effect to the study's present model, fit again and print the error before and after. The study keeps every
-version; lacet study DIR --undo goes back.
+version; lacet undo DIR goes back, lacet remove DIR EFFECT takes any effect out.
 
   lacet add DIR anti_roll_bar.front
   lacet add DIR --best                      what the last diagnosis proposed

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
     print(
         f"\nTry next:\n  lacet compare {out / 'study'}             every row, with pictures\n"
-        f"  lacet study {out / 'study'} --undo        go back, and lacet add another effect\n"
+        f"  lacet undo {out / 'study'}                go back, and lacet add another effect\n"
         "  lacet demo --captures replay_logs/nothing-hidden --out demo-nothing\n"
         "  lacet --help                              the commands in the order you need them"
     )

@@ -95,10 +95,10 @@ def fall(key: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[
     }
 
 
-def print_fall(item: Mapping[str, Any]) -> None:
+def print_fall(item: Mapping[str, Any], what: str = "Added") -> None:
     """One line: how far the error fell."""
     used, held = item["used"], item["held"]
-    text = f"Added {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
+    text = f"{what} {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
     if held["before"] == held["before"]:
         text += f", {held['before']:.2f} → {held['after']:.2f} on those held out"
     print(f"{text}.\n", flush=True)

@@ -22,7 +22,6 @@ A study is a folder of text files: the runs used and held out, every version of 
   lacet study new DIR --use sinus.mcap rough.mcap --hold braking.mcap      make one and fit the base model
   lacet study DIR                                                          how the error fell, version by version
   lacet study DIR --report report.html                                     the same with pictures, in one file
-  lacet study DIR --undo                                                   go back to the version before
   lacet study DIR --version 2                                              go to any version"""
 
 
@@ -36,9 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations of a diagnosis (default 199)")
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
-    parser.add_argument("--undo", action="store_true", help="go back to the version before; nothing is deleted")
     parser.add_argument("--version", type=int, help="go to a version")
-    parser.add_argument("--remove", metavar="EFFECT", help="take an effect out: a new version without it")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -50,11 +47,15 @@ def run(args: argparse.Namespace) -> int:
         warnings = ()
         if args.use or args.hold:
             raise UsageError(f"--use and --hold go with a new study: lacet study new {folder} --use RUN…")
-        study = _changed(Study.open(folder), args)
+        study = Study.open(folder)
+        if args.version is not None:
+            study = study.go_to(args.version)
     versions = study.versions()
     if not versions:
         raise UsageError(f"{folder} has no version: its making was broken off; remove it and make it again")
     print(tables.history(versions))
+    if len(versions) > 1:
+        print(f"\n{tables.fall_by_row(versions)}")
     print(f"  present version: {study.current}")
     if args.report:
         with Line() as line:
@@ -112,18 +113,3 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     for warning in work.loaded.warnings:
         print(f"! {warning}")
     return work.study, work.loaded.warnings
-
-
-def _changed(study: Study, args: argparse.Namespace) -> Study:
-    if args.undo:
-        if study.current <= 1:
-            raise UsageError("the present version is the first: there is nothing to undo")
-        return study.go_to(study.version().parent)
-    if args.version is not None:
-        return study.go_to(args.version)
-    if args.remove:
-        with Line() as line:
-            work = Work(study, line.show)
-            work.remove(args.remove)
-        return work.study
-    return study

@@ -363,10 +363,10 @@ def test_a_second_writer_is_kept_out(lacet, study: Path, tmp_path: Path):
 
 
 @pytest.mark.parametrize(("words", "says"), [
-    (["study", "{}", "--undo"], "there is nothing to undo"),
+    (["undo", "{}"], "there is nothing to undo"),
     (["study", "{}", "--version", "7"], "has no version 7 (it has 1)"),
     (["study", "{}", "--use", "x.parquet"], "--use and --hold go with a new study"),
-    (["study", "{}", "--remove", "spring.fl"], "spring.fl was not added to version 1"),
+    (["remove", "{}", "spring.fl"], "spring.fl was not added to version 1"),
     (["compare", "{}", "--version", "0"], "has no version 0"),
     (["diagnose", "{}", "--draws", "5"], "at least 19 are needed"),
     (["add", "{}"], "name an effect, or give --best"),

@@ -81,7 +81,7 @@ def test_versions_are_never_overwritten_and_undo_goes_to_the_parent(study: Study
     assert [v.parent for v in three.versions()] == [0, 1, 1]
     for name, content in kept.items():
         assert (study.folder / "versions" / name).read_bytes() == content
-    assert main(["study", str(study.folder), "--undo"]) == 0
+    assert main(["undo", str(study.folder)]) == 0
     assert Study.open(study.folder).current == 1
     assert len(Study.open(study.folder).versions()) == 3
 

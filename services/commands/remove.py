@@ -1,0 +1,40 @@
+"""``lacet remove``: take an effect out of a study's model, and see the error rise or stay."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from identify.study import Study
+from services import tables
+from services.commands.diagnose import fall, print_fall
+from services.fitting import Work
+from services.progress import Line
+from services.result import DONE, write_result
+
+HELP = "take an effect out of the model again"
+DESCRIPTION = """\
+Take an effect out of the study's present model, fit again and print the error before and after. The study keeps every
+version; lacet undo DIR goes back.
+
+  lacet remove DIR coulomb.front"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
+    parser.add_argument("effect", metavar="EFFECT", help="an effect that was added (lacet study DIR lists them)")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Remove, fit, print."""
+    study = Study.open(args.study)
+    before = study.version()
+    with Line() as line:
+        work = Work(study, line.show)
+        after = work.remove(args.effect)
+    item = fall(args.effect, before.result["rows"], after.result["rows"])
+    print_fall(item, "Removed")
+    print(tables.history(work.study.versions()))
+    write_result(args.json, "remove", {"version": after.number, **item})
+    return DONE

@@ -1,0 +1,36 @@
+"""``lacet undo``: go back to the version a study's present one was made from."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from daq.errors import UsageError
+from identify.study import Study
+from services import tables
+from services.commands.study import study_result
+from services.result import DONE, write_result
+
+HELP = "go back to the version before"
+DESCRIPTION = """\
+Go back to the version of the model that the present one was made from. Nothing is deleted: lacet study DIR --version N
+goes to any version.
+
+  lacet undo DIR"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Go back, print."""
+    study = Study.open(args.study)
+    if study.current <= 1:
+        raise UsageError("the present version is the first: there is nothing to undo")
+    study = study.go_to(study.version().parent)
+    print(tables.history(study.versions()))
+    print(f"  present version: {study.current}")
+    write_result(args.json, "undo", study_result(study))
+    return DONE
