@@ -15,7 +15,7 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage blind catalogue clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -28,6 +28,8 @@ help:
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
+	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)'
+	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
 	@echo 'make clean         remove the environment and what tests and demo wrote'
@@ -70,6 +72,13 @@ seeds: .venv/.dev
 
 coverage: .venv/.dev
 	@$(PY) benchmarks/coverage.py
+
+blind: .venv/.dev
+	@$(PY) -m benchmarks.blind --size
+	@$(PY) -m benchmarks.blind --processes 2
+
+catalogue: .venv/.dev
+	@$(PY) -m benchmarks.catalogue_page
 
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
