@@ -109,7 +109,7 @@ def diagnose(
     says = {
         "unlisted cause": lambda: _unlisted(now, failing, explained, together, formulas),
         "missing": lambda: _missing(best),
-        "nothing missing": lambda: _nothing(space, ranked),
+        "nothing missing": lambda: _nothing(space, now, ranked),
     }[verdict]()
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
@@ -167,13 +167,13 @@ def _unlisted(
     )
 
 
-def _nothing(space: TrialSpace, ranked: Sequence[Candidate]) -> str:
-    worst = max(space.ratios, key=lambda row: space.ratios[row])
+def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
+    worst = max(now.ratios, key=lambda row: now.ratios[row])
     least = min((c.p for c in ranked), default=1.0)
     says = (
-        f"Nothing is missing that these runs can show: the row farthest above its noise floor is {worst}, at "
-        f"{space.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates does, chance does with "
-        f"p = {least:.2g}."
+        f"Nothing is missing that these runs can show: with the sensor sheet's tolerances taken out the row farthest "
+        f"above its noise floor is {worst}, at {now.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
+        f"does, chance does with p = {least:.2g}."
     )
     loud = [f"{row} {ratio:.1f} times" for row, ratio in space.louder.items() if ratio > LOUD]
     if loud:

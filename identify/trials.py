@@ -15,7 +15,7 @@ from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.lack_of_fit import louder_rows
+from identify.lack_of_fit import left_after, louder_rows
 from identify.layout import Layout, Trial
 from identify.partialling import Partialled
 from identify.rows import row_unit
@@ -79,14 +79,13 @@ class TrialSpace:
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
         self.ratios = _ratios(fitted, floor)
-        # Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
-        # effect up. The priors are stiffened by the misfit, which leaves them as they are when nothing is missing.
-        temper = max(1.0, float(np.sqrt(np.mean(np.square(list(self.ratios.values()))))))
+        sheet = _sheet(fitted)
+        temper = _misfit(fitted, floor, sheet)
         rng = np.random.default_rng([seed, 6])
         bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
         kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
-        self.layout = Layout.of(len(fitted.place), _sheet(fitted), self.effects)
+        self.layout = Layout.of(len(fitted.place), sheet, self.effects)
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
@@ -297,6 +296,22 @@ def _sheet(fitted: Fit) -> list[SheetEntry]:
             found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
             break
     return [entry for entry in found if entry[:2] not in ours]
+
+
+def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry]) -> float:
+    """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
+
+    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing effect
+    up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
+    """
+    layout = Layout(len(fitted.place), tuple(sheet), ())
+    sums = TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
+    places = np.arange(layout.right)
+    taken = places[np.diag(sums.total)[places] > 0.0]
+    prior = np.eye(len(taken))
+    prior[: layout.model, : layout.model] = sums.known
+    ratios = left_after(sums, taken, prior).ratios
+    return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
 def _tolerance(fitted: Fit, fault: SensorFault) -> float:
