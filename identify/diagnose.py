@@ -19,7 +19,7 @@ from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.formulas import Formula, propose
-from identify.lack_of_fit import Left
+from identify.lack_of_fit import LOUDEST, Left
 from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
@@ -129,7 +129,7 @@ def structured(left: Left) -> bool:
         if found is not None and found.frequency.size > 1:
             smallest, count = min(smallest, found.ljung_box), count + 1
             width = np.gradient(found.frequency)
-            level = float(np.quantile(found.spectrum / found.floor, QUIET))
+            level = min(LOUDEST**2, float(np.quantile(found.spectrum / found.floor, QUIET)))
             excess += float(np.sum(width * (found.spectrum - found.floor)))
             coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
     return smallest * count <= SIGNIFICANCE and coloured > HALF * excess > 0.0

@@ -18,6 +18,8 @@ EXCESS = 1.05
 """Residual ÷ floor above which a row can be said to fail…"""
 CHANCE = 0.05
 """… if no more than this part of simulated runs leave as much."""
+LOUDEST = 3.0
+"""No sensor is more times as noisy as its sheet says: what is above that is a cause."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +98,7 @@ def _solved(G: Array, sides: Array) -> Array:
 
 
 def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> dict[str, float]:
-    """Row → by how much its noise exceeds the sensor sheet's, never less than 1.
+    """Row → by how much its noise exceeds the sensor sheet's, from 1 to `LOUDEST`.
 
     Everything that the physics of any candidate could explain is taken out first, beside the columns at `taken`: what
     is left is noise, or a cause nobody has listed; both make a fall of the same size less remarkable. Sensor faults
@@ -113,4 +115,4 @@ def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> dict[
     known = np.zeros((len(every), len(every)))
     known[: len(taken), : len(taken)] = prior
     known[range(len(taken), len(every)), range(len(taken), len(every))] = [sigma**-2.0 for _, sigma in fresh]
-    return {row: max(1.0, ratio) for row, ratio in left_after(sums, every, known).ratios.items()}
+    return {row: min(LOUDEST, max(1.0, ratio)) for row, ratio in left_after(sums, every, known).ratios.items()}

@@ -22,7 +22,9 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
     wrong = implausible(c, effect.parameters)
     takes = (
         f"Added to the model it takes {c.gain_rms:.3g} {unit_of(c)} RMS off {_listed(c.rows)} "
-        f"({100 * c.gain:.2g} % of what they leave) in parts of the runs it was not fitted to."
+        f"({100 * c.gain:.3g} % of what they leave) in parts of the runs it was not fitted to."
+        if c.gain > 0.0
+        else f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
     )
     found = f"Its size would be {sizes(c, effect.parameters)}"
     chance = (
