@@ -8,7 +8,7 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.effect import Effect
-from identify.trials import TrialSpace
+from identify.trials import GONE, TrialSpace
 from identify.unlisted import beside
 
 BETWEEN = 3
@@ -57,6 +57,9 @@ def _falls(
     inside = beside(space, [replace(effect, shape=shape) for shape in shapes])
     layout, trials = inside.sums.layout, inside.sums.layout.trials
     none = np.zeros((layout.width, 1))
-    falls = [inside.scores(trial.place, none)[0] for trial in trials]
-    values = [inside.values(trial.place) for trial in trials]
+    # A gap that is never passed leaves nothing to compare.
+    seen = [bool(np.all(inside.remaining(trial.place) > GONE)) for trial in trials]
+    falls = [inside.scores(t.place, none)[0] if there else -1.0 for t, there in zip(trials, seen, strict=True)]
+    nothing = np.zeros(len(effect.parameters))
+    values = [inside.values(t.place) if there else (nothing, nothing) for t, there in zip(trials, seen, strict=True)]
     return falls, [(tuple(map(float, v)), tuple(float(1.96 * x) for x in s)) for v, s in values]

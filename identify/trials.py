@@ -29,7 +29,7 @@ LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
-_GONE = 1e-10
+GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
 
 
@@ -120,7 +120,7 @@ class TrialSpace:
         out = [Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.cannot.items()]
         for effect in self.effects:
             shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
-            seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > _GONE)]
+            seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > GONE)]
             if seen:
                 best = max(seen, key=lambda one: one.drop)
                 self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
