@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import zipfile
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -80,7 +81,7 @@ def _load(study: Study, name: str) -> dict[str, np.ndarray] | None:
     try:
         with np.load(file, allow_pickle=False) as found:
             return dict(found)
-    except (OSError, ValueError, EOFError, KeyError):  # absent, or cut off while it was written
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile):  # absent, or cut off while it was written
         return None
 
 
