@@ -48,7 +48,7 @@ class Diagnosis:
     best : the candidate proposed, or None.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
-    excess : weighted squares above the floor; `explained` the part the best set of up to three candidates takes away.
+    excess : weighted squares above the floor in the rows that fail; `explained` the part the best set of up to three candidates takes away.
     draws : number of noise-floor simulations behind p.
     louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
@@ -91,11 +91,13 @@ def diagnose(
     # A gap between two values of the grid would leave what looks like another cause.
     by_key = {c.key: refined(space, c) for c in ranked if c.key in together}
     after = left_by(space, [replace(effects[key], shape=by_key[key].shape) for key in together])
-    explained = (now.excess - after.excess) / now.excess if now.excess > 0.0 else 0.0
+    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     failing = now.above
+    excess, behind = now.excess(failing), after.excess(failing)
+    explained = (excess - behind) / excess if failing else 0.0
     best = next((c for c in ranked if c.answer == "missing"), None)
     fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
-    stays = after.family <= SIGNIFICANCE and after.excess > STAYS * now.excess and structured(after)
+    stays = after.family <= SIGNIFICANCE and behind > STAYS * excess and structured(after)
     unlisted = fails and (best is None or explained < HALF or stays)
     if unlisted:
         best = None
@@ -113,7 +115,7 @@ def diagnose(
     }[verdict]()
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
-        verdict, says, best, (*ranked, *untestable), space.ratios, now.excess, explained, floor.count, space.louder,
+        verdict, says, best, (*ranked, *untestable), space.ratios, excess, explained, floor.count, space.louder,
         failing, tuple(together), space.noise, tuple(formulas),
     )  # fmt: skip
 

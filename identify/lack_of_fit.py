@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,7 +18,7 @@ _SHARED = 1e-9
 EXCESS = 1.05
 """Residual ÷ floor above which a row can be said to fail…"""
 CHANCE = 0.05
-"""… if no more than this part of simulated runs leave as much."""
+"""… if in no more than this part of simulated runs any row stands as far above."""
 LOUDEST = 3.0
 """No sensor is more times as noisy as its sheet says: what is above that is a cause."""
 
@@ -29,17 +30,21 @@ class Left:
     Attributes
     ----------
     ratios : row → RMS ÷ that of simulated runs treated alike.
-    excess : weighted squares above those of simulated runs, over all rows.
-    p : row → probability that a simulated run leaves as much; `family` over all rows together.
+    squares : row → weighted squares above those of simulated runs.
+    p : row → probability that in a simulated run any row stands as far above; `family` the smallest of them.
     residual : run and row → (n,) what is left, weighted; `draws` (D, n) the same of simulated runs.
     """
 
     ratios: dict[str, float]
-    excess: float
+    squares: dict[str, float]
     p: dict[str, float]
     family: float
     residual: dict[tuple[int, str], Array]
     draws: dict[tuple[int, str], Array]
+
+    def excess(self, rows: Iterable[str]) -> float:
+        """Weighted squares above those of simulated runs, over some rows."""
+        return sum(self.squares[row] for row in rows)
 
     @property
     def above(self) -> tuple[str, ...]:
@@ -75,13 +80,16 @@ def left_after(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> Left:
     means = {row: float(np.mean(each)) for row, each in null.items()}
     spread = {row: float(np.std(each)) for row, each in null.items()}
     worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
-    most = max((squares[row] - means[row]) / spread[row] for row in runs)
     count = noise.shape[1]
+    p = {
+        row: (1 + int(np.count_nonzero(worst >= (squares[row] - means[row]) / spread[row]))) / (1 + count)
+        for row in runs
+    }
     return Left(
         ratios={row: float(np.sqrt(squares[row] / means[row])) for row in runs},
-        excess=sum(squares.values()) - sum(means.values()),
-        p={row: (1 + int(np.count_nonzero(null[row] >= squares[row]))) / (1 + count) for row in runs},
-        family=(1 + int(np.count_nonzero(worst >= most))) / (1 + count),
+        squares={row: squares[row] - means[row] for row in runs},
+        p=p,
+        family=min(p.values()),
         residual=here,
         draws=there,
     )
