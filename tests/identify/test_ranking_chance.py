@@ -1,0 +1,300 @@
+"""What the ranking takes for chance, noise and structure: on a car that is exactly its model, with noise as simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import cars
+import numpy as np
+import pytest
+
+from identify.candidate import Candidate
+from identify.catalogue import catalogue
+from identify.column_noise import ColumnNoise
+from identify.diagnose import Diagnosis, diagnose, structured
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.filters import Filters
+from identify.fit import Fit, fit
+from identify.floor import NoiseFloor, floor_of
+from identify.model import Model
+from identify.noise import draw_noise
+from identify.one_line import read_line
+from identify.one_line_effect import effect_class
+from identify.reconstruct import Recording, Signals
+from identify.trials import TrialSpace
+from identify.unlisted import left_by
+from identify.vectors import Array
+from identify.verdicts import judged
+
+VEHICLE, RIG = cars.reference_car()
+KNOWN = catalogue(VEHICLE, "hub")
+MODEL = Model.of(e for e in KNOWN.values() if e.base)
+CANDIDATES = [
+    KNOWN[key]
+    for key in (
+        "coulomb.front", "spring_quadratic.front", "spring_cubic.front", "damper_stroke.front",
+        "damper_asymmetry.front", "damper_hysteresis.front", "damper_digressive.front", "anti_roll_bar.front",
+        "tyre_damping.rear", "sensor_gain.hub.fl",
+    )
+]  # fmt: skip
+DRAWS, SECONDS = 39, 14.0
+LAW = "travel**2*tanh(rate/v0), v0 = 0.03 m/s"
+HIDDEN = effect_class(read_line(f"hidden = suspension: p * {LAW}")).variants(VEHICLE, "hub")[0]
+SIZE = 60000.0
+"""Of the hidden law [N/m²]: some 30 N RMS where 6 N are noise."""
+
+
+def theta() -> Array:
+    """A plausible car."""
+    values = {"k": 25000.0, "c": 1700.0, "f0": 3100.0, "kt": 205000.0, "m": 24.0}
+    bodies = {
+        "chassis": {"XX": 550, "XY": 20, "XZ": 300, "YY": 3900, "YZ": -10, "ZZ": 4000, "MX": -1500, "MY": 15, "MZ": 330,
+                    "M": 1270},
+        "axle": {"XX": 0.4, "YY": 0.5, "ZZ": 0.45, "MX": 0.5, "MY": 0.8, "MZ": 0.3, "M": 30},
+        "wheel": {"ZZ": 0.9, "XX": 0.5, "MZ": 0.2, "M": 10},
+    }  # fmt: skip
+    return np.array(
+        [
+            float(bodies[effect.where.partition(".")[0]].get(q.name.rstrip("0123456789"), 0.02))
+            if effect.name == "body"
+            else values[q.name.rpartition(".")[2]]
+            for effect in MODEL.effects
+            for q in effect.parameters
+        ]
+    )
+
+
+@cache
+def exact(hidden: bool) -> Recording:
+    """A lively drive of a car that is the model, or the model and the hidden law at its front axle; no noise."""
+    t = np.arange(round(SECONDS * 250.0)) / 250.0
+    record = cars.recording(
+        cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters()
+    )
+    effects, values = (MODEL.effects, theta())
+    return cars.fulfil(record, (*effects, HIDDEN) if hidden else effects, np.append(values, SIZE) if hidden else values)
+
+
+def driven(record: Recording, seed: int, loud: float = 1.0) -> Drive:
+    """The drive as its instruments record it: with `loud` times the sheet's noise."""
+    noise = draw_noise(record, record.signals.value, np.random.default_rng([3, seed]))
+    values = {name: a + loud * noise[name] for name, a in record.signals.value.items()}
+    return Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
+
+
+def fit_of(drive: Drive, like: Fit | None = None) -> Fit:
+    """The model on it; what depends on the motion alone is taken from another run of the same."""
+    return fit(MODEL, [drive], draws=2, stored=like.stored if like else None)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Fit:
+    """The model on a run that lacks nothing."""
+    return fit_of(driven(exact(False), 0))
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    """The floor of that motion."""
+    return floor_of(fitted, DRAWS)
+
+
+@pytest.fixture(scope="module")
+def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+    """Candidates on it."""
+    return TrialSpace(fitted, floor, CANDIDATES, 0)
+
+
+@pytest.fixture(scope="module")
+def found(space: TrialSpace) -> list[Candidate]:
+    """What is said of each before chance is looked at."""
+    return [c for c in space.try_all() if c.tested]
+
+
+@pytest.fixture(scope="module")
+def hidden(floor: NoiseFloor) -> Diagnosis:
+    """The diagnosis of a car with a law that is in no catalogue."""
+    return diagnose(fit_of(driven(exact(True), 1)), floor, CANDIDATES)
+
+
+# -- chance -----------------------------------------------------------------------------------------------------------
+
+
+def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: TrialSpace, found: list[Candidate]):
+    """Put in the place of the measured run, D simulated ones have least p of 2/(D + 1), 3/(D + 1) … 1: uniform."""
+    least = []
+    for draw in range(DRAWS):
+        drops = [replace(c, drop=float(space.tried[c.key].null[draw])) for c in found]
+        least.append(min(c.p for c in space.family_wise(drops)))
+    np.testing.assert_allclose(np.sort(least), np.arange(2, DRAWS + 2) / (DRAWS + 1))
+
+
+def test_p_falls_with_the_drop_and_is_never_zero(space: TrialSpace, found: list[Candidate]):
+    levels = [0.0, *np.geomspace(0.01, 1e6, 30)]
+    p = np.array([[c.p for c in space.family_wise([replace(c, drop=level) for c in found])] for level in levels])
+    assert np.all(np.diff(p, axis=0) <= 0.0)
+    assert np.all(p[0] == 1.0)
+    assert np.all(p[-1] == pytest.approx(1.0 / (DRAWS + 1)))
+
+
+def test_nothing_is_missing_from_a_car_that_is_its_model(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    found = diagnose(fitted, floor, CANDIDATES, noise=space.noise)
+    assert found.verdict == "nothing missing", found.says
+    assert all(ratio < 1.3 for ratio in found.louder.values()), found.louder
+    assert not found.formulas
+    assert not structured(left_by(space, []))
+
+
+def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    loud = fit_of(driven(exact(False), 2, loud=2.0), fitted)
+    found = diagnose(loud, floor, CANDIDATES, noise=space.noise)
+    assert found.verdict == "nothing missing", found.says
+    assert np.mean(list(found.louder.values())) == pytest.approx(2.0, abs=0.15)
+    assert all(1.5 < ratio < 2.5 for ratio in found.louder.values()), found.louder
+    assert set(found.failing) == set(floor.sigma)
+    assert not structured(left_by(TrialSpace(loud, floor, CANDIDATES, 0, space.noise), []))
+    assert "noisier than their sheet" in found.says
+
+
+def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    record = driven(exact(False), 3).recording
+    values = dict(record.signals.value)
+    force = values["wheel.fl.force"].copy()
+    force[2] += 60.0 * np.sin(2 * np.pi * 1.7 * record.t)
+    values["wheel.fl.force"] = force
+    spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
+    left = left_by(TrialSpace(spoilt, floor, CANDIDATES, 0, space.noise), [])
+    assert "suspension.fl" in left.above
+    assert structured(left)
+
+
+# -- noise in the columns ---------------------------------------------------------------------------------------------
+
+
+def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    """A hundredth of the noise shifts sums by its square."""
+    rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
+    quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
+    calm = ColumnNoise.of(quiet, TrialSpace(quiet, floor, CANDIDATES, 0, space.noise).partialled, floor.sigma)
+    assert calm.labels == space.noise.labels
+    places = [t.place.start for t in space.layout.trials]
+    for row, shifts in space.noise.shifts.items():
+        sizes = np.sqrt(np.diag(space.partialled.left)[places])
+        assert np.all(np.abs(calm.shifts[row][places]) < 2e-3 * sizes), row
+        for small, large in zip(calm.squares[row], space.noise.squares[row], strict=True):
+            assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9)
+        assert shifts.shape == (space.layout.width,)
+
+
+def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, floor: NoiseFloor):
+    """The scale of a laser whose noise is three times the sheet's: over eight runs that lack nothing."""
+    tried = [KNOWN["sensor_gain.hub.fl"]]
+    raw, corrected, noise = [], [], None
+    for seed in range(8):
+        space = TrialSpace(fit_of(driven(exact(False), 20 + seed, 2.0), fitted), floor, tried, 0, noise)
+        noise, place = space.noise, space.layout.trials[0].place.start
+        size = np.sqrt(space.partialled.left[place, place])
+        raw.append(space.partialled.left[place, space.layout.right] / size)
+        corrected.append(raw[-1] - space.partialled.shift[place] / size)
+    spread = np.std(raw) / np.sqrt(len(raw))
+    assert np.mean(raw) > 3.0 * spread
+    assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
+    assert abs(np.mean(corrected)) < 3.0 * spread
+
+
+# -- a cause that is not listed ---------------------------------------------------------------------------------------
+
+
+def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: Diagnosis):
+    assert hidden.verdict == "unlisted cause", hidden.says
+    assert hidden.best is None
+    assert hidden.formulas
+    first = hidden.formulas[0]
+    assert first.text.startswith("suspension.front: p * travel**2*tanh(rate/v0), v0 = 0.03")
+    assert set(first.rows) == {"suspension.fl", "suspension.fr"}
+    assert first.gain > 0.8
+    assert first.p == pytest.approx(1.0 / (DRAWS + 1))
+    assert first.text in hidden.says
+    assert set(hidden.failing) <= {"suspension.fl", "suspension.fr"}
+
+
+def test_the_same_law_in_the_catalogue_is_missing(floor: NoiseFloor):
+    """As a one-line effect it is named, with its size."""
+    found = diagnose(fit_of(driven(exact(True), 1)), floor, [*CANDIDATES, HIDDEN])
+    assert found.verdict == "missing", found.says
+    assert found.best is not None
+    assert found.best.key == "hidden.front"
+    assert found.best.values[0] == pytest.approx(SIZE, abs=max(2.0 * found.best.interval[0], 0.05 * SIZE))
+    assert not found.formulas
+
+
+# -- wording ----------------------------------------------------------------------------------------------------------
+
+
+def sentences(text: str) -> list[str]:
+    """Parts that end with a full stop before a space, or at the end."""
+    return [part for part in text.rstrip(".").split(". ") if part]
+
+
+def test_every_answer_has_its_reason_with_numbers(hidden: Diagnosis, fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    nothing = diagnose(fitted, floor, CANDIDATES, noise=space.noise)
+    for c in (*hidden.candidates, *nothing.candidates):
+        assert c.why.endswith("."), c.why
+        assert len(sentences(c.why)) >= 2, c.why
+        if c.tested:
+            assert " N RMS off " in c.why, c.why
+            assert "p = " in c.why, c.why
+            assert c.why.startswith("Added to the model it takes "), c.why
+        else:
+            assert c.why.startswith("Cannot be tested: "), c.why
+            assert "What shows it: " in c.why, c.why
+
+
+def candidate(effect: Effect, **changed: object) -> Candidate:
+    """A candidate that passes every bar."""
+    plain = Candidate(
+        effect.key, {}, rows=("suspension.fl", "suspension.fr"), gain=0.4, gain_rms=12.3, total_gain=900.0, drop=1000.0,
+        p=1.0 / (DRAWS + 1), values=(40.0,), interval=(6.0,),
+    )  # fmt: skip
+    return replace(plain, **changed)
+
+
+@pytest.mark.parametrize(
+    ("changed", "answer", "says"),
+    [
+        ({}, "missing", ("12.3 N RMS off suspension.fl, suspension.fr", "40.0 ± 6 N", "never did as well in 39")),
+        ({"p": 0.2}, "not needed", ("p = 0.2", "0.05")),
+        ({"gain": 0.004}, "not needed", ("less than 1 %",)),
+        ({"values": (-40.0,)}, "not needed", ("-40 ± 6 N", "plausible: 0 to 500", "which no car has")),
+        ({"values": (-4.0,)}, "missing", ("-4.0 ± 6 N",)),
+        ({"values": (900.0,)}, "not needed", ("900 ± 6 N",)),
+    ],
+)
+def test_wording(changed: dict[str, object], answer: str, says: Sequence[str]):
+    effect = KNOWN["coulomb.front"]
+    told = judged(candidate(effect, **changed), effect, DRAWS)
+    assert told.answer == answer, told.why
+    assert len(sentences(told.why)) >= 2
+    for part in says:
+        assert part in told.why, (part, told.why)
+
+
+def test_negative_friction_does_not_hide_in_the_best_set(space: TrialSpace, floor: NoiseFloor, fitted: Fit):
+    """A car with less friction than none: the ranking does not propose it."""
+    record = driven(exact(False), 4).recording
+    friction = KNOWN["coulomb.front"]
+    columns = friction.columns(fitted.drives[0].motion)
+    values = dict(record.signals.value)
+    for row, series in columns.items():
+        name = f"wheel.{row.partition('.')[2]}.force"
+        values[name] = values[name] - np.array([[0.0], [0.0], [1.0]]) * 120.0 * series
+    spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
+    found = diagnose(spoilt, floor, CANDIDATES, noise=space.noise)
+    told = next(c for c in found.candidates if c.key == "coulomb.front")
+    assert told.values[0] < -60.0
+    assert told.answer == "not needed", told.why
+    assert "which no car has" in told.why
+    assert "coulomb.front" not in found.together

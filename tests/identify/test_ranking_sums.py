@@ -1,0 +1,388 @@
+"""The ranking's sums against dense weighted least squares with every zero and tolerance as a column of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cars
+import numpy as np
+import pytest
+
+from identify.blocks import BLOCK
+from identify.catalogue import catalogue
+from identify.column_noise import ColumnNoise
+from identify.diagnose import diagnose
+from identify.drive import Drive
+from identify.effect import Effect, Parameter, SensorFault
+from identify.fit import Fit, fit
+from identify.floor import NoiseFloor, floor_of
+from identify.lack_of_fit import left_after
+from identify.layout import Trial
+from identify.model import Model
+from identify.motion import Motion
+from identify.sheet import sheet_responses
+from identify.trial_sums import FOLDS
+from identify.trials import TrialSpace
+from identify.vectors import Array
+from identify.zeros import zeros_of
+
+VEHICLE, RIG = cars.reference_car()
+KNOWN = catalogue(VEHICLE, "hub")
+DRAWS = 19
+TRIED = (
+    "anti_roll_bar.front", "coulomb.rear", "bump_stop.front", "tyre_damping.front", "aero_drag", "sensor_gain.hub.fl",
+    "sensor_gain.force.rr", "sensor_latency.laser", "sensor_misalignment.imu.pitch", "sensor_drift.wheel.fl.force.z",
+)  # fmt: skip
+CANDIDATES = [KNOWN[key] for key in TRIED]
+
+
+@pytest.fixture(scope="module")
+def drives() -> list[Drive]:
+    """Two short runs of different length."""
+    runs = (cars.piece("rough", 0.0, 9.0), cars.piece("sine", 4.0, 11.0))
+    return [Drive.of(run, VEHICLE, RIG) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def fitted(drives: list[Drive]) -> Fit:
+    """The base model on them."""
+    return fit(Model.of(e for e in KNOWN.values() if e.base), drives, draws=2)
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    """Their noise floor."""
+    return floor_of(fitted, DRAWS)
+
+
+def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
+    """The ranking without the correction for noise in the columns."""
+    space = TrialSpace(fitted, floor, candidates, 0)
+    noise = replace(
+        space.noise,
+        shifts={row: 0.0 * a for row, a in space.noise.shifts.items()},
+        squares={row: tuple(0.0 * a for a in every) for row, every in space.noise.squares.items()},
+    )
+    return TrialSpace(fitted, floor, candidates, 0, noise)
+
+
+@pytest.fixture(scope="module")
+def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+    """Some candidates of every kind on it."""
+    return silent(fitted, floor, CANDIDATES)
+
+
+@dataclass
+class Dense:
+    """All samples of all rows of all runs, weighted, with every column: [zeros of each run | model | sheet | faults].
+
+    `prior` holds 1 / σ of each column (0 for the model's), `known` what is known of the model's parameters.
+    """
+
+    fitted: Fit
+    floor: NoiseFloor
+    space: TrialSpace
+
+    @cached_property
+    def temper(self) -> float:
+        """Root mean square of residual ÷ floor over the rows, and never below 1."""
+        ratios = []
+        for row, sigma in self.floor.sigma.items():
+            both = np.concatenate([part[row] for part in self.fitted.residual if row in part])
+            ratios.append(np.mean(both**2) / sigma**2)
+        return max(1.0, float(np.sqrt(np.mean(ratios))))
+
+    @cached_property
+    def faults(self) -> list[SensorFault]:
+        """Those that stand for their own tolerance: neither gain nor latency, which the sheet has channel by channel."""
+        found = [e for e in self.space.effects if isinstance(e, SensorFault)]
+        return [e for e in found if e.tolerance not in ("gain", "latency", "drift") and self.bound(e) > 0.0]
+
+    def bound(self, fault: SensorFault) -> float:
+        """Its tolerance."""
+        return max(RIG.tolerance(channel, fault.tolerance) for channel in fault.channels())
+
+    def parts(self) -> list[tuple[int, str]]:
+        """Run and row of every stretch of samples."""
+        return [(r, row) for r, drive in enumerate(self.fitted.drives) for row in drive.rows]
+
+    @cached_property
+    def base(self) -> tuple[Array, Array, Array]:
+        """(n, m) columns, (m,) 1 / σ, (n,) what the fit's parameters leave."""
+        fitted, keep = self.fitted, self.fitted.base.independent
+        zeros = [zeros_of(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
+        sheets = [sheet_responses(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
+        entries = list(dict.fromkeys(entry for sheet in sheets for entry in sheet))
+        faults = np.column_stack([self.column(e) for e in self.faults]) if self.faults else None
+        out, right = [], []
+        for r, row in self.parts():
+            drive, sigma = fitted.drives[r], self.floor.sigma[row]
+            W = drive.matrix(fitted.model.physics, row)[:, keep]
+            own = [z.columns[row] if k == r else np.zeros((len(W), len(z.names))) for k, z in enumerate(zeros)]
+            sheet = np.column_stack([sheets[r].get(e, {}).get(row, np.zeros(len(W))) for e in entries])
+            out.append(np.concatenate([*own, W, sheet], axis=1) / sigma)
+            right.append((drive.measured[row] - W @ fitted.theta[keep]) / sigma)
+        columns = np.concatenate(out)
+        if faults is not None:
+            columns = np.concatenate([columns, faults], axis=1)
+        known = np.concatenate(
+            [
+                *(self.temper / z.sigma for z in zeros), np.zeros(len(keep)), np.full(len(entries), self.temper),
+                [self.temper / self.bound(e) for e in self.faults],
+            ]
+        )  # fmt: skip
+        return columns, known, np.concatenate(right)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(k, m) equations of what is known beforehand, right side 0."""
+        _, inverse, _ = self.base
+        start = sum(len(names) for names, _, _ in self.fitted.zeros)
+        known = self.fitted.equations.known
+        model = np.zeros((len(known), len(inverse)))
+        model[:, start : start + known.shape[1]] = known
+        return np.concatenate([np.diag(inverse), model])
+
+    def column(self, effect: Effect) -> Array:
+        """(n, p) weighted columns of a candidate."""
+        out = []
+        made = []
+        for drive, sensitivity in zip(self.fitted.drives, self.fitted.sensitivities, strict=True):
+            if isinstance(effect, SensorFault):
+                made.append({row: a[None] for row, a in drive.decimated(sensitivity.fault(effect)).items()})
+            else:
+                made.append(drive.columns(effect))
+        for r, row in self.parts():
+            n = len(self.fitted.drives[r].index[row])
+            out.append(made[r].get(row, np.zeros((len(effect.parameters), n))).T / self.floor.sigma[row])
+        return np.concatenate(out)
+
+    @cached_property
+    def block(self) -> Array:
+        """(n,) number of each sample's two seconds, counted over all runs."""
+        first, starts = 0, []
+        numbers: dict[tuple[int, str], Array] = {}
+        for r, drive in enumerate(self.fitted.drives):
+            filters = drive.recording.filters
+            for row, index in drive.index.items():
+                numbers[r, row] = index // filters.step * filters.step / filters.rate // BLOCK
+            starts.append(first)
+            first += 1 + int(max(numbers[r, row].max() for row in drive.rows))
+        return np.concatenate([starts[r] + numbers[r, row] for r, row in self.parts()])
+
+    def noise(self, draw: int) -> Array:
+        """(n,) one simulated run."""
+        return np.concatenate([self.floor.draws[r][row][draw] / self.floor.sigma[row] for r, row in self.parts()])
+
+    def solve(self, right: Array, more: Array | None = None, kept: Array | None = None) -> tuple[float, Array, Array]:
+        """Least of squares with priors over the samples `kept`; the solution, with `more` columns; (n,) what is left."""
+        A, P = self.base[0], self.prior
+        if more is not None:
+            A = np.column_stack([A, more])
+            P = np.column_stack([P, np.zeros((len(P), more.shape[1]))])
+        kept = np.ones(len(A), bool) if kept is None else kept
+        big, side = np.concatenate([A[kept], P]), np.concatenate([right[kept], np.zeros(len(P))])
+        lengths = np.linalg.norm(big, axis=0)
+        lengths[lengths == 0.0] = 1.0
+        x = np.linalg.lstsq(big / lengths, side, rcond=1e-13)[0] / lengths
+        return float(np.sum((side - big @ x) ** 2)), x, right - A @ x
+
+
+@pytest.fixture(scope="module")
+def dense(fitted: Fit, floor: NoiseFloor, space: TrialSpace) -> Dense:
+    """The same, sample by sample."""
+    return Dense(fitted, floor, space)
+
+
+def trials(space: TrialSpace) -> list[Trial]:
+    """One trial of each candidate that is left over from the model."""
+    found = {t.effect.key: t for t in space.layout.trials if np.all(space.partialled.remaining(t.place) > 1e-8)}
+    return list(found.values())
+
+
+def test_candidates_are_of_every_kind(space: TrialSpace):
+    kinds = {t.effect.name for t in trials(space)}
+    assert {"anti_roll_bar", "coulomb", "sensor_gain", "sensor_latency", "sensor_misalignment"} <= kinds
+
+
+def test_drop_and_values_are_those_of_refitting(space: TrialSpace, dense: Dense):
+    """With the candidate's columns free beside all others: also for a fault whose tolerance the model has already."""
+    right = dense.base[2]
+    before = dense.solve(right)[0]
+    for trial in trials(space):
+        C = dense.column(trial.effect)
+        after, x, _ = dense.solve(right, C)
+        drop, _ = space.partialled.scores(trial.place, space.null)
+        values, _ = space.partialled.values(trial.place)
+        assert drop == pytest.approx(before - after, rel=1e-6, abs=1e-6), trial.effect.key
+        # A fault's own tolerance column takes none of it once the fault is free.
+        np.testing.assert_allclose(values, x[-C.shape[1] :], rtol=1e-5, err_msg=trial.effect.key)
+
+
+def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense, fitted: Fit):
+    """Its drop is that of refitting with its own prior removed; a gain stands among the sheet's as the channel's."""
+    columns, inverse, right = dense.base
+    before = dense.solve(right)[0]
+    tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
+    gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
+    entries = dict.fromkeys(space.layout.sheet)
+    first_sheet = len(inverse) - len(dense.faults) - len(entries)
+    hub = first_sheet + list(entries).index(("gain", "laser.fl.hub", 0))
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
+        free = replace_prior(dense, place)
+        drop, _ = space.partialled.scores(trial.place, space.null)
+        assert np.any(columns[:, place])
+        assert drop == pytest.approx(before - free.solve(right)[0], rel=1e-6), trial.effect.key
+
+
+def replace_prior(dense: Dense, place: int) -> Dense:
+    """The same with one column's prior removed."""
+    out = Dense(dense.fitted, dense.floor, dense.space)
+    columns, inverse, right = dense.base
+    inverse = inverse.copy()
+    inverse[place] = 0.0
+    out.__dict__["base"] = columns, inverse, right
+    return out
+
+
+def test_falls_are_those_of_fits_to_the_other_blocks(space: TrialSpace, dense: Dense):
+    """Blocked cross-validation: fitted outside each fold, with and without the candidate, and compared inside."""
+    right = dense.base[2]
+    assert dense.block.max() + 1 >= FOLDS
+    for trial in trials(space)[::2]:
+        C = dense.column(trial.effect)
+        fall = 0.0
+        for fold in range(FOLDS):
+            inside = dense.block % FOLDS == fold
+            _, x, _ = dense.solve(right, None, ~inside)
+            plain = right[inside] - dense.base[0][inside] @ x
+            _, x, _ = dense.solve(right, C, ~inside)
+            more = right[inside] - np.column_stack([dense.base[0], C])[inside] @ x
+            fall += float(np.sum(plain**2) - np.sum(more**2))
+        assert space.partialled.fall(trial.place) == pytest.approx(fall, rel=1e-5, abs=1e-5), trial.effect.key
+
+
+def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense: Dense):
+    """A draw of noise in the place of the residual falls as far, candidate by candidate."""
+    null = np.sum(list(space.sums.null.values()), axis=0)
+    right = dense.noise(7)
+    before = dense.solve(right)[0]
+    for trial in trials(space)[:4]:
+        _, drops = space.partialled.scores(trial.place, null)
+        after = dense.solve(right, dense.column(trial.effect))[0]
+        assert drops[7] == pytest.approx(before - after, rel=1e-5, abs=1e-5), trial.effect.key
+
+
+def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: TrialSpace, dense: Dense):
+    """Sample by sample, of the measured run and of a simulated one; the ratios follow from both."""
+    left = left_after(space.sums, space.partialled.taken, space.partialled.prior)
+    measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3))[2]
+    start = 0
+    for key in dense.parts():
+        n = left.residual[key].size
+        np.testing.assert_allclose(left.residual[key], measured[start : start + n], atol=2e-6)
+        np.testing.assert_allclose(left.draws[key][3], drawn[start : start + n], atol=2e-6)
+        start += n
+    for row, ratio in left.ratios.items():
+        keys = [key for key in left.residual if key[1] == row]
+        null = np.mean([np.sum(left.draws[key] ** 2, axis=1) for key in keys], axis=1).sum()
+        assert ratio == pytest.approx(np.sqrt(sum(np.sum(left.residual[key] ** 2) for key in keys) / null))
+
+
+class InMillimetres(type(KNOWN["anti_roll_bar.front"])):
+    """The bar with its stiffness in N/mm."""
+
+    name = "bar_in_millimetres"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A thousandth of the plausible stiffness."""
+        return tuple(replace(q, low=1e-3 * q.low, high=1e-3 * q.high) for q in super().parameters)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """A thousand times the column."""
+        return {row: 1000.0 * c for row, c in super().columns(motion).items()}
+
+
+def test_a_unit_changes_the_value_and_nothing_else(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    bar = InMillimetres("front")
+    own = silent(fitted, floor, [bar, *CANDIDATES[1:]])
+    one, other = space.layout.trials[0].place, own.layout.trials[0].place
+    for a, b in (
+        (space.partialled.scores(one, space.null)[0], own.partialled.scores(other, own.null)[0]),
+        (space.partialled.fall(one), own.partialled.fall(other)),
+        (space.partialled.values(one)[0][0], 1000.0 * own.partialled.values(other)[0][0]),
+        (space.partialled.values(one)[1][0], 1000.0 * own.partialled.values(other)[1][0]),
+    ):
+        assert b == pytest.approx(a, rel=1e-8)
+    np.testing.assert_allclose(
+        space.partialled.scores(one, space.null)[1], own.partialled.scores(other, own.null)[1], rtol=1e-6
+    )
+
+
+def test_drops_never_fall_when_a_shape_is_added_and_intervals_are_those_of_the_normal_matrix(
+    space: TrialSpace, dense: Dense
+):
+    """1 σ of a candidate that the model does not hold already, from all columns' normal matrix with priors."""
+    A, P = dense.base[0], dense.prior
+    trial = next(t for t in trials(space) if t.effect.key == "anti_roll_bar.front")
+    C = dense.column(trial.effect)
+    big = np.concatenate([np.column_stack([A, C]), np.column_stack([P, np.zeros((len(P), 1))])])
+    lengths = np.linalg.norm(big, axis=0)
+    used = lengths > 0.0
+    N = (big[:, used] / lengths[used]).T @ (big[:, used] / lengths[used])
+    spread = float(np.sqrt(np.linalg.pinv(N)[-1, -1])) / lengths[-1]
+    assert space.partialled.values(trial.place)[1][0] == pytest.approx(spread, rel=1e-4)
+
+
+def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch):
+    """Pieces differ by filter transients and by the slopes of their own comb alone."""
+    run = cars.piece("rough", 0.0, 10.0)
+    model = Model.of(e for e in KNOWN.values() if e.base)
+    whole = silent_of(model, Drive.of(run, VEHICLE, RIG))
+    monkeypatch.setattr(Drive.pieces, "__defaults__", (5.0,))
+    drive = Drive.of(run, VEHICLE, RIG)
+    assert len(list(drive.pieces())) == 3
+    parts = silent_of(model, drive)
+    assert [t.effect for t in parts.layout.trials] == [t.effect for t in whole.layout.trials]
+    for a, b in zip(trials(whole), trials(parts), strict=True):
+        for measure in ("drop", "fall"):
+            one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
+            assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
+    order = [
+        [c.key for c in sorted(s.try_all(), key=lambda c: -c.drop) if c.tested and c.drop > 20.0]
+        for s in (whole, parts)
+    ]
+    assert order[0] == order[1]
+
+
+def silent_of(model: Model, drive: Drive) -> TrialSpace:
+    """Candidates on one run."""
+    fitted = fit(model, [drive], unbias=False)
+    return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)
+
+
+def size(space: TrialSpace, place: slice, what: str) -> float:
+    """Fall on all data, or in cross-validation."""
+    return space.partialled.fall(place) if what == "fall" else space.partialled.scores(place, space.null)[0]
+
+
+def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
+    """There and back through plain arrays; used again it gives the same diagnosis bit for bit; for others, nothing."""
+    first = diagnose(fitted, floor, CANDIDATES)
+    back = ColumnNoise.from_arrays(first.noise.arrays())
+    assert back.labels == first.noise.labels
+    for row, shift in first.noise.shifts.items():
+        np.testing.assert_array_equal(back.shifts[row], shift)
+        for a, b in zip(back.squares[row], first.noise.squares[row], strict=True):
+            np.testing.assert_array_equal(a, b)
+    again = diagnose(fitted, floor, CANDIDATES, noise=back)
+    assert again.noise is back
+    assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
+    for a, b in zip(again.candidates, first.candidates, strict=True):
+        assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
+    fewer = TrialSpace(fitted, floor, CANDIDATES[:4], 0, back)
+    assert fewer.noise is not back
+    assert len(fewer.noise.squares["tyre.fl"]) == len(fewer.layout.trials)
