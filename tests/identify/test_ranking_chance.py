@@ -1,4 +1,4 @@
-"""What the ranking takes for chance, noise and structure: on a car that is exactly its model, with noise as simulated."""
+"""What the ranking takes for chance, noise and structure: on a car that is exactly its model, with simulated noise."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ CANDIDATES = [
         "tyre_damping.rear", "sensor_gain.hub.fl",
     )
 ]  # fmt: skip
-DRAWS, SECONDS = 39, 14.0
+DRAWS, SECONDS = 39, 12.0
 LAW = "travel**2*tanh(rate/v0), v0 = 0.03 m/s"
 HIDDEN = effect_class(read_line(f"hidden = suspension: p * {LAW}")).variants(VEHICLE, "hub")[0]
 SIZE = 60000.0
@@ -71,9 +71,7 @@ def theta() -> Array:
 def exact(hidden: bool) -> Recording:
     """A lively drive of a car that is the model, or the model and the hidden law at its front axle; no noise."""
     t = np.arange(round(SECONDS * 250.0)) / 250.0
-    record = cars.recording(
-        cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters()
-    )
+    record = cars.recording(cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters())
     effects, values = (MODEL.effects, theta())
     return cars.fulfil(record, (*effects, HIDDEN) if hidden else effects, np.append(values, SIZE) if hidden else values)
 
@@ -115,9 +113,15 @@ def found(space: TrialSpace) -> list[Candidate]:
 
 
 @pytest.fixture(scope="module")
-def hidden(floor: NoiseFloor) -> Diagnosis:
-    """The diagnosis of a car with a law that is in no catalogue."""
-    return diagnose(fit_of(driven(exact(True), 1)), floor, CANDIDATES)
+def unlisted() -> Fit:
+    """The model on a run of a car with a law that is in no catalogue."""
+    return fit_of(driven(exact(True), 1))
+
+
+@pytest.fixture(scope="module")
+def hidden(unlisted: Fit, floor: NoiseFloor) -> Diagnosis:
+    """Its diagnosis."""
+    return diagnose(unlisted, floor, CANDIDATES)
 
 
 # -- chance -----------------------------------------------------------------------------------------------------------
@@ -218,12 +222,12 @@ def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: D
     assert first.gain > 0.8
     assert first.p == pytest.approx(1.0 / (DRAWS + 1))
     assert first.text in hidden.says
-    assert set(hidden.failing) <= {"suspension.fl", "suspension.fr"}
+    assert set(hidden.failing) >= {"suspension.fl", "suspension.fr"}
 
 
-def test_the_same_law_in_the_catalogue_is_missing(floor: NoiseFloor):
+def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFloor):
     """As a one-line effect it is named, with its size."""
-    found = diagnose(fit_of(driven(exact(True), 1)), floor, [*CANDIDATES, HIDDEN])
+    found = diagnose(unlisted, floor, [*CANDIDATES[:3], HIDDEN])
     assert found.verdict == "missing", found.says
     assert found.best is not None
     assert found.best.key == "hidden.front"
@@ -282,7 +286,9 @@ def test_wording(changed: dict[str, object], answer: str, says: Sequence[str]):
         assert part in told.why, (part, told.why)
 
 
-def test_negative_friction_does_not_hide_in_the_best_set(space: TrialSpace, floor: NoiseFloor, fitted: Fit):
+def test_negative_friction_does_not_hide_in_the_best_set(
+    space: TrialSpace, floor: NoiseFloor, fitted: Fit, monkeypatch: pytest.MonkeyPatch
+):
     """A car with less friction than none: the ranking does not propose it."""
     record = driven(exact(False), 4).recording
     friction = KNOWN["coulomb.front"]
@@ -292,6 +298,7 @@ def test_negative_friction_does_not_hide_in_the_best_set(space: TrialSpace, floo
         name = f"wheel.{row.partition('.')[2]}.force"
         values[name] = values[name] - np.array([[0.0], [0.0], [1.0]]) * 120.0 * series
     spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
+    monkeypatch.setattr("identify.diagnose.propose", lambda *_: [])  # the formulas are another test's
     found = diagnose(spoilt, floor, CANDIDATES, noise=space.noise)
     told = next(c for c in found.candidates if c.key == "coulomb.front")
     assert told.values[0] < -60.0
