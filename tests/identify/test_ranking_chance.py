@@ -23,11 +23,13 @@ from identify.model import Model
 from identify.noise import draw_noise
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
+from identify.partialling import Partialled
 from identify.reconstruct import Recording, Signals
+from identify.ties import same_losses
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
 from identify.vectors import Array
-from identify.verdicts import judged
+from identify.verdicts import SIGNIFICANCE, judged
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")
@@ -159,6 +161,7 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
     assert np.mean(list(found.louder.values())) == pytest.approx(2.0, abs=0.15)
     assert all(1.5 < ratio < 2.5 for ratio in found.louder.values()), found.louder
     assert set(found.failing) == set(floor.sigma)
+    assert min(c.p for c in found.candidates) > SIGNIFICANCE  # simulated runs are as loud
     assert not structured(left_by(TrialSpace(loud, floor, CANDIDATES, 0, space.noise), []))
     assert "noisier than their sheet" in found.says
 
@@ -173,6 +176,16 @@ def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space:
     left = left_by(TrialSpace(spoilt, floor, CANDIDATES, 0, space.noise), [])
     assert "suspension.fl" in left.above
     assert structured(left)
+
+
+def test_losses_that_differ_in_most_blocks_are_no_tie():
+    rng = np.random.default_rng(4)
+    one = rng.uniform(5.0, 9.0, 12)
+    assert same_losses(one, one)
+    assert same_losses(one, one + np.where(np.arange(12) % 2, 0.5, -0.5))
+    assert same_losses(one, np.append(one[:-5], one[-5:] - 2.0))  # five blocks say nothing
+    assert not same_losses(one, one - rng.uniform(0.5, 1.0, 12))
+    assert not same_losses(one - rng.uniform(0.5, 1.0, 12), one)
 
 
 # -- noise in the columns ---------------------------------------------------------------------------------------------
@@ -203,10 +216,26 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
         size = np.sqrt(space.partialled.left[place, place])
         raw.append(space.partialled.left[place, space.layout.right] / size)
         corrected.append(raw[-1] - space.partialled.shift[place] / size)
+        whole = slice(place, place + 1)
+        assert space.partialled.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
+        sound = size**2 - space.partialled.noise[place][0, 0]
+        assert space.partialled.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
     spread = np.std(raw) / np.sqrt(len(raw))
     assert np.mean(raw) > 3.0 * spread
     assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
     assert abs(np.mean(corrected)) < 3.0 * spread
+
+
+def test_falls_are_corrected_by_each_fold_s_share(space: TrialSpace):
+    """As if the products with the residual had been smaller by the shift from the start, part by part."""
+    plain, right = space.partialled, space.layout.right
+    for trial in space.layout.trials:
+        k = trial.place.start
+        without = Partialled(space.sums, plain.taken, plain.prior)
+        for train, test in without.folds:
+            train[k, right] -= 0.8 * plain.shift[k]
+            test[k, right] -= 0.2 * plain.shift[k]
+        assert plain.fall(trial.place) == pytest.approx(without.fall(trial.place), rel=1e-9), trial.effect.key
 
 
 # -- a cause that is not listed ---------------------------------------------------------------------------------------

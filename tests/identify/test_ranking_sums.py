@@ -298,6 +298,42 @@ def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: Tria
         assert ratio == pytest.approx(np.sqrt(sum(np.sum(left.residual[key] ** 2) for key in keys) / null))
 
 
+def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: TrialSpace, dense: Dense):
+    """Falls by block, the effective number of blocks, and likeness, from the dense residuals of columns and rows."""
+    found = {c.key: c for c in space.try_all()}
+    right = dense.base[2]
+    left = dense.solve(right)[2]
+    columns: dict[str, Array] = {}
+    for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl"):
+        c, trial = found[key], space.tried[key].trial
+        column = dense.solve(dense.column(trial.effect)[:, 0])[2]
+        columns[key] = column
+        moved = c.values[0] * column
+        blocks = [dense.block == n for n in range(int(dense.block.max()) + 1)]
+        fall = np.array([np.sum(2.0 * moved[b] * left[b] - moved[b] ** 2) for b in blocks])
+        if c.tested:
+            np.testing.assert_allclose(c.block_gain, fall, rtol=1e-4, atol=1e-4 * np.max(np.abs(fall)))
+        energy = np.array([np.sum(column[b] ** 2) for b in blocks])
+        assert c.coverage == pytest.approx(energy.sum() ** 2 / np.sum(energy**2), rel=1e-4)
+    bar = found["anti_roll_bar.front"]
+    assert bar.tested
+    assert bar.answer == ""
+    # The priors of zeros and tolerances take a share, small beside what the bar does.
+    assert np.sum(bar.block_gain) == pytest.approx(bar.drop, rel=0.05)
+    assert space.correlation("anti_roll_bar.front", "anti_roll_bar.front") == pytest.approx(1.0)
+    A, P = dense.base[0], dense.prior
+    wide = [np.concatenate([dense.column(space.tried[k].trial.effect)[:, 0], np.zeros(len(P))]) for k in columns]
+    big = np.concatenate([A, P])
+    lengths = np.linalg.norm(big, axis=0)
+    Q = np.linalg.svd(big[:, lengths > 0] / lengths[lengths > 0], full_matrices=False)
+    basis = Q[0][:, Q[1] > 1e-12 * Q[1][0]]
+    free = [w - basis @ (basis.T @ w) for w in wide]
+    keys = list(columns)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        likeness = abs(free[i] @ free[j]) / np.linalg.norm(free[i]) / np.linalg.norm(free[j])
+        assert space.correlation(keys[i], keys[j]) == pytest.approx(likeness, abs=1e-5)
+
+
 class InMillimetres(type(KNOWN["anti_roll_bar.front"])):
     """The bar with its stiffness in N/mm."""
 
@@ -356,6 +392,10 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
         for measure in ("drop", "fall"):
             one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
+    one, other = (left_after(s.sums, s.partialled.taken, s.partialled.prior) for s in (whole, parts))
+    for key, draws in one.draws.items():
+        assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
+        assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key
     order = [
         [c.key for c in sorted(s.try_all(), key=lambda c: -c.drop) if c.tested and c.drop > 20.0]
         for s in (whole, parts)
