@@ -27,10 +27,10 @@ from identify.unlisted import best_set, left_by
 from identify.verdicts import SIGNIFICANCE, implausible, judged
 from identify.whiteness import whiteness
 
-HALF = 0.5
-"""Part of the excess over the floor that the best set of effects must explain, else the cause is not listed."""
 STAYS = 0.15
-"""Part of the excess that may stay behind the best set before the cause is called unlisted."""
+"""Part of the excess that may stay behind the best set of effects; if more does and is no noise, no cause is listed."""
+MOST = 0.5
+"""Part of an excess that must stand above the noise's level to be no noise."""
 QUIET = 0.25
 """Part of a spectrum's bands that is taken for noise alone."""
 LOUD = 1.3
@@ -48,7 +48,8 @@ class Diagnosis:
     best : the candidate proposed, or None.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
-    excess : weighted squares above the floor in the rows that fail; `explained` the part the best set of up to three candidates takes away.
+    excess : weighted squares above the floor in the rows that fail; `explained` the part that the best set of up to
+        three candidates takes away.
     draws : number of noise-floor simulations behind p.
     louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
@@ -98,7 +99,7 @@ def diagnose(
     best = next((c for c in ranked if c.answer == "missing"), None)
     fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
     stays = after.family <= SIGNIFICANCE and behind > STAYS * excess and structured(after)
-    unlisted = fails and (best is None or explained < HALF or stays)
+    unlisted = fails and (best is None or stays)
     if unlisted:
         best = None
     elif best is not None:
@@ -134,7 +135,7 @@ def structured(left: Left) -> bool:
             level = min(LOUDEST**2, float(np.quantile(found.spectrum / found.floor, QUIET)))
             excess += float(np.sum(width * (found.spectrum - found.floor)))
             coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
-    return smallest * count <= SIGNIFICANCE and coloured > HALF * excess > 0.0
+    return smallest * count <= SIGNIFICANCE and coloured > MOST * excess > 0.0
 
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:

@@ -98,4 +98,4 @@ def _save(study: Study, name: str, arrays: Mapping[str, np.ndarray]) -> None:
         for old in sorted(folder.glob(f"{kind}-*.npz"), key=lambda file: -file.stat().st_mtime)[KEPT:]:
             old.unlink(missing_ok=True)
     except OSError:
-        return
+        part.unlink(missing_ok=True)

@@ -12,7 +12,7 @@ import pytest
 
 from identify.candidate import Candidate
 from identify.catalogue import catalogue
-from identify.column_noise import ColumnNoise
+from identify.column_noise import NOISE_PAIRS, ColumnNoise
 from identify.diagnose import Diagnosis, diagnose, structured
 from identify.drive import Drive
 from identify.effect import Effect
@@ -26,6 +26,7 @@ from identify.one_line_effect import effect_class
 from identify.partialling import Partialled
 from identify.reconstruct import Recording, Signals
 from identify.ties import same_losses
+from identify.trial_sums import columns_of
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
 from identify.vectors import Array
@@ -161,8 +162,12 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
     assert np.mean(list(found.louder.values())) == pytest.approx(2.0, abs=0.15)
     assert all(1.5 < ratio < 2.5 for ratio in found.louder.values()), found.louder
     assert set(found.failing) == set(floor.sigma)
-    assert min(c.p for c in found.candidates) > SIGNIFICANCE  # simulated runs are as loud
-    assert not structured(left_by(TrialSpace(loud, floor, CANDIDATES, 0, space.noise), []))
+    assert min(c.p for c in found.candidates) > SIGNIFICANCE
+    noisy = TrialSpace(loud, floor, CANDIDATES, 0, space.noise)
+    assert not structured(left_by(noisy, []))
+    noisy.try_all()
+    growth = [np.mean(noisy.tried[c.key].null) / np.mean(space.tried[c.key].null) for c in space.try_all() if c.tested]
+    assert 3.0 < np.median(growth) < 5.0  # simulated runs are as loud
     assert "noisier than their sheet" in found.says
 
 
@@ -204,6 +209,38 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
         for small, large in zip(calm.squares[row], space.noise.squares[row], strict=True):
             assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9)
         assert shifts.shape == (space.layout.width,)
+
+
+def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fitted: Fit, floor: NoiseFloor):
+    """Products of each candidate with the residual, everything else taken out, with the draws and without them."""
+    sums, layout = space.sums, space.layout
+    places = [t.place.start for t in layout.trials]
+    combined = np.zeros((layout.width, len(places) + 1))
+    combined[places, range(len(places))] = 1.0
+    combined[layout.right, -1] = 1.0
+    combined = space.partialled.coefficients(combined)
+    taken = sums.following[0] @ combined
+    combined[: layout.model] = sums.turn @ combined[: layout.model]
+    (piece,) = fitted.assembly.pieces_of(0)
+    zeros = {row: block[:, : len(taken)] * fitted.zeros[0][1] / sums.temper for row, block in piece.blocks.items()}
+
+    def products(noisy: Drive | None) -> dict[str, Array]:
+        out = {}
+        for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma, noisy):
+            columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
+            series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ taken
+            out[row] = series[:, :-1].T @ series[:, -1]
+        return out
+
+    before = products(None)
+    found = {row: np.zeros(len(places)) for row in before}
+    for draw in range(NOISE_PAIRS):
+        for sign in (1, -1):
+            for row, after in products(piece.drive.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
+                found[row] += (after - before[row]) / (2 * NOISE_PAIRS)
+    size = np.sqrt(np.diag(space.partialled.left)[places])
+    for row, shift in space.noise.shifts.items():
+        np.testing.assert_allclose(shift[places] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
 
 
 def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, floor: NoiseFloor):
@@ -278,7 +315,7 @@ def test_every_answer_has_its_reason_with_numbers(hidden: Diagnosis, fitted: Fit
         assert c.why.endswith("."), c.why
         assert len(sentences(c.why)) >= 2, c.why
         if c.tested:
-            assert " N RMS off " in c.why, c.why
+            assert (" N RMS off " if c.gain > 0.0 else " takes nothing off ") in c.why, c.why
             assert "p = " in c.why, c.why
             assert c.why.startswith("Added to the model it takes "), c.why
         else:

@@ -94,12 +94,19 @@ class Dense:
 
     @cached_property
     def temper(self) -> float:
-        """Root mean square of residual ÷ floor over the rows, and never below 1."""
-        ratios = []
-        for row, sigma in self.floor.sigma.items():
-            both = np.concatenate([part[row] for part in self.fitted.residual if row in part])
-            ratios.append(np.mean(both**2) / sigma**2)
-        return max(1.0, float(np.sqrt(np.mean(ratios))))
+        """RMS of residual ÷ simulated ones, zeros and the sheet's gains and latencies taken out of both; 1 at least."""
+        columns, inverse, right = self.table
+        last = len(inverse) - len(self.faults)
+        prior = self.prior_of(inverse)[:, :last]
+        sides = np.column_stack([right, *(self.noise(draw) for draw in range(DRAWS))])
+        both = np.concatenate([columns[:, :last], prior])
+        lengths = np.linalg.norm(both, axis=0)
+        lengths[lengths == 0.0] = 1.0
+        full = np.concatenate([sides, np.zeros((len(prior), sides.shape[1]))])
+        left = (full - both / lengths @ np.linalg.lstsq(both / lengths, full, rcond=1e-13)[0])[: len(columns)]
+        names = np.concatenate([np.full(self.fitted.drives[r].index[row].size, row) for r, row in self.parts()])
+        squares = np.array([np.sum(left[names == row] ** 2, axis=0) for row in self.floor.sigma])
+        return max(1.0, float(np.sqrt(np.mean(squares[:, 0] / np.mean(squares[:, 1:], axis=1)))))
 
     @cached_property
     def faults(self) -> list[SensorFault]:
@@ -117,6 +124,12 @@ class Dense:
 
     @cached_property
     def base(self) -> tuple[Array, Array, Array]:
+        """(n, m) columns, (m,) 1 / σ with stiffened priors, (n,) what the fit's parameters leave."""
+        columns, inverse, right = self.table
+        return columns, self.temper * inverse, right
+
+    @cached_property
+    def table(self) -> tuple[Array, Array, Array]:
         """(n, m) columns, (m,) 1 / σ, (n,) what the fit's parameters leave."""
         fitted, keep = self.fitted, self.fitted.base.independent
         zeros = [zeros_of(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
@@ -136,8 +149,8 @@ class Dense:
             columns = np.concatenate([columns, faults], axis=1)
         known = np.concatenate(
             [
-                *(self.temper / z.sigma for z in zeros), np.zeros(len(keep)), np.full(len(entries), self.temper),
-                [self.temper / self.bound(e) for e in self.faults],
+                *(1.0 / z.sigma for z in zeros), np.zeros(len(keep)), np.ones(len(entries)),
+                [1.0 / self.bound(e) for e in self.faults],
             ]
         )  # fmt: skip
         return columns, known, np.concatenate(right)
@@ -145,7 +158,10 @@ class Dense:
     @cached_property
     def prior(self) -> Array:
         """(k, m) equations of what is known beforehand, right side 0."""
-        _, inverse, _ = self.base
+        return self.prior_of(self.base[1])
+
+    def prior_of(self, inverse: Array) -> Array:
+        """The same for columns of 1 / σ `inverse`."""
         start = sum(len(names) for names, _, _ in self.fitted.zeros)
         known = self.fitted.equations.known
         model = np.zeros((len(known), len(inverse)))
