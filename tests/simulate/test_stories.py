@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,7 +36,7 @@ def held(version: Version) -> float:
 
 def falls(versions: Sequence[Version]) -> None:
     """Every version is better than the one before, on the runs used and held out; the last is at the floor."""
-    for before, after in zip(versions, versions[1:], strict=False):
+    for before, after in itertools.pairwise(versions):
         assert overall(after.result["rows"]["used"]) < overall(before.result["rows"]["used"])
         assert held(after) < held(before)
     assert overall(versions[-1].result["rows"]["used"]) < 1.05
