@@ -66,7 +66,7 @@ def test_bars_and_friction_separate_table_2_from_table_6(tmp_path: Path, monkeyp
         assert close(value, f"{found[name]['value']:.6f}")
         assert close(half, f"{found[name]['half95']:.6f}")
         assert found[name]["unit"] == unit
-        assert abs(found[name]["value"] - float(true)) < 1.3 * found[name]["half95"]
+        assert abs(found[name]["value"] - float(true)) < found[name]["half95"]
 
 
 def test_the_effect_nobody_listed_is_written_by_the_engineer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -83,7 +83,7 @@ def test_the_effect_nobody_listed_is_written_by_the_engineer(tmp_path: Path, mon
     assert diagnosis is not None
     assert diagnosis["verdict"] == "nothing missing"
     found = {p["name"]: p for p in versions[-1].result["parameters"]}["groove.rear.c"]
-    assert abs(found["value"] - 2500.0) < 1.3 * found["half95"]
+    assert abs(found["value"] - 2500.0) < 1.5 * found["half95"]
 
 
 def test_the_pages_are_the_pictured_ones() -> None:
