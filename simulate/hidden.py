@@ -104,6 +104,11 @@ def suspension_law(effect: Hidden) -> SuspensionLaw | None:
             return lambda s, v: p * v * abs(v)
         case "damper_stroke":
             return lambda s, v: p * s * v
+        case "damper_groove":
+            length = effect.shape["length"]
+            if not length > 0.0:
+                raise UsageError(f"{effect.name}: length must be above 0, found {length:g}")
+            return lambda s, v: p * v * min(1.0, abs(s) / length)
         case "spring_quadratic":
             return lambda s, v: p * s * s
         case "spring_cubic":

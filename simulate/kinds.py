@@ -33,6 +33,12 @@ KINDS: dict[str, Kind] = {
     "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m", ANYWHERE),
     "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²", ANYWHERE),
     "damper_stroke": Kind("size·s·ṡ", "N·s/m²", ANYWHERE),
+    "damper_groove": Kind(
+        "size·ṡ·min(1, |s|/length): a by-pass groove takes that damping away in the middle of the stroke",
+        "N·s/m",
+        ANYWHERE,
+        {"length": 0.02},
+    ),
     "spring_quadratic": Kind("size·s²", "N/m²", ANYWHERE),
     "spring_cubic": Kind("size·s³", "N/m³", ANYWHERE),
     "bump_stop": Kind("size·max(0, s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),

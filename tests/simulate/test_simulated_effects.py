@@ -49,6 +49,7 @@ LAWS = {
     "damper_asymmetry.front=900": lambda s, v, other: 900 * np.abs(v),
     "damper_digressive.rear=-1500": lambda s, v, other: -1500 * v * np.abs(v),
     "damper_stroke.front=20000": lambda s, v, other: 20000 * s * v,
+    "damper_groove.front=3000,length=0.005": lambda s, v, other: 3000 * v * np.minimum(1, np.abs(s) / 0.005),
     "spring_quadratic.rear=80000": lambda s, v, other: 80000 * s**2,
     "spring_cubic.front=4e6": lambda s, v, other: 4e6 * s**3,
     "bump_stop.rear=100000,gap=0.004": lambda s, v, other: 1e5 * np.maximum(0, s - 0.004),

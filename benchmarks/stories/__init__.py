@@ -1,0 +1,1 @@
+"""The stories of docs/stories: pages whose commands are run and whose printed numbers are checked."""
