@@ -29,7 +29,7 @@ from identify.vectors import Array
 SIGNIFICANCE = 0.05
 MATTERS = 0.1
 """Part of the excess over the floor from which history counts."""
-_LEAST_ODDS = 0.02
+_LEAST_PART = 0.02
 """A row that chance never predicts is not told from one of which it predicts 2 %."""
 
 
@@ -131,22 +131,28 @@ def left_to_explain(
         found[row] = (present[0], least, best(np.concatenate([present, *both])), _rms(null), len(names))
     parts = {row: 1.0 - least.sum(axis=0) / all_.sum(axis=0) for row, (all_, least, *_) in found.items()}
     histories = {row: 1.0 - more.sum(axis=0) / least.sum(axis=0) for row, (_, least, more, *_) in found.items()}
-    p, history_p = _family_wise(parts), _family_wise(histories)
+    wholes = {row: all_.sum(axis=0) for row, (all_, *_) in found.items()}
+    p = _family_wise({row: parts[row] * wholes[row] for row in found}, wholes)
+    beyond = {row: (least - more).sum(axis=0) for row, (_, least, more, *_) in found.items()}
+    history_p = _family_wise(beyond, wholes)
     return {
         row: _left(fitted, row, *found[row], (parts[row], *p[row]), (histories[row], *history_p[row])) for row in found
     }
 
 
-def _family_wise(parts: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+def _family_wise(predicted: Mapping[str, Array], wholes: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
     """Row → probability of its first value among its draws, and among the largest over all rows of each draw.
 
-    Rows are compared by what is predicted ÷ what is not, in units of their draws' own 95 % level, so that a row whose
-    chance is wide does not drown others.
+    Rows are compared by the squares that are predicted, in units of their draws' own 95 % level, so that a row whose
+    chance is wide does not drown others. Squares and not parts: a draw with a late sensor leaves little, most of which
+    is predicted. `wholes` : row → all squares, the draws' of which bound that unit from below.
     """
-    if not parts:
+    if not predicted:
         return {}
-    odds = {row: np.asarray(part / np.maximum(1.0 - part, 1e-12), float) for row, part in parts.items()}
-    sizes = {row: x / max(_LEAST_ODDS, float(np.quantile(x[1:], 0.95))) for row, x in odds.items()}
+    sizes: dict[str, Array] = {}
+    for row, x in predicted.items():
+        unit = max(_LEAST_PART * float(np.median(wholes[row][1:])), float(np.quantile(x[1:], 0.95)))
+        sizes[row] = x / unit
     largest = np.max([x[1:] for x in sizes.values()], axis=0)
 
     def chance(value: float, draws: Array) -> float:
