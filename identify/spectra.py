@@ -133,7 +133,7 @@ def _level(segments: float, states: int, tests: int) -> float:
     if segments <= states + 1.0 or not states:
         return 1.0
     each = -np.expm1(np.log1p(-SIGNIFICANCE) / tests)
-    return float(betaincinv(states, segments - states, 1.0 - each))
+    return float(np.asarray(betaincinv(states, segments - states, 1.0 - each), float))
 
 
 def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) -> list[int]:
@@ -144,8 +144,8 @@ def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) 
         alike = 0.0
         for other in chosen:
             y = states[:, other]
-            shared = np.abs(np.vdot(x, y)) ** 2 / max(1e-300, float(np.vdot(x, x).real * np.vdot(y, y).real))
-            alike = max(alike, float(shared))
+            power = float(np.sum(np.abs(x) ** 2) * np.sum(np.abs(y) ** 2))
+            alike = max(alike, float(np.abs(np.sum(np.conj(x) * y)) ** 2) / max(1e-300, power))
         if alike < 0.8 and len(chosen) < most:
             chosen.append(int(k))
     return chosen
@@ -162,7 +162,8 @@ def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Ar
     solved = np.asarray(np.linalg.solve(S, c[:, :, None])[:, :, 0], np.complex128)
     explained = np.asarray(np.einsum("fi,fi->f", np.conj(c), solved).real, float)
     power = np.asarray(np.mean(np.abs(own) ** 2, axis=0), float)
-    return np.clip(explained / np.maximum(power, 1e-300), 0.0, 1.0)
+    part: Array = np.asarray(explained / np.maximum(power, 1e-300), float)
+    return np.asarray(np.clip(part, 0.0, 1.0), float)
 
 
 def spectra(

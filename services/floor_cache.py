@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from zipfile import BadZipFile
@@ -88,14 +89,15 @@ def _load(study: Study, name: str) -> dict[str, np.ndarray] | None:
 def _save(study: Study, name: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Write whole or not at all. A folder that cannot be written to costs time, and nothing else."""
     folder = study.folder / ".cache"
+    part = folder / f"{name}.{os.getpid()}.npz"
     try:
         folder.mkdir(exist_ok=True)
         (folder / ".gitignore").write_text("*\n", encoding="utf-8")
-        part = folder / f"{name}.{os.getpid()}.npz"
         np.savez(part, **arrays)  # pyright: ignore[reportArgumentType]
         part.replace(folder / f"{name}.npz")
         kind = name.split("-")[0]
         for old in sorted(folder.glob(f"{kind}-*.npz"), key=lambda file: -file.stat().st_mtime)[KEPT:]:
             old.unlink(missing_ok=True)
     except OSError:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
