@@ -154,7 +154,8 @@ def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) 
 def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Array:
     """(F,) part of the residual's power that is linear in all states together."""
     if not states.shape[1]:
-        return np.zeros(own.shape[1])
+        nothing: Array = np.zeros(int(own.shape[1]))
+        return nothing
     scale = np.asarray(np.sqrt(np.maximum(np.mean(np.abs(states) ** 2, axis=0), 1e-300)), float)
     x = np.asarray(states / scale, np.complex128)
     S = np.einsum("sif,sjf->fij", np.conj(x), x) / len(x) + 1e-9 * np.eye(x.shape[1])
