@@ -28,7 +28,7 @@ class HelperSpring(SuspensionForce):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Rate k."""
-        return (self.named("k", "N/m", -2e5, 2e5, "positive"),)
+        return (self.named("k", "N/m", 0.0, 2e5, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
         """min(s, gap)."""
