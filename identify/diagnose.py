@@ -27,8 +27,10 @@ from identify.unlisted import best_set, left_by
 from identify.verdicts import SIGNIFICANCE, implausible, judged
 from identify.whiteness import whiteness
 
+HALF = 0.5
+"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed."""
 STAYS = 0.15
-"""Part of the excess that may stay behind the best set of effects; if more does and is no noise, no cause is listed."""
+"""Part of all excess that may stay behind the best set; if more does and is no noise, it is not listed either."""
 MOST = 0.5
 """Part of an excess that must stand above the noise's level to be no noise."""
 QUIET = 0.25
@@ -48,8 +50,8 @@ class Diagnosis:
     best : the candidate proposed, or None.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
-    excess : weighted squares above the floor in the rows that fail; `explained` the part that the best set of up to
-        three candidates takes away.
+    excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
+        best set of up to three candidates takes away.
     draws : number of noise-floor simulations behind p.
     louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
@@ -94,12 +96,14 @@ def diagnose(
     after = left_by(space, [replace(effects[key], shape=by_key[key].shape) for key in together])
     # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     failing = now.above
-    excess, behind = now.excess(failing), after.excess(failing)
-    explained = (excess - behind) / excess if failing else 0.0
     best = next((c for c in ranked if c.answer == "missing"), None)
+    own = [row for row in failing if best and row in best.rows] or failing
+    excess, explained = now.excess(own), 0.0
+    if own:
+        explained = (excess - after.excess(own)) / excess
     fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
-    stays = after.family <= SIGNIFICANCE and behind > STAYS * excess and structured(after)
-    unlisted = fails and (best is None or stays)
+    stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing) and structured(after)
+    unlisted = fails and (best is None or explained < HALF or stays)
     if unlisted:
         best = None
     elif best is not None:
