@@ -9,7 +9,7 @@ floor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,11 +58,12 @@ class ColumnNoise:
         layout = space.sums.layout
         w, places = layout.width, [trial.place for trial in layout.trials]
         totals = {row: np.zeros((w, w)) for row in sigma}
-        for run in range(len(fitted.drives)):
-            for row, products in _of_run(fitted, space.sums, sigma, run, pairs).items():
-                totals[row] += products
+        chosen, share = _chosen(fitted)
+        for done, (run, pieces) in enumerate(chosen.items(), start=1):
+            for row, products in _of_run(fitted, space.sums, sigma, run, pieces, pairs).items():
+                totals[row] += products / share
             if progress is not None:
-                progress(run + 1, len(fitted.drives))
+                progress(done, len(chosen))
         left = {row: at_gain(total, space.taken, space.gain) for row, total in totals.items()}
         return cls(
             column_labels(fitted, layout),
@@ -100,13 +101,27 @@ def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
     return (*fitted.columns, *layout.labels)
 
 
-def _of_run(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int) -> dict[str, Array]:
-    """Row → (w, w) products of noise in one run, its zeros eliminated."""
-    layout, (_, priors, values) = sums.layout, fitted.zeros[run]
+def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
+    """Run → numbers of its pieces that are taken, of about `_SECONDS` of data in all; and the part that is of all."""
+    every = [(run, k) for run in range(len(fitted.drives)) for k in range(len(list(fitted.drives[run].pieces())))]
     seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
-    pieces = list(fitted.assembly.pieces_of(run))
-    taken = pieces[:: max(1, int(seconds // _SECONDS))]
-    share = sum(_samples(piece) for piece in taken) / sum(_samples(piece) for piece in pieces)
+    taken = every[:: max(1, int(seconds // _SECONDS))]
+    chosen: dict[int, list[int]] = {}
+    for run, k in taken:
+        chosen.setdefault(run, []).append(k)
+    counts = {
+        (run, k): _samples(piece)
+        for run in range(len(fitted.drives))
+        for k, piece in enumerate(fitted.assembly.pieces_of(run))
+    }
+    return chosen, sum(counts[place] for place in taken) / sum(counts.values())
+
+
+def _of_run(
+    fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int
+) -> dict[str, Array]:
+    """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
+    layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w = len(priors), layout.width
     turn = np.eye(w)
     turn[: layout.model, : layout.model] = sums.turn
@@ -115,10 +130,10 @@ def _of_run(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, 
     further = sums.following[run].copy()
     further[:, layout.right] -= values * sums.temper / priors
     whole: dict[str, Array] = {}
-    for piece in taken:
+    for piece in (piece for k, piece in enumerate(fitted.assembly.pieces_of(run)) if k in chosen):
         for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs).items():
             there = whole.setdefault(row, np.zeros((z + w, z + w)))
-            there[np.ix_(places, places)] += products / share
+            there[np.ix_(places, places)] += products
     return {row: at_zeros(side.T @ products @ side, further) for row, products in whole.items()}
 
 

@@ -17,7 +17,7 @@ from benchmarks.blind.cases import SINGLES, Campaign, Cell, cells
 
 pytest.importorskip("mujoco")
 SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=8.0)
-DRAWS = 39
+DRAWS = 99
 
 
 def _single(key: str, size: float) -> Cell:
