@@ -72,6 +72,7 @@ class Assembly:
         self._responses: dict[int, dict[SheetEntry, dict[str, Array]]] = {}
         self.weights: dict[tuple[int, int | None], Mapping[str, Array]] = {}
         self._kept: dict[tuple[int, int | None], Piece] = {}
+        self._own: dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]] = {}
         self._long = 0.0
 
     def pieces(self) -> Iterator[Piece]:
@@ -113,6 +114,19 @@ class Assembly:
         if piece.run not in self._responses:
             self._responses[piece.run] = sheet_responses(piece.drive, piece.sensitivity)
         return self._responses[piece.run]
+
+    def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
+        """The same with the noise of this very run, where sensitivities may be another run's of the same motion."""
+        if self.known is None and piece.number is None:
+            return self.sheet_responses(piece)
+        assert piece.sensitivity is not None
+        place = (piece.run, piece.number)
+        found = self._own.get(place)
+        if found is None:
+            found = sheet_responses(piece.drive, piece.sensitivity.on(piece.drive.recording))
+            if place in self._kept:
+                self._own[place] = found
+        return found
 
     def as_known(self) -> Known:
         """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""

@@ -10,6 +10,7 @@ import numpy as np
 from identify.assembly import Piece
 from identify.drive import Drive
 from identify.effect import Effect, SensorFault
+from identify.fit import Fit
 from identify.sheet import SheetEntry, sheet_responses
 from identify.vectors import Array
 
@@ -63,7 +64,9 @@ class Layout:
         return self.right + 1
 
 
-def sensor_columns(layout: Layout, piece: Piece, noisy: Drive | None = None) -> dict[str, list[tuple[slice, Array]]]:
+def sensor_columns(
+    fitted: Fit, layout: Layout, piece: Piece, noisy: Drive | None = None
+) -> dict[str, list[tuple[slice, Array]]]:
     """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
     out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
     faults = [(t.place, t.effect) for t in layout.trials if isinstance(t.effect, SensorFault)]
@@ -72,7 +75,7 @@ def sensor_columns(layout: Layout, piece: Piece, noisy: Drive | None = None) -> 
     # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
     drive = noisy or piece.drive
     sensitivity = piece.sensitivity.on(drive.recording)
-    responses = sheet_responses(drive, sensitivity)
+    responses = sheet_responses(noisy, sensitivity) if noisy else fitted.assembly.own_sheet_responses(piece)
     for place, entry in enumerate(layout.sheet, start=layout.model):
         for row, series in responses.get(entry, {}).items():
             if row in out and np.any(series):

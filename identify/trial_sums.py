@@ -170,7 +170,7 @@ def columns_of(
     """
     p, keep, drive = layout.model, fitted.base.independent, noisy or piece.drive
     drive.prepare([*(fitted.model.physics if noisy else ()), *(t.effect for t in layout.trials if not t.fault)])
-    sensors = sensor_columns(layout, piece, noisy)
+    sensors = sensor_columns(fitted, layout, piece, noisy)
     physics = [(trial.place, drive.columns(trial.effect)) for trial in layout.trials if not trial.fault]
     for row, block in piece.blocks.items():
         model, right = block[:, block.shape[1] - p :], piece.right[row]
