@@ -26,7 +26,6 @@ class Candidate:
     drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
     coverage : effective number of blocks it acts in.
     size : √λ of the largest plausible effect after everything else is partialled out.
-    strength : √λ of the effect as found.
     absorbed : what takes it up where it cannot be tested, largest share first.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that cannot be told apart from it on these runs, with their correlation.
@@ -45,7 +44,6 @@ class Candidate:
     p: float = 1.0
     coverage: float = 0.0
     size: float = 0.0
-    strength: float = 0.0
     absorbed: tuple[tuple[str, float], ...] = ()
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()

@@ -103,17 +103,16 @@ def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
 
 def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
     """Run → numbers of its pieces that are taken, of about `_SECONDS` of data in all; and the part that is of all."""
-    every = [(run, k) for run in range(len(fitted.drives)) for k in range(len(list(fitted.drives[run].pieces())))]
-    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
-    taken = every[:: max(1, int(seconds // _SECONDS))]
-    chosen: dict[int, list[int]] = {}
-    for run, k in taken:
-        chosen.setdefault(run, []).append(k)
     counts = {
         (run, k): _samples(piece)
         for run in range(len(fitted.drives))
         for k, piece in enumerate(fitted.assembly.pieces_of(run))
     }
+    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
+    taken = list(counts)[:: max(1, int(seconds // _SECONDS))]
+    chosen: dict[int, list[int]] = {}
+    for run, k in taken:
+        chosen.setdefault(run, []).append(k)
     return chosen, sum(counts[place] for place in taken) / sum(counts.values())
 
 

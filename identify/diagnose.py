@@ -90,34 +90,35 @@ def diagnose(
     ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
     now = left_by(space, [])
-    together = best_set(space, plausible)
-    # A gap between two values of the grid would leave what looks like another cause.
-    by_key = {c.key: refined(space, c) for c in ranked if c.key in together}
-    after = left_by(space, [replace(effects[key], shape=by_key[key].shape) for key in together])
-    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     failing = now.above
+    together = best_set(space, plausible)
     best = next((c for c in ranked if c.answer == "missing"), None)
+    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     own = [row for row in failing if best and row in best.rows] or failing
-    excess, explained = now.excess(own), 0.0
-    if own:
+    excess, explained, unlisted = now.excess(own), 0.0, False
+    if failing:
+        # A gap between two values of the grid would leave what looks like another cause.
+        sharper = [refined(space, c) for c in ranked if c.key in together]
+        after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
-    fails = bool(failing) and now.family <= SIGNIFICANCE and structured(now)
-    stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing) and structured(after)
-    unlisted = fails and (best is None or explained < HALF or stays)
+        stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
+        lacking = best is None or explained < HALF or (stays and structured(after))
+        unlisted = lacking and structured(now)
     if unlisted:
         best = None
     elif best is not None:
-        best = by_key.get(best.key) or refined(space, best)
+        best = refined(space, best)
         best = replace(best, why=judged(best, effects[best.key], floor.count).why)
         ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_open(c, best) for c in ranked]
-    verdict = "unlisted cause" if unlisted else "missing" if best else "nothing missing"
-    formulas = propose(fitted, floor, failing, seed) if unlisted else []
-    says = {
-        "unlisted cause": lambda: _unlisted(now, failing, explained, together, formulas),
-        "missing": lambda: _missing(best),
-        "nothing missing": lambda: _nothing(space, now, ranked),
-    }[verdict]()
+    formulas: list[Formula] = []
+    if unlisted:
+        formulas = propose(fitted, floor, failing, seed)
+        verdict, says = "unlisted cause", _unlisted(now, failing, explained, together, formulas)
+    elif best is not None:
+        verdict, says = "missing", _missing(best)
+    else:
+        verdict, says = "nothing missing", _nothing(space, now, ranked)
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
         verdict, says, best, (*ranked, *untestable), space.ratios, excess, explained, floor.count, space.louder,
@@ -150,8 +151,7 @@ def _open(c: Candidate, best: Candidate | None) -> Candidate:
     return replace(c, answer="undecided", why=f"{c.why} {later}")
 
 
-def _missing(best: Candidate | None) -> str:
-    assert best is not None
+def _missing(best: Candidate) -> str:
     tied = f" It cannot be told apart from {', '.join(key for key, _ in best.ties)} on these runs." if best.ties else ""
     return f"{best.key} is missing. {best.why}{tied}"
 

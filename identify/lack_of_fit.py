@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from identify.trial_sums import TrialSums
@@ -113,14 +114,17 @@ def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> dict[
     stay within their tolerances: set free together they would scale the measurement away.
     """
     there = set(taken.tolist())
-    fresh = [
-        (i, parameter.prior)
+    fresh = {
+        i: q.prior
         for trial in sums.layout.trials
-        for i, parameter in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
+        for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
         if not trial.fault and i not in there
-    ]
-    every = np.concatenate([taken, [i for i, _ in fresh]]).astype(np.intp)
-    known = np.zeros((len(every), len(every)))
-    known[: len(taken), : len(taken)] = prior
-    known[range(len(taken), len(every)), range(len(taken), len(every))] = [sigma**-2.0 for _, sigma in fresh]
-    return {row: min(LOUDEST, max(1.0, ratio)) for row, ratio in left_after(sums, every, known).ratios.items()}
+    }
+    ratios = left_after(sums, *with_columns(taken, prior, fresh)).ratios
+    return {row: min(LOUDEST, max(1.0, ratio)) for row, ratio in ratios.items()}
+
+
+def with_columns(taken: NDArray[np.intp], prior: Array, fresh: Mapping[int, float]) -> tuple[NDArray[np.intp], Array]:
+    """Places and normal matrix of what is known beforehand, with further columns of 1 σ by place."""
+    places = np.concatenate([taken, list(fresh)]).astype(np.intp)
+    return places, scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))

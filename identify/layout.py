@@ -11,7 +11,7 @@ from identify.assembly import Piece
 from identify.drive import Drive
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
-from identify.sheet import SheetEntry, sheet_responses
+from identify.sheet import SheetEntry, sheet_entries, sheet_responses
 from identify.vectors import Array
 
 
@@ -38,14 +38,13 @@ class Layout:
 
     @classmethod
     def of(cls, model: int, sheet: Sequence[SheetEntry], effects: Sequence[Effect]) -> Layout:
-        """Every effect at every shape, after the columns of model and sheet."""
+        """Effects at their present shapes side by side, after the columns of model and sheet."""
         trials: list[Trial] = []
         start = model + len(sheet)
         for effect in effects:
-            for one in effect.shapes():
-                stop = start + len(one.parameters)
-                trials.append(Trial(one, slice(start, stop)))
-                start = stop
+            stop = start + len(effect.parameters)
+            trials.append(Trial(effect, slice(start, stop)))
+            start = stop
         return cls(model, tuple(sheet), tuple(trials))
 
     @property
@@ -62,6 +61,18 @@ class Layout:
     def width(self) -> int:
         """Number of columns."""
         return self.right + 1
+
+
+def sheet_of(fitted: Fit) -> list[SheetEntry]:
+    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
+    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
+    found: dict[SheetEntry, None] = {}
+    for run, drive in enumerate(fitted.drives):
+        piece = next(fitted.assembly.pieces_of(run))
+        assert piece.sensitivity is not None
+        seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
+        found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+    return [entry for entry in found if entry[:2] not in ours]
 
 
 def sensor_columns(

@@ -54,9 +54,8 @@ def _falls(
     space: TrialSpace, effect: Effect, shapes: list[dict[str, float]]
 ) -> tuple[list[float], list[tuple[tuple[float, ...], tuple[float, ...]]]]:
     """For each set of shape constants the fall of the weighted squares, and parameters with half their intervals."""
-    inside = beside(space, [replace(effect, shape=shape) for shape in shapes])
-    layout, trials = inside.sums.layout, inside.sums.layout.trials
-    none = np.zeros((layout.width, 1))
+    inside, trials = beside(space, [replace(effect, shape=shape) for shape in shapes])
+    none = np.zeros((inside.sums.layout.width, 1))
     # A gap that is never passed leaves nothing to compare.
     seen = [bool(np.all(inside.remaining(trial.place) > GONE)) for trial in trials]
     falls = [inside.scores(t.place, none)[0] if there else -1.0 for t, there in zip(trials, seen, strict=True)]

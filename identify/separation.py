@@ -25,8 +25,9 @@ from identify.drive import Drive
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.layout import sheet_of
 from identify.priors import known_beforehand
-from identify.sheet import SheetEntry, sheet_entries, sheet_responses
+from identify.sheet import sheet_responses
 from identify.triangle import scaled_triangle
 from identify.vectors import Array
 
@@ -77,7 +78,7 @@ class Question:
         model = fitted.model
         mine = {fault.key for fault in model.faults}
         self.tolerances = tuple((fault, sigma) for fault, sigma in tolerances if fault.key not in mine and sigma > 0.0)
-        self.sheet = _sheet(fitted)
+        self.sheet = sheet_of(fitted)
         self.parameters = len(model.parameters)
         self.first = self.parameters + len(self.sheet) + len(self.tolerances)
         self.shapes = [
@@ -329,16 +330,3 @@ def _merged(*parts: Array) -> Array:
     """(w, w) R factor of parts stacked, safe for columns of many sizes."""
     R, lengths = scaled_triangle(np.concatenate(parts))
     return R * lengths
-
-
-def _sheet(fitted: Fit) -> list[SheetEntry]:
-    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
-    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
-    found: dict[SheetEntry, None] = {}
-    for run, drive in enumerate(fitted.drives):
-        for piece in fitted.assembly.pieces_of(run):
-            assert piece.sensitivity is not None
-            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
-            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
-            break
-    return [entry for entry in found if entry[:2] not in ours]

@@ -16,10 +16,10 @@ from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.lack_of_fit import left_after, louder_rows
-from identify.layout import Layout, Trial
+from identify.layout import Layout, Trial, sheet_of
 from identify.partialling import Partialled
 from identify.rows import row_unit
-from identify.sheet import SheetEntry, sheet_entries
+from identify.sheet import SheetEntry
 from identify.trial_sums import BLOCK, TrialSums
 from identify.vectors import Array
 
@@ -79,13 +79,14 @@ class TrialSpace:
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
         self.ratios = _ratios(fitted, floor)
-        sheet = _sheet(fitted)
+        sheet = sheet_of(fitted)
         temper = _misfit(fitted, floor, sheet)
         rng = np.random.default_rng([seed, 6])
         bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
         kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
-        self.layout = Layout.of(len(fitted.place), sheet, self.effects)
+        shapes = [one for effect in self.effects for one in effect.shapes()]
+        self.layout = Layout.of(len(fitted.place), sheet, shapes)
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
@@ -171,7 +172,7 @@ class TrialSpace:
         size = float(np.sqrt(np.max(np.diag(self.partialled.left)[place] * largest**2)))
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
-            strength=float(np.sqrt(max(0.0, one.drop))), values=tuple(float(x) for x in one.values),
+            values=tuple(float(x) for x in one.values),
             interval=tuple(float(1.96 * x) for x in one.spread),
         )  # fmt: skip
         if coverage < LEAST_COVERAGE:
@@ -285,26 +286,13 @@ class TrialSpace:
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 
 
-def _sheet(fitted: Fit) -> list[SheetEntry]:
-    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
-    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
-    found: dict[SheetEntry, None] = {}
-    for run, drive in enumerate(fitted.drives):
-        for piece in fitted.assembly.pieces_of(run):
-            assert piece.sensitivity is not None
-            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
-            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
-            break
-    return [entry for entry in found if entry[:2] not in ours]
-
-
 def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry]) -> float:
     """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
 
     Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing effect
     up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
     """
-    layout = Layout(len(fitted.place), tuple(sheet), ())
+    layout = Layout.of(len(fitted.place), sheet, ())
     sums = TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
     places = np.arange(layout.right)
     taken = places[np.diag(sums.total)[places] > 0.0]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from identify.effect import Effect
-from identify.lack_of_fit import Left, left_after
+from identify.lack_of_fit import Left, left_after, with_columns
 from identify.layout import Layout, Trial
 from identify.partialling import Partialled
 from identify.trial_sums import TrialSums
@@ -18,40 +18,29 @@ MOST_TOGETHER = 3
 """Effects that are tried together before a cause is called unlisted."""
 
 
-def beside(space: TrialSpace, effects: Sequence[Effect]) -> Partialled:
-    """Columns of some effects at their present shapes, less what model, zeros, gains and latencies explain."""
-    start = space.layout.model + len(space.layout.sheet)
-    trials: list[Trial] = []
-    for effect in effects:
-        stop = start + len(effect.parameters)
-        trials.append(Trial(effect, slice(start, stop)))
-        start = stop
-    layout = Layout(space.layout.model, space.layout.sheet, tuple(trials))
+def beside(space: TrialSpace, effects: Sequence[Effect]) -> tuple[Partialled, tuple[Trial, ...]]:
+    """Columns of some effects at their present shapes, less what model, zeros and sheet explain, as in `space`."""
+    before, own = space.partialled, {trial.place.start: trial.effect for trial in space.layout.trials}
+    faults = [place for place in before.taken.tolist() if place in own]
+    layout = Layout.of(space.layout.model, space.layout.sheet, [*(own[place] for place in faults), *effects])
     sums = TrialSums.of(space.fitted, space.floor, layout, space.sums.temper, {}, np.random.default_rng(0))
-    places = np.arange(layout.model + len(layout.sheet))
-    taken = places[np.diag(sums.total)[places] > 0.0].astype(np.intp)
-    p = layout.model
-    prior = np.diag(np.full(len(taken), sums.temper**2))
-    prior[:p, :p] = sums.known
-    return Partialled(sums, taken, prior)
+    # The sheet's faults now stand one behind the other; their priors stay those of the space.
+    plain = before.taken[: len(before.taken) - len(faults)]
+    moved = [trial.place.start for trial in layout.trials[: len(faults)]]
+    return Partialled(sums, np.concatenate([plain, moved]).astype(np.intp), before.prior), layout.trials[len(faults) :]
 
 
 def left_by(space: TrialSpace, added: Sequence[Effect]) -> Left:
     """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
     if not added:
         return left_after(space.sums, space.partialled.taken, space.partialled.prior)
-    inside = beside(space, added)
-    fresh = [
-        (i, q.prior)
-        for trial in inside.sums.layout.trials
+    inside, trials = beside(space, added)
+    fresh = {
+        i: q.prior
+        for trial in trials
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
-    ]
-    taken = np.concatenate([inside.taken, [i for i, _ in fresh]]).astype(np.intp)
-    prior = np.zeros((len(taken), len(taken)))
-    n = len(inside.taken)
-    prior[:n, :n] = inside.prior
-    prior[range(n, len(taken)), range(n, len(taken))] = [sigma**-2.0 for _, sigma in fresh]
-    return left_after(inside.sums, taken, prior)
+    }
+    return left_after(inside.sums, *with_columns(inside.taken, inside.prior, fresh))
 
 
 def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
@@ -60,6 +49,7 @@ def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
     Several gains set free together would scale the measurement away with whatever is in it.
     """
     left, right = space.partialled.left.copy(), space.layout.right
+    left[:, right] -= space.partialled.shift
     open_, chosen = list(keys), list[str]()
     for _ in range(MOST_TOGETHER):
         drops = {key: _drop(left, space.tried[key].trial.place, right, space) for key in open_}
