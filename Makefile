@@ -40,7 +40,7 @@ demo: .venv/.run
 test: .venv/.dev
 	@failed=0; \
 	$(MAKE) --no-print-directory lint || failed=1; \
-	$(PY) -m pytest $(ARGS) || failed=1; \
+	$(PY) -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS) || failed=1; \
 	exit $$failed
 
 lint: .venv/.dev
