@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
 
-import cars
 import numpy as np
 import pytest
+from exact_car import KNOWN, MODEL, RIG, SECONDS, VEHICLE, driven, exact, exact_with, fit_of
 
 from identify.candidate import Candidate
-from identify.catalogue import catalogue
 from identify.column_noise import NOISE_PAIRS, ColumnNoise
 from identify.diagnose import Diagnosis, diagnose, structured
 from identify.drive import Drive
 from identify.effect import Effect
-from identify.filters import Filters
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
-from identify.model import Model
-from identify.noise import draw_noise
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
 from identify.partialling import Partialled
-from identify.reconstruct import Recording, Signals
 from identify.ties import same_losses
 from identify.trial_sums import columns_of
 from identify.trials import TrialSpace
@@ -32,9 +26,6 @@ from identify.unlisted import left_by
 from identify.vectors import Array
 from identify.verdicts import SIGNIFICANCE, judged
 
-VEHICLE, RIG = cars.reference_car()
-KNOWN = catalogue(VEHICLE, "hub")
-MODEL = Model.of(e for e in KNOWN.values() if e.base)
 CANDIDATES = [
     KNOWN[key]
     for key in (
@@ -43,58 +34,17 @@ CANDIDATES = [
         "tyre_damping.rear", "sensor_gain.hub.fl",
     )
 ]  # fmt: skip
-DRAWS, SECONDS = 39, 12.0
+DRAWS = 39
 LAW = "travel**2*tanh(rate/v0), v0 = 0.03 m/s"
 HIDDEN = effect_class(read_line(f"hidden = suspension: p * {LAW}")).variants(VEHICLE, "hub")[0]
 SIZE = 60000.0
 """Of the hidden law [N/m²]: some 30 N RMS where 6 N are noise."""
 
 
-def theta() -> Array:
-    """A plausible car."""
-    values = {"k": 25000.0, "c": 1700.0, "f0": 3100.0, "kt": 205000.0, "m": 24.0}
-    bodies = {
-        "chassis": {"XX": 550, "XY": 20, "XZ": 300, "YY": 3900, "YZ": -10, "ZZ": 4000, "MX": -1500, "MY": 15, "MZ": 330,
-                    "M": 1270},
-        "axle": {"XX": 0.4, "YY": 0.5, "ZZ": 0.45, "MX": 0.5, "MY": 0.8, "MZ": 0.3, "M": 30},
-        "wheel": {"ZZ": 0.9, "XX": 0.5, "MZ": 0.2, "M": 10},
-    }  # fmt: skip
-    return np.array(
-        [
-            float(bodies[effect.where.partition(".")[0]].get(q.name.rstrip("0123456789"), 0.02))
-            if effect.name == "body"
-            else values[q.name.rpartition(".")[2]]
-            for effect in MODEL.effects
-            for q in effect.parameters
-        ]
-    )
-
-
-@cache
-def exact(hidden: bool) -> Recording:
-    """A lively drive of a car that is the model, or the model and the hidden law at its front axle; no noise."""
-    t = np.arange(round(SECONDS * 250.0)) / 250.0
-    record = cars.recording(cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters())
-    effects, values = (MODEL.effects, theta())
-    return cars.fulfil(record, (*effects, HIDDEN) if hidden else effects, np.append(values, SIZE) if hidden else values)
-
-
-def driven(record: Recording, seed: int, loud: float = 1.0) -> Drive:
-    """The drive as its instruments record it: with `loud` times the sheet's noise."""
-    noise = draw_noise(record, record.signals.value, np.random.default_rng([3, seed]))
-    values = {name: a + loud * noise[name] for name, a in record.signals.value.items()}
-    return Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
-
-
-def fit_of(drive: Drive, like: Fit | None = None) -> Fit:
-    """The model on it; what depends on the motion alone is taken from another run of the same."""
-    return fit(MODEL, [drive], draws=2, stored=like.stored if like else None)
-
-
 @pytest.fixture(scope="module")
 def fitted() -> Fit:
     """The model on a run that lacks nothing."""
-    return fit_of(driven(exact(False), 0))
+    return fit_of(driven(exact(), 0))
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +68,7 @@ def found(space: TrialSpace) -> list[Candidate]:
 @pytest.fixture(scope="module")
 def unlisted() -> Fit:
     """The model on a run of a car with a law that is in no catalogue."""
-    return fit_of(driven(exact(True), 1))
+    return fit_of(driven(exact_with(HIDDEN, SIZE), 1))
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +106,7 @@ def test_nothing_is_missing_from_a_car_that_is_its_model(fitted: Fit, floor: Noi
 
 
 def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
-    loud = fit_of(driven(exact(False), 2, loud=2.0), fitted)
+    loud = fit_of(driven(exact(), 2, loud=2.0), fitted)
     found = diagnose(loud, floor, CANDIDATES, noise=space.noise)
     assert found.verdict == "nothing missing", found.says
     assert np.mean(list(found.louder.values())) == pytest.approx(2.0, abs=0.15)
@@ -172,7 +122,7 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
 
 
 def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
-    record = driven(exact(False), 3).recording
+    record = driven(exact(), 3).recording
     values = dict(record.signals.value)
     force = values["wheel.fl.force"].copy()
     force[2] += 60.0 * np.sin(2 * np.pi * 1.7 * record.t)
@@ -248,7 +198,7 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     tried = [KNOWN["sensor_gain.hub.fl"]]
     raw, corrected, noise = [], [], None
     for seed in range(8):
-        space = TrialSpace(fit_of(driven(exact(False), 20 + seed, 2.0), fitted), floor, tried, 0, noise)
+        space = TrialSpace(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor, tried, 0, noise)
         noise, place = space.noise, space.layout.trials[0].place.start
         size = np.sqrt(space.partialled.left[place, place])
         raw.append(space.partialled.left[place, space.layout.right] / size)
@@ -261,6 +211,24 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     assert np.mean(raw) > 3.0 * spread
     assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
     assert abs(np.mean(corrected)) < 3.0 * spread
+
+
+def test_noise_of_many_runs_is_that_of_some_scaled_up(
+    fitted: Fit, floor: NoiseFloor, space: TrialSpace, monkeypatch: pytest.MonkeyPatch
+):
+    """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
+    runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
+    four = fit(MODEL, runs, draws=2)
+    own = TrialSpace(four, floor_of(four, 3), CANDIDATES, 0, space.noise).partialled
+    looked = list[int]()
+    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    monkeypatch.setattr("identify.column_noise._SECONDS", 1.9 * SECONDS)
+    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    assert looked == [4, 4, 4, 4, 2, 2]
+    for row, squares in whole.squares.items():
+        all_, part = (np.array([np.trace(a) for a in found]) for found in (squares, some.squares[row]))
+        large = all_ > 0.01 * np.max(all_)
+        np.testing.assert_allclose(part[large], all_[large], rtol=0.2, err_msg=row)
 
 
 def test_falls_are_corrected_by_each_fold_s_share(space: TrialSpace):
@@ -356,7 +324,7 @@ def test_negative_friction_does_not_hide_in_the_best_set(
     space: TrialSpace, floor: NoiseFloor, fitted: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     """A car with less friction than none: the ranking does not propose it."""
-    record = driven(exact(False), 4).recording
+    record = driven(exact(), 4).recording
     friction = KNOWN["coulomb.front"]
     columns = friction.columns(fitted.drives[0].motion)
     values = dict(record.signals.value)

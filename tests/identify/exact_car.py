@@ -1,0 +1,69 @@
+"""A car that is exactly its model, or the model and one effect more, driven with simulated noise."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import cars
+import numpy as np
+
+from identify.catalogue import catalogue
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.filters import Filters
+from identify.fit import Fit, fit
+from identify.model import Model
+from identify.noise import draw_noise
+from identify.reconstruct import Recording, Signals
+from identify.vectors import Array
+
+VEHICLE, RIG = cars.reference_car()
+KNOWN = catalogue(VEHICLE, "hub")
+MODEL = Model.of(e for e in KNOWN.values() if e.base)
+SECONDS = 12.0
+
+
+def theta() -> Array:
+    """A plausible car."""
+    values = {"k": 25000.0, "c": 1700.0, "f0": 3100.0, "kt": 205000.0, "m": 24.0}
+    bodies = {
+        "chassis": {"XX": 550, "XY": 20, "XZ": 300, "YY": 3900, "YZ": -10, "ZZ": 4000, "MX": -1500, "MY": 15, "MZ": 330,
+                    "M": 1270},
+        "axle": {"XX": 0.4, "YY": 0.5, "ZZ": 0.45, "MX": 0.5, "MY": 0.8, "MZ": 0.3, "M": 30},
+        "wheel": {"ZZ": 0.9, "XX": 0.5, "MZ": 0.2, "M": 10},
+    }  # fmt: skip
+    return np.array(
+        [
+            float(bodies[effect.where.partition(".")[0]].get(q.name.rstrip("0123456789"), 0.02))
+            if effect.name == "body"
+            else values[q.name.rpartition(".")[2]]
+            for effect in MODEL.effects
+            for q in effect.parameters
+        ]
+    )
+
+
+@cache
+def exact() -> Recording:
+    """A lively drive of a car that is the model; no noise."""
+    return exact_with()
+
+
+def exact_with(hidden: Effect | None = None, *sizes: float) -> Recording:
+    """The same drive of a car that is the model and an effect of this size."""
+    t = np.arange(round(SECONDS * 250.0)) / 250.0
+    record = cars.recording(cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters())
+    further = [] if hidden is None else [hidden]
+    return cars.fulfil(record, (*MODEL.effects, *further), np.append(theta(), sizes))
+
+
+def driven(record: Recording, seed: int, loud: float = 1.0) -> Drive:
+    """The drive as its instruments record it: with `loud` times the sheet's noise."""
+    noise = draw_noise(record, record.signals.value, np.random.default_rng([3, seed]))
+    values = {name: a + loud * noise[name] for name, a in record.signals.value.items()}
+    return Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
+
+
+def fit_of(drive: Drive, like: Fit | None = None) -> Fit:
+    """The model on it; what depends on the motion alone is taken from another run of the same."""
+    return fit(MODEL, [drive], draws=2, stored=like.stored if like else None)
