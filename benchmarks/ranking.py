@@ -5,6 +5,7 @@ would do: numpy's dense least squares of model, zeros, sheet and one candidate, 
 timed. Fit and noise floor are made beforehand and told apart: a study keeps what is simulated.
 
     python benchmarks/ranking.py            # about 8 minutes, most of it the fit
+    python benchmarks/ranking.py --bar 6000 # with something to find: the best is refined, what it leaves is looked at
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from identify.fit import fit
 from identify.floor import floor_of
 from identify.model import Model
 from identify.trials import TrialSpace
-from simulate import exchange_run, find_car, make_manoeuvre
+from simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from simulate import run as simulate_drive
 
 MANOEUVRES = ("sinus", "liftoff", "rough", "sweep", "spiral")
@@ -72,11 +73,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0, help="data in all (default 600)")
     parser.add_argument("--candidates", type=int, default=30, help="how many (default 30; 0: the whole catalogue)")
     parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations (default 199)")
+    parser.add_argument("--bar", type=float, default=0.0, help="rate of a front anti-roll bar hidden in the car [N/m]")
     args = parser.parse_args()
     rig, car = Rig.load("peugeot-406"), find_car("peugeot-406")
     vehicle = Vehicle.load("peugeot-406")
     each = args.seconds / (5 * len(MANOEUVRES))
-    motions = [simulate_drive(car, make_manoeuvre(name, duration=each), (), k) for k, name in enumerate(MANOEUVRES)]
+    hidden = [Hidden("anti_roll_bar.front", args.bar)] if args.bar else []
+    motions = [simulate_drive(car, make_manoeuvre(name, duration=each), hidden, k) for k, name in enumerate(MANOEUVRES)]
     runs = [
         exchange_run(motion, rig, 100 * k + seed, name=f"{motion.manoeuvre}-{seed}")
         for k, motion in enumerate(motions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,10 @@ class NoiseFloor:
     def count(self) -> int:
         """Number of draws."""
         return next(iter(self.draws[0].values())).shape[0]
+
+    def without_draws(self) -> NoiseFloor:
+        """The same levels alone."""
+        return replace(self, draws=tuple({row: a[:0] for row, a in part.items()} for part in self.draws))
 
 
 def simulate_floor(

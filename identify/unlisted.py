@@ -18,12 +18,16 @@ MOST_TOGETHER = 3
 """Effects that are tried together before a cause is called unlisted."""
 
 
-def beside(space: TrialSpace, effects: Sequence[Effect]) -> tuple[Partialled, tuple[Trial, ...]]:
-    """Columns of some effects at their present shapes, less what model, zeros and sheet explain, as in `space`."""
+def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:
+    """Columns of some effects at their present shapes, less what model, zeros and sheet explain, as in `space`.
+
+    `draws` : beside the simulated runs, too.
+    """
     before, own = space.partialled, {trial.place.start: trial.effect for trial in space.layout.trials}
     faults = [place for place in before.taken.tolist() if place in own]
     layout = Layout.of(space.layout.model, space.layout.sheet, [*(own[place] for place in faults), *effects])
-    sums = TrialSums.of(space.fitted, space.floor, layout, space.sums.temper, {}, np.random.default_rng(0))
+    floor = space.floor if draws else space.floor.without_draws()
+    sums = TrialSums.of(space.fitted, floor, layout, space.sums.temper, {}, np.random.default_rng(0))
     # The sheet's faults now stand one behind the other; their priors stay those of the space.
     plain = before.taken[: len(before.taken) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]
