@@ -20,8 +20,8 @@ class Candidate:
     answer : ``missing`` (the one proposed, and those tied with it), ``undecided`` (it helps now, and is judged again
         once that one is added), ``not needed`` or ``not testable``.
     why : two plain sentences with numbers.
-    gain : part of the weighted residual of its rows that it takes away in blocked cross-validation; `total_gain` the
-        same in weighted squares.
+    gain : what it takes away in blocked cross-validation, as part of the weighted residual of its rows, at most 1;
+        `total_gain` the same in weighted squares, of all rows.
     gain_rms : the residual it takes away, as RMS over its `rows` of one unit [N or N·m].
     drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
     coverage : effective number of blocks it acts in.

@@ -253,7 +253,8 @@ class TrialSpace:
                 rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
                 # In cross-validation the model alone leaves more than on all data.
                 here += max(0.0, left_out - sum(squares.values()))
-                gain = c.total_gain / here if here else 0.0
+                # Rows it does not act on gain too, where it frees the parameters they share.
+                gain = min(1.0, c.total_gain / here) if here else 0.0
                 c = replace(c, gain=gain, gain_rms=rms, block_gain=falls[:, place[c.key]])
             out.append(c)
         return out

@@ -202,8 +202,20 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
     text = table(["effect", "answer", "gain %", "gain N", "p", "blocks", "cannot be told apart from"], lines, left=2)
     rest = [c["effect"] for c in result["candidates"] if c["answer"] == "not testable"]
     if rest:
-        text += f"\n  not testable with these runs: {', '.join(rest)}"
+        text += f"\n  not testable with these runs: {', '.join(_in_families(rest))}"
     return text
+
+
+def _in_families(keys: Sequence[str], most: int = 3) -> list[str]:
+    """Effects by name; of a family with more than `most` only how many."""
+    families: dict[str, list[str]] = {}
+    for key in keys:
+        families.setdefault(key.partition(".")[0], []).append(key)
+    return [
+        name
+        for family, mine in families.items()
+        for name in (mine if len(mine) <= most else [f"{family} ({len(mine)} places)"])
+    ]
 
 
 def fall_by_row(versions: Sequence[Any]) -> str:
