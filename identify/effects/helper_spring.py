@@ -14,7 +14,8 @@ class HelperSpring(SuspensionForce):
     """A helper spring that goes solid beyond a gap: F = k min(s, gap).
 
     With a linear spring in the model it is a bump stop at the same gap, of the opposite sign: min(s, gap) = s −
-    max(0, s − gap). A helper spring makes the suspension softer beyond the gap than before it: k > 0.
+    max(0, s − gap). A helper spring makes the suspension softer beyond the gap than before it: k > 0. With a negative gap it is a rebound
+    stop at −gap and a static load.
     """
 
     name = "helper_spring"
@@ -22,7 +23,7 @@ class HelperSpring(SuspensionForce):
     signature = "suspension row is steeper below a travel than above it"
     shown_by = "strong roll, crests, large bumps"
     source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 16; Reimpell et al. (2001), chapter 5"
-    looks_like = ("bump_stop",)
+    looks_like = ("bump_stop", "rebound_stop")
     grids: ClassVar = {"gap": (-0.02, -0.01, 0.0, 0.01, 0.02)}
 
     @property

@@ -38,13 +38,17 @@ class BumpStop(SuspensionForce):
 
 
 class ReboundStop(SuspensionForce):
-    """A stop touched in extension: F = −k max(0, −s − gap)."""
+    """A stop touched in extension: F = −k max(0, −s − gap).
+
+    Beside a static load it is a helper spring that goes solid at −gap: min(s, −gap) + gap = −max(0, −s − gap).
+    """
 
     name = "rebound_stop"
     about = "rebound stop touched beyond a gap in extension"
     signature = "suspension row bends downwards beyond a travel"
     shown_by = "strong roll, crests"
     source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
+    looks_like = ("helper_spring",)
     grids: ClassVar = {"gap": _GAPS}
 
     @property
