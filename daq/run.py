@@ -63,12 +63,12 @@ class Run:
 
     @classmethod
     def open(cls, path: str | Path) -> Run:
-        """Read a run: an MCAP log with decoded blocks, or an exchange table (Parquet or CSV).
+        """Read a run: an MCAP log with decoded blocks, an exchange table (Parquet or CSV), or an MDF file (``.mf4``).
 
         Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes
         and reported in `problems`.
         """
-        from daq import exchange  # here, because these modules build runs themselves
+        from daq import exchange, mf4  # here, because these modules build runs themselves
 
         file = Path(path)
         if not file.is_file():
@@ -80,7 +80,9 @@ class Run:
             from daq import log_run
 
             return log_run.read_run(file)
-        raise RunError(path, [f"unknown kind of file '{suffix}': give an MCAP log (.mcap), .parquet or .csv"])
+        if suffix in mf4.SUFFIXES:
+            return mf4.read_mf4(file)
+        raise RunError(path, [f"unknown kind of file '{suffix}': give an MCAP log (.mcap), .parquet, .csv or .mf4"])
 
     @property
     def duration(self) -> float:

@@ -56,11 +56,6 @@ def _falls(
     """For each set of shape constants the fall of the weighted squares, and parameters with half their intervals."""
     inside, trials = beside(space, [replace(effect, shape=shape) for shape in shapes], draws=False)
     none = np.zeros((inside.sums.layout.width, 1))
-    # Noise in the columns hardly depends on a constant moved by less than a step of its grid.
-    near = space.tried[effect.key].trial.place
-    for trial in trials:
-        inside.shift[trial.place] = space.partialled.shift[near]
-        inside.noise[trial.place.start] = space.partialled.noise[near.start]
     # A gap that is never passed leaves nothing to compare.
     seen = [bool(np.all(inside.remaining(trial.place) > GONE)) for trial in trials]
     falls = [inside.scores(t.place, none)[0] if there else -1.0 for t, there in zip(trials, seen, strict=True)]

@@ -21,7 +21,7 @@ from services import tables
 from services.fitting import default_filters
 from services.loading import Loaded, load
 
-RUNS = (".mcap", ".parquet", ".csv")
+RUNS = (".mcap", ".parquet", ".csv", ".mf4", ".mdf")
 _WIDTH = 118
 
 

@@ -39,7 +39,7 @@ Exit code 3: done, but a run was damaged or left out, or nothing is identifiable
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="decoded log (.mcap), .parquet or .csv")
+    parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="decoded log (.mcap), .parquet, .csv or .mf4")
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")

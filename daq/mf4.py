@@ -1,0 +1,270 @@
+"""Runs that other systems recorded: MDF files (``.mf4``), with a channel map. Format: ``docs/channels.md``."""
+
+from __future__ import annotations
+
+import gc
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from daq.channels import CHANNELS, COLUMNS, Channel
+from daq.errors import RunError, nearest
+from daq.exchange import METADATA_KEYS, signal
+from daq.rig import WHEEL_REFERENCES
+from daq.run import BRAKES, Run, Signal
+from daq.toml_reader import Reader
+from daq.units import TO_SI, canonical, to_si
+
+SUFFIXES = (".mf4", ".mdf")
+FORMAT = "lacet-mf4 1"
+SHARED_MAP = "mf4.toml"
+"""Map of every MDF file in its folder that has none of its own."""
+_FURTHER_UNITS = {
+    "g": ("m/s²", 9.80665), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "Pa": ("Pa", 1.0),
+    "°/s": ("rad/s", np.pi / 180.0), "kNm": ("N·m", 1e3), "kN·m": ("N·m", 1e3), "rpm": ("rad/s", np.pi / 30.0),
+    "1/min": ("rad/s", np.pi / 30.0), "degree": ("rad", np.pi / 180.0), "degrees": ("rad", np.pi / 180.0),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Source:
+    """Where a column comes from: value = scale · recorded + offset, `unit` of the product (empty: the file's own)."""
+
+    name: str
+    group: int | None = None
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+def read_mf4(path: str | Path) -> Run:
+    """Read an MDF file, version 3 or 4.
+
+    Its channels are found by the map beside it (``run.toml`` beside ``run.mf4``, or ``mf4.toml`` in its folder); those
+    that are named as columns of an exchange table need none. Raises RunError, with every fault, when the file or its
+    map cannot be used, or no channel of the vocabulary is found.
+    """
+    file = Path(path)
+    columns, metadata = _map_of(file)
+    try:
+        with file.open("rb") as stream:
+            if stream.read(3) not in (b"MDF", b"UnF"):
+                raise RunError(file, ["this is no MDF file (it does not begin with 'MDF')"])
+        recorded = _Recorded(file)
+    except OSError as cause:
+        raise RunError(file, [f"cannot be read: {cause}"]) from None
+    problems: list[str] = []
+    for column in COLUMNS:
+        if column not in columns and recorded.has(column):
+            columns[column] = _Source(column)
+    signals: dict[str, Signal] = {}
+    for channel in CHANNELS.values():
+        if any(column in columns for column in channel.columns):
+            found = _channel(channel, columns, recorded, problems)
+            if found is not None:
+                signals[channel.name] = found
+    recorded.close()
+    if recorded.without_unit:
+        names = ", ".join(recorded.without_unit[:6]) + (" …" if len(recorded.without_unit) > 6 else "")
+        problems.append(f"without a unit, taken as SI: {names}")
+    if not signals:
+        hint = f"write a map, {file.with_suffix('.toml').name} or {SHARED_MAP}, that names them (docs/channels.md)"
+        raise RunError(file, [*problems, f"no channel of the vocabulary is in it; it has {recorded.some()}: {hint}"])
+    start = min(float(one.t[0]) for one in signals.values())
+    signals = {name: Signal(one.t - start, one.values, one.flags) for name, one in signals.items()}
+    return Run(name=file.stem, signals=signals, problems=tuple(problems), **metadata)
+
+
+class _Recorded:
+    """The channels of an MDF file by name."""
+
+    def __init__(self, file: Path):
+        # Only here: pandas, which it brings, takes seconds to load.
+        from asammdf import MDF
+
+        # A file cut short makes the library fail in any way, once more when what it has made of it is thrown away.
+        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+        why = ""
+        try:
+            self._mdf: Any = MDF(file)
+        except Exception as cause:
+            why = str(cause)
+        finally:
+            gc.collect()
+            sys.unraisablehook = hook
+        if why:
+            raise RunError(file, [f"cannot be read as MDF (truncated?): {why}"])
+        self._places: Mapping[str, tuple[tuple[int, int], ...]] = dict(self._mdf.channels_db)
+        self.without_unit: list[str] = []
+
+    def has(self, name: str) -> bool:
+        """Whether a channel of that name is in any group."""
+        return name in self._places
+
+    def some(self) -> str:
+        """Names of its channels, the first ones."""
+        names = [name for name in self._places if name not in ("time", "t", "Timestamp")]
+        return ", ".join(names[:12]) + (" …" if len(names) > 12 else "") or "none at all"
+
+    def near(self, name: str) -> str:
+        """A hint at a name that is nearly that."""
+        return nearest(name, self._places)
+
+    def get(self, source: _Source) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
+        """Stamps [s], values (NaN where marked invalid) and unit, the map's first. Raises ValueError in words."""
+        places = list(self._places.get(source.name, ()))
+        if source.group is not None:
+            places = [place for place in places if place[0] == source.group]
+        if not places:
+            where = "" if source.group is None else f" in group {source.group}"
+            raise ValueError(f"there is no '{source.name}'{where}{self.near(source.name)}")
+        if len(places) > 1:
+            groups = ", ".join(str(group) for group, _ in places)
+            raise ValueError(f"'{source.name}' is in groups {groups}: say which in the map (group = …)")
+        try:
+            group, index = places[0]
+            # Else samples marked invalid would be taken out, in each component others.
+            found = self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
+            invalid = found.invalidation_bits
+            values = np.asarray(found.samples)
+            if values.ndim != 1 or values.dtype.kind not in "iufb":
+                raise ValueError("it is text or an array")
+            values = values.astype(float)
+            if invalid is not None:
+                values[np.asarray(invalid, bool)] = np.nan
+            unit = source.unit or str(found.unit or "").strip()
+            if not unit:
+                self.without_unit.append(source.name)
+            return np.asarray(found.timestamps, float), values, unit
+        except Exception as cause:  # as above: what is cut or of another type fails anyhow
+            raise ValueError(f"'{source.name}' cannot be read: {cause}") from None
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._mdf.close()
+
+
+def _channel(
+    channel: Channel, columns: Mapping[str, _Source], recorded: _Recorded, problems: list[str]
+) -> Signal | None:
+    """A channel from its columns, on the stamps of the first; None, with the reason in `problems`, without one."""
+    parts: list[NDArray[np.float64]] = []
+    stamps: NDArray[np.float64] | None = None
+    for column in channel.columns:
+        if column not in columns:
+            problems.append(f"{channel.name} was left out: {column} is missing")
+            return None
+        source = columns[column]
+        try:
+            t, values, unit = recorded.get(source)
+            values = _in_si(source, values, unit, channel.unit)
+        except ValueError as cause:
+            problems.append(f"{channel.name} was left out: {column}: {cause}")
+            return None
+        keep = np.isfinite(t)
+        if t.size:
+            highest = np.maximum.accumulate(np.where(keep, t, -np.inf))
+            keep[1:] &= t[1:] > highest[:-1]
+        if np.count_nonzero(keep) < 2:
+            problems.append(f"{channel.name} was left out: {column} has fewer than two samples")
+            return None
+        if not np.all(keep):
+            problems.append(f"{column}: {np.count_nonzero(~keep)} samples have a time that does not increase")
+        t, values = t[keep], values[keep]
+        if stamps is None:
+            stamps = t
+        elif not np.array_equal(t, stamps):
+            values = np.interp(stamps, t, values, left=np.nan, right=np.nan)
+            problems.append(f"{column} has other stamps than {channel.columns[0]} and was interpolated")
+        parts.append(values)
+    assert stamps is not None
+    return signal(channel.name, stamps, np.stack(parts, axis=1))
+
+
+def _in_si(source: _Source, values: NDArray[np.float64], unit: str, wanted: str) -> NDArray[np.float64]:
+    """Values in the channel's SI unit. Raises ValueError for a unit that is not known or of another kind."""
+    values = source.scale * values + source.offset
+    if not unit:
+        return values  # the map's scale is then all there is to know
+    factor, si = _known_unit(unit)
+    if si != wanted:
+        raise ValueError(f"its unit is {unit}, wanted is {wanted}: say the right one in the map (unit = …, scale = …)")
+    return factor * values
+
+
+def _known_unit(unit: str) -> tuple[float, str]:
+    text = unit.strip()
+    if text in _FURTHER_UNITS:
+        si, factor = _FURTHER_UNITS[text]
+        return float(factor), si
+    if canonical(text) not in TO_SI:
+        raise ValueError(f"unit {unit!r} is not known{nearest(text, [*TO_SI, *_FURTHER_UNITS])}")
+    return to_si(1.0, text)
+
+
+def _map_of(file: Path) -> tuple[dict[str, _Source], dict[str, str]]:
+    """Column → source, and what the map says of the run. Raises RunError with every fault of the map."""
+    beside = next((f for f in (file.with_suffix(".toml"), file.with_name(SHARED_MAP)) if f.is_file()), None)
+    if beside is None:
+        return {}, {}
+    try:
+        text = beside.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as cause:
+        raise RunError(beside, [f"cannot be read: {cause}"]) from None
+    reader = Reader(text, str(beside), RunError, FORMAT)
+    root = reader.root
+    reader.known(root, ("format", "run", "channels"), "")
+    run = reader.table(root, "run", "", required=False)
+    reader.known(run, METADATA_KEYS, "run")
+    metadata = {key: reader.text(run, key, "run", "") for key in METADATA_KEYS if key in run}
+    if "wheel_reference" in run:
+        reader.choice(run, "wheel_reference", "run", WHEEL_REFERENCES, "")
+    if "brakes" in run:
+        reader.choice(run, "brakes", "run", BRAKES, "unknown")
+    columns: dict[str, _Source] = {}
+    for column, entry in _flat(reader.table(root, "channels", "", required=False)).items():
+        place = f"channels.{column}"
+        if column not in COLUMNS:
+            reader.fault(place, f"is not a channel{nearest(column, COLUMNS)}")
+        elif isinstance(entry, str):
+            columns[column] = _Source(entry)
+        elif isinstance(entry, dict):
+            columns[column] = _source(reader, entry, place)
+        else:
+            reader.fault(place, 'write "NAME" or { name = "NAME", unit = "deg", scale = -1.0 }')
+    reader.finish()
+    return columns, metadata
+
+
+def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    """``wheel.fl.force.x`` without quotes is a table in a table to TOML."""
+    out: dict[str, Any] = {}
+    for key, entry in table.items():
+        if isinstance(entry, dict) and "name" not in entry and f"{before}{key}" not in COLUMNS:
+            out |= _flat(entry, f"{before}{key}.")
+        else:
+            out[f"{before}{key}"] = entry
+    return out
+
+
+def _source(reader: Reader, entry: dict[str, Any], place: str) -> _Source:
+    reader.known(entry, ("name", "group", "unit", "scale", "offset"), place)
+    group = entry.get("group")
+    if group is not None and (isinstance(group, bool) or not isinstance(group, int) or group < 0):
+        reader.fault(f"{place}.group", f"must be the number of a group, from 0, found {group!r}")
+        group = None
+    unit = reader.text(entry, "unit", place, "")
+    if unit:
+        try:
+            _known_unit(unit)
+        except ValueError as cause:
+            reader.fault(f"{place}.unit", str(cause))
+    return _Source(
+        reader.text(entry, "name", place), group, unit,
+        reader.number(entry, "scale", place, 1.0), reader.number(entry, "offset", place, 0.0),
+    )  # fmt: skip
