@@ -37,7 +37,8 @@ const sized = new ResizeObserver((entries) => {
  * @param {boolean} [options.toggles] entries of the head switch their series on and off.
  * @param {(t: number|null, values: Array<number|null>) => void} [options.onCursor]
  * @param {(t0: number, t1: number, whole: boolean) => void} [options.onZoom] by the user's hand, not by setWindow.
- * @param {string} [options.testid]
+ * @param {(series: object) => void} [options.onToggle] after a series was switched on or off, before it is redrawn.
+ * @param {string} [options.testid] @param {string} [options.keyTestid] of every entry of the head
  * @returns {{update: (patch: {t?: ArrayLike<number>, series?: Array<object>, unit?: string, title?: string}) => void,
  *   destroy: () => void, setWindow: (t0: number|null, t1?: number|null) => void, element: HTMLElement}}
  */
@@ -104,6 +105,7 @@ class Chart {
       const entry = this.head.appendChild(make(this.o.toggles ? "button" : "span", "chart-key"));
       if (this.o.toggles) {
         entry.type = "button";
+        if (this.o.keyTestid) entry.dataset.testid = this.o.keyTestid;
         entry.title = "show or hide";
         entry.setAttribute("aria-pressed", String(!s.hidden));
         entry.addEventListener("click", () => this.toggle(s, entry));
@@ -120,6 +122,7 @@ class Chart {
   toggle(series, entry) {
     series.hidden = !series.hidden;
     entry.setAttribute("aria-pressed", String(!series.hidden));
+    this.o.onToggle?.(series);
     const k = this.lines.indexOf(series);
     if (this.u && k >= 0) this.u.setSeries(k + 1, { show: !series.hidden });
     this.u?.redraw(false);
