@@ -192,8 +192,18 @@ class Work:
         self.tell("scoring it on the runs used and held out")
         used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
         result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
-        self.study = self.study.record(effects, note, result)
+        try:
+            self.study = self.study.record(effects, note, result)
+        finally:
+            if self.study.current != number:  # another writer's version has this number now
+                self.forget(number)
         return self.study.version()
+
+    def forget(self, number: int) -> None:
+        """Let go of what was computed for a version's number."""
+        for kept in (self._fits, self._knowledge, self._floors):
+            kept.pop(number, None)
+        self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
 
     def comparisons(self, version: Version, held: bool) -> list[Comparison]:
         """A version against the runs used, or held out."""
