@@ -4,9 +4,9 @@ import { s } from "./dom.js";
 import { times } from "./format.js";
 
 const WIDTH = 264;
-const HEIGHT = 268;
-const LENGTH = 158; // of the wheelbase in the picture
-const OVERHANG = 44;
+const HEIGHT = 250;
+const LENGTH = 168; // of the wheelbase in the picture
+const OVERHANG = 36;
 const CORNERS = ["fl", "fr", "rl", "rr"];
 const NAMES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right" };
 const SHORT = { suspension: "Susp", tyre: "Tyre", spin: "Spin" };
@@ -40,7 +40,7 @@ export function createCar(root, app) {
 
   function say(text) {
     const { study } = app.state;
-    said.textContent = text || (study?.exists ? "Error ÷ noise floor by place. ! is above 1.2." : "Sensors and rows show once there are runs.");
+    said.textContent = text || (study?.exists ? "Error ÷ noise floor, worst run. ! is above 1.2." : "Sensors and rows show once there are runs.");
   }
 
   async function update() {
@@ -49,9 +49,9 @@ export function createCar(root, app) {
     if (key !== of) {
       of = key;
       try {
-        car = await app.api.get("api/car");
+        car = study?.exists ? await app.api.get("api/car") : null;
       } catch {
-        car = null; // before there are runs nothing is known of the car; the picture stays without sensors
+        car = null; // the picture then stays without sensors
       }
     }
     draw();
@@ -72,7 +72,8 @@ export function createCar(root, app) {
     const lv = level(found?.ratio);
     const text = `${about}: ${found ? `${times(found.ratio)} times its noise floor${found.fails ? ", fails" : ""}` : "no error known"}`;
     const choose = () => app.set({ row });
-    const number = found ? `${times(found.ratio)}${found.fails ? " !" : ""}` : "–";
+    const number = found ? times(found.ratio) : "–";
+    const fails = found?.fails ? " !" : "";
     const group = s("g", {
       class: `chip level${lv}${chosen ? " chosen" : ""}`, role: "button", tabindex: "0", "data-testid": `car-${row}`,
       "aria-label": text, "aria-pressed": String(chosen), transform: `translate(${x} ${y})`, onclick: choose,
@@ -84,11 +85,11 @@ export function createCar(root, app) {
       onpointerenter: () => say(text), onfocus: () => say(text), onpointerleave: () => say(""), onblur: () => say(""),
     }, s("rect", { width: w, height: tall, rx: 3 }));
     if (tall > 24) {
-      group.append(s("text", { x: w / 2, y: 11, class: "chip-label", "text-anchor": "middle", text: label }),
-        s("text", { x: w / 2, y: tall - 5, class: "chip-number", "text-anchor": "middle", text: found ? `${times(found.ratio)}${found.fails ? "!" : ""}` : "–" }));
+      group.append(s("text", { x: w / 2, y: 11, class: "chip-label", "text-anchor": "middle", text: `${label}${fails}` }),
+        s("text", { x: w / 2, y: tall - 5, class: "chip-number", "text-anchor": "middle", text: number }));
     } else {
       group.append(s("text", { x: 4, y: tall - 6, class: "chip-label", text: label }),
-        s("text", { x: w - 4, y: tall - 6, class: "chip-number", "text-anchor": "end", text: number }));
+        s("text", { x: w - 4, y: tall - 6, class: "chip-number", "text-anchor": "end", text: `${number}${fails}` }));
     }
     return group;
   }
@@ -98,7 +99,7 @@ export function createCar(root, app) {
     const own = ["suspension", "tyre", "spin"].map((kind) => `${kind}.${c}`);
     const worst = own.map((r) => rows.get(r)).filter(Boolean).reduce((a, b) => (!a || b.ratio > a.ratio ? b : a), null);
     const left = c[1] === "l";
-    const w = 70;
+    const w = 75;
     const cx = left ? 0 : WIDTH - w;
     const out = [
       s("line", { class: "arm", x1: x, y1: y, x2: left ? at.body.x : at.body.x + at.body.w, y2: y }),
@@ -113,19 +114,34 @@ export function createCar(root, app) {
   }
 
   function chassis(at, rows) {
-    const w = (at.body.w - 8) / 2;
-    const top = at.middle - 48;
+    const w = (at.body.w - 16) / 2; // the gap leaves room for sensors on the middle plane, where most inertial units are
+    const high = 30;
+    // a band is left free where the inertial unit is, so that its mark hides no number
+    const unit = (car?.sensors ?? []).find((q) => q.channel.startsWith("imu") && q.placed !== false && Number.isFinite(q.x));
+    const mark = unit ? at.place(unit.x, unit.y)[1] : null;
+    const tops = [];
+    for (let y = at.middle - 54; tops.length < 3; y += high + 2) {
+      if (mark !== null && y < mark + 8 && y + high > mark - 8) y = mark + 8;
+      tops.push(y);
+    }
     const parts = [["fx", "Fx", "longitudinal force"], ["mx", "Mx", "roll moment"], ["fy", "Fy", "lateral force"],
       ["my", "My", "pitch moment"], ["fz", "Fz", "vertical force"], ["mz", "Mz", "yaw moment"]];
-    return s("g", null, parts.map(([key, label, about], k) => chip(`chassis.${key}`, at.body.x + 3 + (k % 2) * (w + 2),
-      top + Math.floor(k / 2) * 32, w, 30, rows, label, `chassis, ${about}`)));
+    return s("g", null, parts.map(([key, label, about], k) => chip(`chassis.${key}`, at.body.x + 2 + (k % 2) * (w + 12),
+      tops[Math.floor(k / 2)], w, high, rows, label, `chassis, ${about}`)));
   }
 
   function sensors(at) {
-    return (car?.sensors ?? []).filter((q) => Number.isFinite(q.x) && Number.isFinite(q.y)).map((sensor) => {
-      const [x, y] = at.place(sensor.x, sensor.y);
+    const places = new Map();
+    for (const sensor of car?.sensors ?? []) {
+      if (sensor.placed === false || !Number.isFinite(sensor.x) || !Number.isFinite(sensor.y)) continue;
       const kind = sensor.channel.split(".")[0];
-      const text = `${sensor.channel}${sensor.unit ? ` [${sensor.unit}]` : ""}${sensor.about ? `: ${sensor.about}` : ""}`;
+      const key = `${kind} ${sensor.x.toFixed(2)} ${sensor.y.toFixed(2)}`;
+      if (!places.has(key)) places.set(key, { kind, x: sensor.x, y: sensor.y, says: [] });
+      places.get(key).says.push(`${sensor.channel}${sensor.unit ? ` [${sensor.unit}]` : ""}`);
+    }
+    return [...places.values()].map(({ kind, x: forward, y: aside, says }) => {
+      const [x, y] = at.place(forward, aside);
+      const text = says.join(", ");
       const mark = kind === "imu" ? s("path", { d: `M${x} ${y - 5}l5 5-5 5-5-5z` })
         : kind === "laser" ? s("path", { d: `M${x - 4} ${y + 3.5}h8l-4-7.5z` })
         : kind === "camera" ? s("rect", { x: x - 3.5, y: y - 3.5, width: 7, height: 7 })

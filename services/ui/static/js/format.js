@@ -67,9 +67,9 @@ export function minus(text) {
   return text.replace(/(^|[^0-9A-Za-z])-(?=[0-9.])/g, "$1−").replace(/e-/g, "e−");
 }
 
-/** @param {string} unit @returns {string} a unit as shown; 1 and empty are no unit */
+/** @param {string} unit @returns {string} a unit as shown; 1, - and empty are no unit */
 export function unitText(unit) {
-  return !unit || unit === "1" ? "" : unit;
+  return !unit || unit === "1" || unit === "-" ? "" : unit;
 }
 
 const PLACES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right", front: "front", rear: "rear" };

@@ -32,9 +32,10 @@ export async function show(root, app) {
     const channels = live.channels ?? [];
     if (!live.connected) {
       head.textContent = live.endpoint ? `No car heard at ${live.endpoint} yet.` : "Not connected to a car.";
-      sum.textContent = live.endpoint ? "The page goes on listening." : "Start the workbench with the car's address: lacet ui STUDY --connect tcp/192.168.1.10:7447";
+      sum.textContent = live.endpoint ? `${live.why ? `${live.why}. ` : ""}The page goes on listening.` : "Start the workbench with the car's address: lacet ui STUDY --connect tcp/192.168.1.10:7447";
     } else {
-      head.textContent = live.run ? `Recording: ${live.run}` : "Connected; the car is not recording.";
+      const recording = live.recording ?? Boolean(live.run);
+      head.textContent = recording ? `Recording: ${live.run}` : live.run ? `The run ${live.run} is over.` : "Connected; the car is not recording.";
       const ill = channels.filter((c) => verdict(c).kind !== "good").length;
       sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.`;
     }

@@ -1,5 +1,6 @@
 /** What a candidate would do to the chosen row: the residual now and with it, before it is added. */
 
+import { needing } from "./asking.js";
 import { debounce, h } from "./dom.js";
 import { short } from "./format.js";
 
@@ -31,7 +32,7 @@ export function createPreview(app, about) {
     }
     const record = about.effects.get(candidate.effect);
     title.textContent = candidate.effect;
-    why.replaceChildren(h("p", { text: candidate.why }), record ? h("p", { class: "muted", text: [record.about, record.shown_by ? `Shown by ${record.shown_by}.` : ""].filter(Boolean).join(" ") }) : "");
+    why.replaceChildren(h("p", { text: candidate.why }), record ? h("p", { class: "muted", text: `${record.about}. ${record.shown_by ? `Shown by: ${record.shown_by}.` : ""}` }) : "");
   }
 
   async function fetchIt() {
@@ -54,12 +55,23 @@ export function createPreview(app, about) {
     asked = new AbortController();
     const mine = asked;
     try {
-      const found = await app.api.binary(path, mine.signal);
+      const place = { say: (text) => mine === asked && (numbers.textContent = text) };
+      const found = await needing(app, () => ask(path, mine.signal), { version }, place);
       if (kept.size > 60) kept.delete(kept.keys().next().value);
       kept.set(path, found);
       if (mine === asked) await draw(found, row, run);
     } catch (cause) {
       if (cause.name !== "AbortError" && mine === asked) blank(cause.message);
+    }
+  }
+
+  /** A ranking takes minutes: pointing at a line must never start one. */
+  async function ask(path, signal) {
+    try {
+      return await app.api.binary(path, signal);
+    } catch (cause) {
+      if (cause.needs !== "diagnose") throw cause;
+      throw new Error("Look for what is missing again to see this: the server was started anew since.");
     }
   }
 

@@ -1,7 +1,7 @@
 /** The ranked list of candidates: one line each, the chosen one told in full beside its preview. */
 
 import { h } from "./dom.js";
-import { percent, short } from "./format.js";
+import { number, percent, short, unitText } from "./format.js";
 
 const FEW = 10;
 const ANSWERS = {
@@ -19,8 +19,8 @@ export function createRanking(app, about, act) {
   const filter = h("input", { type: "search", placeholder: "filter by name or row", "aria-label": "filter the effects", class: "filter" });
   const which = h("select", { "aria-label": "which answers" }, ["all answers", "missing", "undecided", "not needed", "not testable"].map((t) => h("option", { value: t, text: t })));
   const more = h("button", { type: "button", class: "small", text: "Show all" });
-  const head = [["Effect", ""], ["Answer", ""], ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to"], ["Gain %", "num", "part of its rows' weighted residual it takes away"],
-    ["p", "num", "family-wise probability of such a fall by chance"], ["Coverage", "num", "2 s blocks it acts in"], ["Estimate", "num", "with half of its 95 % interval; the sign physics expects"], ["Ties", ""], ["", ""]];
+  const head = [["Effect and its estimate", "", "estimate with half of its 95 % interval and the sign physics expects; ties: what cannot be told apart from it on these runs"], ["Answer", ""], ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to"], ["Gain %", "num", "part of its rows' weighted residual it takes away"],
+    ["p", "num", "family-wise probability of such a fall by chance"], ["Blocks", "num", "coverage: number of 2 s blocks it acts in"], ["", ""]];
   const element = h("section", { class: "panel flush ranking", "aria-label": "Ranked effects" },
     h("div", { class: "bar inset" }, h("h2", { text: "Ranked" }), filter, which, h("span", { class: "end muted count" }), more),
     h("div", { class: "scroll rank-scroll" }, h("table", { class: "rank-table" }, h("thead", null, h("tr", null, head.map(([text, kind, title]) => h("th", { scope: "col", class: kind, title, text })))), body)));
@@ -43,8 +43,8 @@ export function createRanking(app, about, act) {
     more.disabled = few.length === found.length && !all;
     more.textContent = all ? "Show few" : "Show all";
     body.replaceChildren(...few.map(line));
-    if (!diagnosis) body.append(h("tr", null, h("td", { colspan: 9, class: "empty", text: "The ranking shows here once it was looked for what is missing." })));
-    else if (!few.length) body.append(h("tr", null, h("td", { colspan: 9, class: "empty", text: "No effect fits this filter." })));
+    if (!diagnosis) body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "The ranking shows here once it was looked for what is missing." })));
+    else if (!few.length) body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "No effect fits this filter." })));
   }
 
   function line(c) {
@@ -64,14 +64,13 @@ export function createRanking(app, about, act) {
         }
       },
     },
-    h("th", { scope: "row", class: "code", text: c.effect }),
+    h("th", { scope: "row", class: "code" }, c.effect, h("div", { class: "more", text: estimates(c).join(", ") }),
+      c.ties?.length ? h("div", { class: "more", text: `ties with ${c.ties.map((t) => `${t.effect} (${t.correlation.toFixed(2)})`).join(", ")}` }) : null),
     h("td", { class: answer.kind }, h("span", { "aria-hidden": "true", text: `${answer.mark} ` }), c.answer),
     h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${unit}` : "–" }),
     h("td", { class: "num", text: tested ? percent(c.gain) : "–" }),
     h("td", { class: "num", text: tested && Number.isFinite(c.p) ? short(c.p, 2) : "–" }),
     h("td", { class: "num", text: Number.isFinite(c.coverage) ? short(c.coverage, 2) : "–" }),
-    h("td", { class: "num" }, estimates(c).map((text) => h("div", { text }))),
-    h("td", { class: "ties", text: (c.ties ?? []).map((t) => `${t.effect} (${t.correlation.toFixed(2)})`).join(", ") || "none" }),
     h("td", { class: "act" }, h("button", { type: "button", class: "small", "data-testid": `add-${c.effect}`, disabled: !ready, text: "Add", "aria-label": `Add ${c.effect}`, onclick: (e) => {
       e.stopPropagation();
       act.add(c);
@@ -83,8 +82,8 @@ export function createRanking(app, about, act) {
     const parameters = about.effects.get(c.effect)?.parameters ?? [];
     const shown = c.values.slice(0, 2).map((value, k) => {
       const p = parameters[k];
-      const sign = !p || p.expect === "any" ? "" : (value > 0) === (p.expect === "positive") ? ` (${p.expect} ✓)` : ` (expected ${p.expect} !)`;
-      return `${short(value)} ± ${short(c.half95?.[k], 2)} ${p?.unit === "1" ? "" : p?.unit ?? ""}${sign}`;
+      const sign = !p || p.expect === "any" ? "" : (value > 0) === (p.expect === "positive") ? ", sign ✓" : `, ! ${p.expect} expected`;
+      return `${number(value, c.half95?.[k])} ± ${number(c.half95?.[k], c.half95?.[k])} ${unitText(p?.unit)}${sign}`;
     });
     return c.values.length > 2 ? [...shown, `and ${c.values.length - 2} more`] : shown.length ? shown : ["–"];
   }

@@ -52,7 +52,7 @@ export function createJobBar(root, { cancel }) {
     root.dataset.state = job ? job.state : last?.state === "failed" ? "failed" : "idle";
     button.disabled = !job;
     if (job) {
-      const count = job.total ? ` (${job.done} of ${job.total})` : "";
+      const count = job.total && !/\d of \d/.test(job.text ?? "") ? ` (${job.done} of ${job.total})` : "";
       const behind = running.size > 1 ? `; ${running.size - 1} more waiting` : "";
       state.textContent = doing(job);
       text.textContent = `${job.state === "waiting" ? "waits for its turn" : job.text || "at work"}${count}${behind}`;

@@ -8,7 +8,7 @@ const HEIGHT = 232;
 const LEFT = 44;
 const TOP = 22;
 const FOOT = 48;
-const TICKS = [1, 1.5, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
+const TICKS = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 /**
  * @param {(version: number) => void} choose called with the version clicked

@@ -130,13 +130,14 @@ export async function show(root, app) {
   }
 
   function formulas(d) {
-    if (!d.formulas?.length) return null;
+    if (!d.formulas?.length) return "";
     return h("div", { class: "formulas" }, h("p", { text: "Laws the residual follows; one can be taken as an effect of your own:" }), h("ul", null, d.formulas.map((f) =>
       h("li", null, h("button", { type: "button", class: "small", onclick: () => own.propose(f.text), text: "Take" }), " ",
         h("code", { text: f.text }), h("span", { class: "muted", text: ` ${short(f.gain_rms)} N, p ${short(f.p, 2)}` })))));
   }
 
   async function readEffects() {
+    if (!app.state.study?.exists) return;
     try {
       const list = await app.api.get("api/effects");
       about.effects = new Map((Array.isArray(list) ? list : list.effects ?? []).map((e) => [e.effect, e]));
@@ -147,7 +148,10 @@ export async function show(root, app) {
   }
 
   const off = app.on((patch) => {
-    if ("study" in patch) draw();
+    if ("study" in patch) {
+      draw();
+      if (!about.effects.size) void readEffects();
+    }
     if ("run" in patch || "row" in patch || "version" in patch) preview.refresh();
     if ("theme" in patch) preview.theme();
   });
