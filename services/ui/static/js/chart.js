@@ -240,7 +240,7 @@ class Chart {
       values: (u, splits, k, space, step) => splits.map((v) => (this.o.axis ? `${tick(v, step)} s` : "")),
     };
     const y = {
-      stroke: ink, grid, font, size: 66, gap: 4, space: 28, ticks: { ...grid, size: 5 },
+      stroke: ink, grid, font, size: 66, gap: 4, space: 20, ticks: { ...grid, size: 5 },
       values: (u, splits, k, space, step) => splits.map((v) => tick(v, step)),
     };
     return {

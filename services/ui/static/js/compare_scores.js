@@ -1,7 +1,7 @@
 /** Scores of a run's rows: a strip for the chosen row, a table for all. */
 
 import { h } from "./dom.js";
-import { short, times } from "./format.js";
+import { minus, short, times } from "./format.js";
 import { failing } from "./state.js";
 
 /**
@@ -76,5 +76,5 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
 
 function percent(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
-  return value > 99 ? value.toFixed(2) : value.toFixed(1);
+  return minus(value > 99 ? value.toFixed(2) : value.toFixed(1));
 }

@@ -24,9 +24,9 @@ export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
   }
   root.append(element);
   const base = { t: NOTHING, sync, onZoom };
-  const first = timeChart(element, { ...base, title: row, height: tall ? 168 : 130, axis: false, testid: "chart-measured",
+  const first = timeChart(element, { ...base, title: row, height: tall ? 150 : 120, axis: false, testid: "chart-measured",
     series: lines(NOTHING, NOTHING) });
-  const second = timeChart(element, { ...base, title: "Residual", height: tall ? 130 : 110, testid: "chart-residual",
+  const second = timeChart(element, { ...base, title: "Residual", height: tall ? 112 : 100, testid: "chart-residual",
     series: rest(NOTHING, null) });
   const box = h("div", { class: "stack-shares" });
   element.append(box);
@@ -40,7 +40,7 @@ export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
     box.hidden = !how.shares;
     if (!how.shares) return;
     const own = found ? layers(found.arrays, how.centred) : { series: [], restack: null };
-    third = timeChart(box, { ...base, t: found?.arrays.t ?? NOTHING, unit: found?.meta.unit ?? "", height: tall ? 190 : 150,
+    third = timeChart(box, { ...base, t: found?.arrays.t ?? NOTHING, unit: found?.meta.unit ?? "", height: tall ? 180 : 150,
       title: how.centred ? "Share of each effect, about its mean" : "Share of each effect", series: own.series,
       onToggle: own.restack, testid: "chart-shares", keyTestid: "effect-layer" });
   }

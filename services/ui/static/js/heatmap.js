@@ -129,7 +129,7 @@ export function residualMap(root, { onPick }) {
     ctx.strokeStyle = ctx.fillStyle = resolved("--chart-ink");
     ctx.textAlign = "center";
     ctx.textBaseline = "top";
-    const found = ticks(run.t0, run.t0 + run.cells * map.cell, Math.max(1, Math.floor(width / 52)));
+    const found = ticks(run.t0, run.t0 + run.cells * map.cell, Math.max(1, Math.floor(width / 36)));
     for (const v of found.values) {
       const x = Math.round(left + (v - run.t0) * per) + 0.5;
       ctx.beginPath();

@@ -38,7 +38,7 @@ export function xyPlot(root, options) {
   function dress() {
     title.textContent = o.title;
     keys.replaceChildren(...o.items.filter((i) => i.name).map(key));
-    box.setAttribute("aria-label", `${o.title}: ${o.y.label} [${o.y.unit}] over ${o.x.label} [${o.x.unit}]. ${o.describe ?? ""}`);
+    box.setAttribute("aria-label", `${o.title ? `${o.title}: ` : ""}${named(o.y)} over ${named(o.x)}`);
     point(null);
     sheet.draw();
   }
@@ -81,7 +81,7 @@ export function xyPlot(root, options) {
     const parts = o.items.filter((i) => i.name && (i.kind === "line" || (i.kind === "band" && i.low.length === line.x.length)))
       .map((i) => (i.kind === "line" ? `${i.name} ${short(i.y[k])}` : `${i.name} ${short(i.low[k])} to ${short(i.high[k])}`));
     const count = o.counts ? `, ${o.counts[k]} samples` : "";
-    return `at ${short(line.x[k])} ${o.x.unit}: ${parts.join(", ")}${o.y.unit ? ` ${o.y.unit}` : ""}${count}`;
+    return `at ${short(line.x[k])} ${o.x.unit}: ${parts.join(", ")}${o.y.unit && o.y.unit !== "1" ? ` ${o.y.unit}` : ""}${count}`;
   }
 
   dress();
@@ -95,6 +95,11 @@ export function xyPlot(root, options) {
       figure.remove();
     },
   };
+}
+
+/** A quantity with its unit; a number without one has none. */
+function named({ label, unit }) {
+  return unit && unit !== "1" ? `${label} [${unit}]` : label;
 }
 
 function key(item) {
@@ -145,7 +150,7 @@ function axes(ctx, frame, sx, sy, o) {
     stroke(ctx, x, frame.top, x, frame.bottom);
     ctx.fillText(tick(v, across.step), x, frame.bottom + 5);
   }
-  ctx.fillText(`${o.x.label} [${o.x.unit}]`, (frame.left + frame.right) / 2, frame.bottom + 22);
+  ctx.fillText(named(o.x), (frame.left + frame.right) / 2, frame.bottom + 22);
   ctx.textAlign = "right";
   ctx.textBaseline = "middle";
   for (const [v, text] of upward(sy, frame)) {
@@ -157,7 +162,7 @@ function axes(ctx, frame, sx, sy, o) {
   ctx.translate(10, (frame.top + frame.bottom) / 2);
   ctx.rotate(-Math.PI / 2);
   ctx.textAlign = "center";
-  ctx.fillText(o.y.unit ? `${o.y.label} [${o.y.unit}]` : o.y.label, 0, 0);
+  ctx.fillText(named(o.y), 0, 0);
   ctx.restore();
 }
 

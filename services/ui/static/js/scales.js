@@ -3,32 +3,35 @@
 import { isDark } from "./colours.js";
 
 /** Error ÷ floor where the colours begin, and where they end at least and at most. */
-export const LEAST = 0.5;
-export const MOST = 5;
-export const UTMOST = 50;
+const LEAST = 0.5;
+const MOST = 5;
+const UTMOST = 50;
+const QUIET = 0.05; // part of the colours for what is below its floor: noise must not draw the eye
 
-// Magma (Smith and van der Walt): light is little on a light page, dark is little on a dark one.
-const MAGMA = ["#fcfdbf", "#fec98d", "#fd9567", "#f1605d", "#cd3f71", "#9e2f7f", "#721f81", "#440f76", "#180f3d"];
+// After magma (Smith and van der Walt): light is little on a light page, dark is little on a dark one.
+const LIGHT = ["#fbfaea", "#fde7b0", "#fec98d", "#fd9567", "#f1605d", "#cd3f71", "#9e2f7f", "#721f81", "#440f76"];
+const DARK = ["#1c1a26", "#3a1260", "#721f81", "#9e2f7f", "#cd3f71", "#f1605d", "#fd9567", "#fec98d", "#fcfdbf"];
 const LIGHT_ENDS = ["#2166ac", "#67a9cf", "#d1e5f0", "#f7f7f7", "#fddbc7", "#ef8a62", "#b2182b"];
 const DARK_ENDS = ["#9ecbff", "#4f93d8", "#2a4d73", "#23272e", "#6b3f22", "#d07a35", "#ffc38a"];
 const VIRIDIS = ["#440154", "#46327e", "#365c8d", "#277f8e", "#1fa187", "#4ac16d", "#a0da39", "#fde725"];
 
 /**
- * Colours of error ÷ floor, logarithmic.
+ * Colours of error ÷ floor: logarithmic above 1, nearly one colour below.
  * @param {number} largest the largest ratio there is: the scale reaches so far, within MOST and UTMOST.
  * @returns {{colour: (ratio: number) => string, ink: (ratio: number) => string, part: (ratio: number) => number,
  *   low: number, high: number, ticks: number[], at: (part: number) => string}}
  */
 export function ratioScale(largest) {
   const high = Math.max(MOST, Math.min(UTMOST, largest || MOST));
-  const stops = (isDark() ? [...MAGMA].reverse().slice(1) : MAGMA.slice(0, -1)).map(rgb);
-  const part = (ratio) => clamp(Math.log(ratio / LEAST) / Math.log(high / LEAST));
+  const stops = (isDark() ? DARK : LIGHT).map(rgb);
+  const part = (ratio) => clamp(ratio <= 1 ? (QUIET * Math.log(ratio / LEAST)) / Math.log(1 / LEAST)
+    : QUIET + ((1 - QUIET) * Math.log(ratio)) / Math.log(high));
   const at = (p) => css(between(stops, p));
   return {
     low: LEAST, high, part, at,
     colour: (ratio) => at(part(ratio)),
     ink: (ratio) => inkOn(between(stops, part(ratio))),
-    ticks: [0.5, 1, 2, 5, 10, 20, 50].filter((k) => k <= high * 1.0001),
+    ticks: [1, 2, 5, 10, 20, 50].filter((k) => k <= high * 1.0001),
   };
 }
 

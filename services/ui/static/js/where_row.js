@@ -55,7 +55,7 @@ export function rowPictures(root, app) {
       const [scale, shown] = handy(one.unit, one.state);
       const x = one.state.map((v) => scale * v);
       first.update({
-        title: "", x: { label: name, unit: shown }, y: { label: one.put_back ? "error, put back" : "error", unit },
+        title: "", x: { label: name, unit: shown }, y: { label: "error", unit },
         hint: one.put_back ? "What the model's own springs, dampers and masses took up is put back." : "The residual as it is.",
         counts: one.count,
         items: [

@@ -62,11 +62,11 @@ class Compare {
     this.row = h("select", { "aria-label": "row", "data-testid": "row-select", onchange: () => app.set({ row: this.row.value }) });
     const step = (by, text, label) => h("button", { type: "button", class: "step", text, "aria-label": label, title: label,
       onclick: () => this.step(by) });
-    this.more = h("select", { "aria-label": "add a row beneath", onchange: () => this.beneath(this.more.value, true) });
-    this.channel = h("select", { "aria-label": "add a channel beneath", "data-testid": "channel-select",
+    this.more = h("select", { class: "more", "aria-label": "add a row beneath", onchange: () => this.beneath(this.more.value, true) });
+    this.channel = h("select", { class: "more", "aria-label": "add a channel beneath", "data-testid": "channel-select",
       onchange: () => this.addChannel(this.channel.value) });
-    this.more.append(option("", "Add a row …"));
-    this.channel.append(option("", "Add a channel …"));
+    this.more.append(option("", "Add row …"));
+    this.channel.append(option("", "Add channel …"));
     const check = (key, text, title) => h("label", { class: "check", title }, h("input", { type: "checkbox", checked: kept[key],
       onchange: (e) => {
         kept[key] = e.target.checked;
@@ -100,7 +100,7 @@ class Compare {
   everything() {
     const { state } = this.app;
     const version = this.version;
-    if (!version) return;
+    if (!version || !state.run || !state.row) return; // a short address: the page is about to choose
     this.found = scoresOf(version, state.run);
     this.choices(version);
     const [kind, why] = validation(this.found.used, state.run);
@@ -120,9 +120,9 @@ class Compare {
       group("held out", version.held ?? state.study.held ?? [])].filter(Boolean));
     this.run.value = state.run;
     const rows = this.found.rows;
-    this.row.replaceChildren(...rows.map((s) => h("option", { value: s.row, text: `${s.row}  (${times(s.ratio)} × floor)` })));
+    this.row.replaceChildren(...rows.map((s) => h("option", { value: s.row, text: `${s.row}: ${times(s.ratio)}` })));
     this.row.value = state.row;
-    this.more.replaceChildren(h("option", { value: "", text: "Add a row …" }),
+    this.more.replaceChildren(h("option", { value: "", text: "Add row …" }),
       ...rows.filter((s) => s.row !== state.row && !kept.beneath.has(s.row)).map((s) => h("option", { value: s.row, text: s.row })));
   }
 
@@ -214,7 +214,7 @@ class Compare {
     try {
       const about = await this.app.api.get(`api/runs/${encodeURIComponent(run)}`);
       if (this.namesOf !== run) return;
-      this.channel.replaceChildren(h("option", { value: "", text: "Add a channel …" }), ...(about.channels ?? []).map((c) =>
+      this.channel.replaceChildren(h("option", { value: "", text: "Add channel …" }), ...(about.channels ?? []).map((c) =>
         h("option", { value: c.name, text: `${c.name}${c.unit ? ` [${c.unit}]` : ""}` })));
     } catch (cause) {
       this.app.complain(cause);

@@ -76,6 +76,7 @@ class WhereView {
   }
 
   everything() {
+    if (!this.app.state.row) return; // a short address: the page is about to choose
     this.version = this.app.state.version;
     this.turn += 1;
     void this.drawMap(this.turn);
