@@ -99,7 +99,7 @@ export function createCar(root, app) {
     const own = ["suspension", "tyre", "spin"].map((kind) => `${kind}.${c}`);
     const worst = own.map((r) => rows.get(r)).filter(Boolean).reduce((a, b) => (!a || b.ratio > a.ratio ? b : a), null);
     const left = c[1] === "l";
-    const w = 75;
+    const w = 77;
     const cx = left ? 0 : WIDTH - w;
     const out = [
       s("line", { class: "arm", x1: x, y1: y, x2: left ? at.body.x : at.body.x + at.body.w, y2: y }),

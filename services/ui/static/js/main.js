@@ -108,6 +108,8 @@ async function route() {
     location.replace(writeHash(state.study?.exists && view === "" ? "compare" : "runs", state));
     return;
   }
+  // an address without a run or row leaves the choice as it is; without a window it means the whole run
+  for (const key of ["run", "row"]) if (patch[key] === null) delete patch[key];
   set(patch);
   fitChoice();
   if (view === shown.view) {
