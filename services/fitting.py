@@ -175,7 +175,10 @@ class Work:
             names = ", ".join(version.effects) or "the base model alone"
             self.tell(f"fitting version {version.number or 'new'}: {names}")
             model = self.study.model(version, self.loaded.reference)
-            self._fits[version.number] = fit(model, self.loaded.drives)
+            told = f"fitting version {version.number or 'new'}"
+            self._fits[version.number] = fit(
+                model, self.loaded.drives, progress=lambda done, total: self.tell(f"{told}: {done} of {total} runs")
+            )
         return self._fits[version.number]
 
     def knowledge(self, version: Version) -> Knowledge:
@@ -212,7 +215,11 @@ class Work:
             fitted = self.fitted(version)
             knowledge = self.knowledge(version) if held else None
             drives = self.held if held else self.loaded.drives
-            self._compared[key] = [compare(fitted, d, FLOOR_DRAWS, knowledge=knowledge) for d in drives]
+            parts: list[Comparison] = []
+            for drive in drives:
+                self.tell(f"comparing version {version.number or 'new'} with {drive.name}")
+                parts.append(compare(fitted, drive, FLOOR_DRAWS, knowledge=knowledge))
+            self._compared[key] = parts
         return self._compared[key]
 
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
@@ -235,7 +242,7 @@ class Work:
         kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
         self.tell(f"trying {len(candidates)} effects")
-        diagnosis = diagnose(fitted, floor, candidates, noise=kept)
+        diagnosis = diagnose(fitted, floor, candidates, noise=kept, tell=self.tell)
         if diagnosis.noise is not kept:
             save_noise(self.study, key, diagnosis.noise)
         self.study.record_diagnosis(diagnosis_result(diagnosis))

@@ -102,14 +102,14 @@ def _failed(_: Request, error: Exception) -> JSONResponse:
 
 
 def _misread(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, RequestValidationError)
-    places = [".".join(str(part) for part in e["loc"][1:]) + ": " + str(e["msg"]) for e in error.errors()]
+    found = error.errors() if isinstance(error, RequestValidationError) else []
+    places = [".".join(str(part) for part in e["loc"][1:]) + ": " + str(e["msg"]) for e in found]
     return JSONResponse({"error": f"the question cannot be read: {'; '.join(places)[:400]}"}, 400)
 
 
 def _plain(_: Request, error: Exception) -> JSONResponse:
-    assert isinstance(error, HTTPException)
-    return JSONResponse({"error": str(error.detail)}, error.status_code)
+    status, text = (error.status_code, error.detail) if isinstance(error, HTTPException) else (500, str(error))
+    return JSONResponse({"error": str(text)}, status)
 
 
 class _Server(uvicorn.Server):
