@@ -40,12 +40,24 @@ function outline(u, t, area) {
     }
     [xs, tops, bottoms] = [[], [], []];
   };
+  // A share that changes its sign leaves the stack above zero and joins the one below: it is nothing in between.
+  const cross = (i) => {
+    const [before, after] = [Math.abs(area.high[i - 1] - area.low[i - 1]), Math.abs(area.high[i] - area.low[i])];
+    const px = x(t[i - 1] + ((t[i] - t[i - 1]) * before) / (before + after));
+    const inner = (k) => y(side(area, k) > 0 ? area.low[k] : area.high[k]);
+    xs.push(px);
+    tops.push(inner(i - 1));
+    bottoms.push(inner(i - 1));
+    fill();
+    [xs, tops, bottoms] = [[px], [inner(i)], [inner(i)]];
+  };
   for (let i = from; i <= to; i += 1) {
     const [low, high] = [area.low[i], area.high[i]];
     if (!(low <= high) && !(high <= low)) {
       fill();
       continue;
     }
+    if (!dense && i > from && side(area, i - 1) * side(area, i) < 0) cross(i);
     const px = dense ? Math.round(x(t[i])) : x(t[i]);
     const [top, bottom] = [y(Math.max(low, high)), y(Math.min(low, high))];
     const k = xs.length - 1;
@@ -59,6 +71,12 @@ function outline(u, t, area) {
     }
   }
   fill();
+}
+
+/** 1 above zero, −1 below, 0 across it. */
+function side(area, i) {
+  if (area.low[i] >= 0 && area.high[i] > 0) return 1;
+  return area.high[i] <= 0 && area.low[i] < 0 ? -1 : 0;
 }
 
 /** Lowest and highest of an area in a window of time. */

@@ -240,7 +240,7 @@ class Chart {
       values: (u, splits, k, space, step) => splits.map((v) => (this.o.axis ? `${tick(v, step)} s` : "")),
     };
     const y = {
-      stroke: ink, grid, font, size: 66, gap: 4, space: 20, ticks: { ...grid, size: 5 },
+      stroke: ink, grid, font, size: 66, gap: 4, space: 17, ticks: { ...grid, size: 5 },
       values: (u, splits, k, space, step) => splits.map((v) => tick(v, step)),
     };
     return {
@@ -310,6 +310,14 @@ class Chart {
     u.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
     this.shared.setWindow(a, b);
   }
+}
+
+/**
+ * Charts whose picture is not up to date yet: those out of sight are drawn when the browser has time.
+ * @returns {number}
+ */
+export function pending() {
+  return waiting.size;
 }
 
 function later(chart) {

@@ -7,7 +7,7 @@ import { words } from "./format.js";
 
 const MOST_LAYERS = 8;
 const NOTHING = new Float32Array(0);
-const colours = new Map(); // effect → place in the palette: the same colour in every row
+const colours = new Map(); // kind of effect → place in the palette: springs are alike at every corner
 
 /**
  * Charts of a row, with their heights reserved before there is anything to draw.
@@ -32,7 +32,7 @@ export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
   element.append(box);
   let third = null;
   let found = null;
-  let how = { shares: true, centred: false };
+  let how = { shares: true, centred: true };
 
   function shares() {
     third?.destroy();
@@ -120,8 +120,9 @@ function paint(series) {
       s.colour = "--floor";
       continue;
     }
-    if (!colours.has(s.key)) colours.set(s.key, colours.size % 8);
-    let k = colours.get(s.key);
+    const kind = s.key.split(".")[0];
+    if (!colours.has(kind)) colours.set(kind, colours.size % 8);
+    let k = colours.get(kind);
     for (let tries = 0; taken.has(k) && tries < 8; tries += 1) k = (k + 1) % 8;
     taken.add(k);
     s.colour = `--effect-${k}`;

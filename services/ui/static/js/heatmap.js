@@ -12,7 +12,7 @@ import { PHASES, ratioScale } from "./scales.js";
 const LEFT = 150;
 const HEAD = 36; // title of a run, its strip of phases
 const STRIP = 12;
-const FOOT = 40;
+const FOOT = 26;
 const GAP = 10;
 const RIGHT = 12;
 
@@ -34,6 +34,7 @@ export function residualMap(root, { onPick }) {
   root.append(legend, box, read, phases, alternative);
   box.append(mark);
   const bar = colourBar(legend, "error ÷ noise floor");
+  legend.append(h("span", { class: "muted small-note" }, h("i", { class: "phase-swatch empty" }), "not measured"));
   const sheet = sharpCanvas(box, HEAD + FOOT + 20 * tall, paint);
   let map = null;
   let chosen = "";

@@ -11,7 +11,7 @@ import { runName } from "../state.js";
 const SYNC = "compare";
 const KEPT = 40; // series kept, so that going back to a row is immediate
 const series = new Map();
-const kept = { beneath: new Set(), channels: [], shares: true, centred: false };
+const kept = { beneath: new Set(), channels: [], shares: true, centred: true };
 
 /**
  * @param {HTMLElement} root
@@ -65,8 +65,8 @@ class Compare {
     this.more = h("select", { class: "more", "aria-label": "add a row beneath", onchange: () => this.beneath(this.more.value, true) });
     this.channel = h("select", { class: "more", "aria-label": "add a channel beneath", "data-testid": "channel-select",
       onchange: () => this.addChannel(this.channel.value) });
-    this.more.append(option("", "Add row …"));
-    this.channel.append(option("", "Add channel …"));
+    this.more.append(option("", "+ row …"));
+    this.channel.append(option("", "+ channel …"));
     const check = (key, text, title) => h("label", { class: "check", title }, h("input", { type: "checkbox", checked: kept[key],
       onchange: (e) => {
         kept[key] = e.target.checked;
@@ -122,7 +122,7 @@ class Compare {
     const rows = this.found.rows;
     this.row.replaceChildren(...rows.map((s) => h("option", { value: s.row, text: `${s.row}: ${times(s.ratio)}` })));
     this.row.value = state.row;
-    this.more.replaceChildren(h("option", { value: "", text: "Add row …" }),
+    this.more.replaceChildren(h("option", { value: "", text: "+ row …" }),
       ...rows.filter((s) => s.row !== state.row && !kept.beneath.has(s.row)).map((s) => h("option", { value: s.row, text: s.row })));
   }
 
@@ -214,7 +214,7 @@ class Compare {
     try {
       const about = await this.app.api.get(`api/runs/${encodeURIComponent(run)}`);
       if (this.namesOf !== run) return;
-      this.channel.replaceChildren(h("option", { value: "", text: "Add channel …" }), ...(about.channels ?? []).map((c) =>
+      this.channel.replaceChildren(h("option", { value: "", text: "+ channel …" }), ...(about.channels ?? []).map((c) =>
         h("option", { value: c.name, text: `${c.name}${c.unit ? ` [${c.unit}]` : ""}` })));
     } catch (cause) {
       this.app.complain(cause);
@@ -241,7 +241,7 @@ class Compare {
         const { t, ...parts } = arrays;
         plot.veil.clear();
         plot.chart.update({ t, unit: meta.unit, series: Object.entries(parts).map(([part, values], k) =>
-          ({ name: part === "value" ? name : part, values, colour: `--effect-${k % 8}` })) });
+          ({ name: part === "value" ? "measured" : part, values, colour: `--effect-${k % 8}` })) });
       } catch (cause) {
         if (mine === this.turn) plot.veil.fail(cause);
       }
