@@ -22,6 +22,8 @@ DRAWS = 19
 """Noise-floor simulations: the least that a study takes."""
 LONG = 180_000
 """Longest that a job may take on a busy machine [ms]."""
+PATIENCE = 60_000
+"""Longest that the page may take to show something, on a busy machine [ms]."""
 FLAGS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",
@@ -91,6 +93,13 @@ class Watch:
         """The element that tests know by this name."""
         return self.page.get_by_test_id(testid)
 
+    def expect(self, target: Any) -> Any:
+        """Playwright's assertions, which wait; loaded late, for Playwright may be missing."""
+        from playwright.sync_api import expect
+
+        expect.set_options(timeout=PATIENCE)
+        return expect(target)
+
     def picture(self, name: str) -> None:
         """Keep a picture of what is seen."""
         PICTURES.mkdir(parents=True, exist_ok=True)
@@ -148,7 +157,7 @@ def opening(browser: Any, address: str) -> Iterator[Opened]:
         contexts.append(context)
         context.add_init_script(_SHIFTS)
         page = context.new_page()
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(PATIENCE)
         watch = Watch(page, address)
         page.on("console", lambda m: watch.errors.append(f"{m.text} {m.location}") if m.type == "error" else None)
         page.on("pageerror", lambda e: watch.errors.append(str(e)))

@@ -31,57 +31,51 @@ def test_from_dropped_logs_to_the_floor(browser: Any, logs: dict[str, Path], tmp
         _take_away(watch, tmp_path)
 
 
-def _expect(target: Any) -> Any:
-    from playwright.sync_api import expect
-
-    return expect(target)
-
-
 def _version(watch: Watch, number: int) -> None:
-    _expect(watch.at("version")).to_contain_text(f"Version {number} of", timeout=LONG)
+    watch.expect(watch.at("version")).to_contain_text(f"Version {number} of", timeout=LONG)
 
 
 def _drop(watch: Watch, logs: dict[str, Path]) -> None:
     watch.page.goto(watch.address)
-    _expect(watch.page).to_have_url(re.compile("#/runs"))
-    _expect(watch.page.get_by_text("No runs yet")).to_be_visible()
+    watch.expect(watch.page).to_have_url(re.compile("#/runs"))
+    watch.expect(watch.page.get_by_text("No runs yet")).to_be_visible()
     watch.picture("1-runs-empty")
     watch.drop("drop-zone", logs["rough"])
-    _expect(watch.at("run-row-rough")).to_be_visible()
+    watch.expect(watch.at("run-row-rough")).to_be_visible()
     with watch.page.expect_file_chooser() as chooser:
         watch.at("choose-files").click()
     # the second is a raw capture: it is decoded on arrival
     chooser.value.set_files([logs["sinus"], logs["spiral"]])
     for name in ("sinus", "spiral"):
-        _expect(watch.at(f"run-row-{name}")).to_contain_text("good", timeout=LONG)
+        watch.expect(watch.at(f"run-row-{name}")).to_contain_text("good", timeout=LONG)
     watch.at("channels-sinus").click()
-    _expect(watch.page.get_by_text("wheel.fl.force", exact=True)).to_be_visible()
+    watch.expect(watch.page.get_by_text("wheel.fl.force", exact=True)).to_be_visible()
     watch.at("channels-sinus").click()
 
 
 def _make(watch: Watch) -> None:
-    _expect(watch.at("make-study")).to_be_disabled()
+    watch.expect(watch.at("make-study")).to_be_disabled()
     watch.at("role-rough-used").check()
     watch.at("role-sinus-used").check()
     watch.at("role-spiral-held").check()
     watch.picture("1-runs")
     watch.at("make-study").click()
-    _expect(watch.at("job-cancel")).to_be_enabled()
+    watch.expect(watch.at("job-cancel")).to_be_enabled()
     _version(watch, 1)
-    _expect(watch.at("make-study")).to_have_text("Fit to this choice")
+    watch.expect(watch.at("make-study")).to_have_text("Fit to this choice")
 
 
 def _look(watch: Watch) -> None:
     """The rows that fail, and from the map to the place where they do."""
     for corner in ("fl", "fr", "rl", "rr"):
-        _expect(watch.at(f"car-suspension.{corner}")).to_have_attribute("aria-label", re.compile("fails$"))
-        _expect(watch.at(f"car-suspension.{corner}")).to_contain_text("!")
-        _expect(watch.at(f"car-tyre.{corner}")).not_to_contain_text("!")
+        watch.expect(watch.at(f"car-suspension.{corner}")).to_have_attribute("aria-label", re.compile("fails$"))
+        watch.expect(watch.at(f"car-suspension.{corner}")).to_contain_text("!")
+        watch.expect(watch.at(f"car-tyre.{corner}")).not_to_contain_text("!")
     watch.at("car-tyre.fl").click()
     watch.at("nav-where").click()
     drawing = watch.at("map")
     read = watch.page.locator(".map-read")
-    _expect(watch.at("where-says")).to_contain_text("rows fail", timeout=LONG)
+    watch.expect(watch.at("where-says")).to_contain_text("rows fail", timeout=LONG)
     box = drawing.bounding_box()
     assert box is not None
     for y in range(30, int(box["height"]), 6):
@@ -91,10 +85,10 @@ def _look(watch: Watch) -> None:
     assert "suspension.rl" in read.inner_text()
     watch.picture("3-where")
     drawing.click(position={"x": 0.4 * box["width"], "y": y})
-    _expect(watch.page).to_have_url(re.compile(r"#/compare\?.*row=suspension\.rl.*t0="))
-    _expect(watch.at("chart-measured")).to_be_visible(timeout=LONG)
-    _expect(watch.at("row-select")).to_have_value("suspension.rl")
-    watch.page.wait_for_function("document.querySelectorAll('[data-testid=effect-layer]').length >= 3")
+    watch.expect(watch.page).to_have_url(re.compile(r"#/compare\?.*row=suspension\.rl.*t0="))
+    watch.expect(watch.at("chart-measured")).to_be_visible(timeout=LONG)
+    watch.expect(watch.at("row-select")).to_have_value("suspension.rl")
+    watch.expect(watch.at("effect-layer").nth(2)).to_be_visible()
     watch.quiet()
     watch.picture("2-compare")
 
@@ -103,35 +97,35 @@ def _find_and_add(watch: Watch) -> None:
     """The front bar by hand, the rear one by itself, until nothing is missing."""
     watch.at("nav-missing").click()
     watch.at("diagnose").click()
-    _expect(watch.at("job-bar")).to_contain_text("simulating the noise floor", timeout=LONG)
+    watch.expect(watch.at("job-bar")).to_contain_text("simulating the noise floor", timeout=LONG)
     watch.at("job-cancel").click()
-    _expect(watch.at("job-bar")).to_contain_text("cancelled", timeout=LONG)
-    _expect(watch.at("verdict")).to_contain_text("Not looked for yet")
+    watch.expect(watch.at("job-bar")).to_contain_text("cancelled", timeout=LONG)
+    watch.expect(watch.at("verdict")).to_contain_text("Not looked for yet")
     watch.at("diagnose").click()
-    _expect(watch.at("verdict")).to_contain_text(f"Missing: {FRONT}", timeout=LONG)
+    watch.expect(watch.at("verdict")).to_contain_text(f"Missing: {FRONT}", timeout=LONG)
     candidate = watch.at(f"candidate-{FRONT}")
-    _expect(candidate).to_contain_text("missing")
-    _expect(candidate).to_contain_text("N/m, sign ✓")
+    watch.expect(candidate).to_contain_text("missing")
+    watch.expect(candidate).to_contain_text("N/m, sign ✓")
     watch.at("car-suspension.fl").click()
     candidate.hover()
     preview = watch.page.locator(".preview")
-    _expect(preview).to_contain_text(re.compile(r"suspension\.fl in .*% less"), timeout=LONG)
-    _expect(preview.locator("canvas").first).to_be_visible()
+    watch.expect(preview).to_contain_text(re.compile(r"suspension\.fl in .*% less"), timeout=LONG)
+    watch.expect(preview.locator("canvas").first).to_be_visible()
     watch.quiet()
     watch.picture("4-missing")
     watch.at(f"add-{FRONT}").click()
     _version(watch, 2)
     assert _errors(watch)[1] < 0.8 * _errors(watch)[0]
-    _expect(watch.at(f"remove-{FRONT}")).to_be_enabled()
+    watch.expect(watch.at(f"remove-{FRONT}")).to_be_enabled()
     watch.at("diagnose-auto").click()
     _version(watch, 3)
-    _expect(watch.at("verdict")).to_contain_text("Nothing is missing", timeout=LONG)
-    _expect(watch.at(f"remove-{REAR}")).to_be_visible()
+    watch.expect(watch.at("verdict")).to_contain_text("Nothing is missing", timeout=LONG)
+    watch.expect(watch.at(f"remove-{REAR}")).to_be_visible()
     watch.picture("4-nothing-missing")
     used = _errors(watch)
     assert len(used) == 3
     assert used[2] < 1.1 < used[1]
-    _expect(watch.at("car-suspension.fl")).not_to_contain_text("!")
+    watch.expect(watch.at("car-suspension.fl")).not_to_contain_text("!")
 
 
 def _errors(watch: Watch) -> list[float]:
@@ -143,15 +137,15 @@ def _errors(watch: Watch) -> list[float]:
 def _undo_and_return(watch: Watch) -> None:
     watch.at("undo").click()
     _version(watch, 2)
-    _expect(watch.at(f"remove-{REAR}")).to_have_count(0)
+    watch.expect(watch.at(f"remove-{REAR}")).to_have_count(0)
     watch.at("nav-falls").click()
-    _expect(watch.at("column-2")).to_have_attribute("aria-label", re.compile("present version"))
+    watch.expect(watch.at("column-2")).to_have_attribute("aria-label", re.compile("present version"))
     watch.at("column-3").click()
     _version(watch, 3)
-    _expect(watch.at("column-3")).to_have_attribute("aria-label", re.compile("present version"))
-    _expect(watch.at(f"parameter-{FRONT}.k")).to_contain_text("N/m")
+    watch.expect(watch.at("column-3")).to_have_attribute("aria-label", re.compile("present version"))
+    watch.expect(watch.at(f"parameter-{FRONT}.k")).to_contain_text("N/m")
     watch.at("parameter-filter").fill("anti_roll")
-    _expect(watch.at("parameters").locator("tbody tr")).to_have_count(2)
+    watch.expect(watch.at("parameters").locator("tbody tr")).to_have_count(2)
     watch.at("parameter-filter").fill("")
     watch.picture("5-falls")
 
@@ -160,18 +154,18 @@ def _own_effect(watch: Watch, bench: Bench) -> None:
     """Units are checked as the line is written; a wrong line cannot be kept."""
     watch.page.keyboard.press("/")
     line = watch.at("own-line")
-    _expect(line).to_be_focused()
+    watch.expect(line).to_be_focused()
     line.fill(WRONG)
-    _expect(watch.at("own-check")).to_contain_text("m/s")
-    _expect(line).to_have_attribute("aria-invalid", "true")
-    _expect(watch.at("own-add")).to_be_disabled()
+    watch.expect(watch.at("own-check")).to_contain_text("m/s")
+    watch.expect(line).to_have_attribute("aria-invalid", "true")
+    watch.expect(watch.at("own-add")).to_be_disabled()
     watch.picture("4-own-wrong-unit")
     line.fill(RIGHT)
-    _expect(watch.at("own-check")).to_contain_text("units agree")
-    _expect(watch.at("own-check")).to_contain_text("N/m²")
-    _expect(watch.at("own-add")).to_be_enabled()
+    watch.expect(watch.at("own-check")).to_contain_text("units agree")
+    watch.expect(watch.at("own-check")).to_contain_text("N/m²")
+    watch.expect(watch.at("own-add")).to_be_enabled()
     watch.at("own-keep").click()
-    _expect(watch.page.get_by_text("Kept in the study: bump")).to_be_visible()
+    watch.expect(watch.page.get_by_text("Kept in the study: bump")).to_be_visible()
     assert "travel**2" in "".join(f.read_text() for f in (bench.folder / "effects").iterdir())
 
 
@@ -179,11 +173,11 @@ def _reload(watch: Watch) -> None:
     watch.at("nav-compare").click()
     watch.at("car-chassis.mx").click()
     watch.at("run-select").select_option("spiral")
-    _expect(watch.page).to_have_url(re.compile(r"run=spiral.*row=chassis\.mx"))
+    watch.expect(watch.page).to_have_url(re.compile(r"run=spiral.*row=chassis\.mx"))
     watch.page.reload()
-    _expect(watch.at("row-select")).to_have_value("chassis.mx")
-    _expect(watch.at("compare-run")).to_have_value("spiral")
-    _expect(watch.at("validation")).to_contain_text("Cross validation", timeout=LONG)
+    watch.expect(watch.at("row-select")).to_have_value("chassis.mx")
+    watch.expect(watch.at("compare-run")).to_have_value("spiral")
+    watch.expect(watch.at("validation")).to_contain_text("Cross validation", timeout=LONG)
     _version(watch, 3)
 
 
@@ -224,6 +218,6 @@ def test_a_file_that_is_no_run_is_refused_in_words(browser: Any, tmp_path: Path,
         )
         assert 400 <= status < 500
         watch.drop("drop-zone", tmp_path / "notes.txt")
-        _expect(watch.page.locator(".sent")).to_contain_text("is no run")
+        watch.expect(watch.page.locator(".sent")).to_contain_text("is no run")
         watch.errors[:] = [e for e in watch.errors if "status of 400" not in e]
         assert not list(tmp_path.rglob("outside.mcap"))

@@ -35,11 +35,14 @@ export function createRail(root, button, app) {
     const open = document.body.classList.toggle("rail-open");
     button.setAttribute("aria-expanded", String(open));
   });
-  document.addEventListener("keydown", (event) => {
-    if (event.key !== "Escape" || !document.body.classList.contains("rail-open")) return;
+  const shut = () => {
     document.body.classList.remove("rail-open");
     button.setAttribute("aria-expanded", "false");
+  };
+  document.addEventListener("keydown", (event) => {
+    if (event.key === "Escape" && document.body.classList.contains("rail-open")) shut();
   });
+  document.getElementById("main").addEventListener("pointerdown", shut);
 
   function draw() {
     const { study, row, run } = app.state;

@@ -148,13 +148,15 @@ export async function show(root, app) {
           text.textContent = `${file.name}: arrived; the raw capture is being decoded`;
           await app.api.follow(jobId(answer));
         }
+        text.textContent = `${file.name}: arrived; reading what is in it`;
+        if (!closed) await read();
         item.remove();
       } catch (cause) {
         item.className = "bad";
         text.textContent = `${file.name}: ${cause.message}`;
         item.append(" ", h("button", { type: "button", class: "small", text: "Close", onclick: () => item.remove() }));
+        if (!closed) await read();
       }
-      if (!closed) await read();
     }
     files.value = "";
   }
