@@ -25,7 +25,7 @@ from identify.study import Study, Version
 from services.fitting import Tell, Work, scores
 from services.result import plain
 from services.ui.refusals import Busy, Needs
-from services.where import Where, find_where
+from services.where import Where, find_where, says, where_result
 
 WORKS = 2
 """Choices of runs whose motions are kept in memory."""
@@ -66,7 +66,7 @@ class Desk:
         self._compute = threading.Lock()
         self._works: OrderedDict[tuple[object, ...], Work] = OrderedDict()
         self._compared: OrderedDict[int, Compared] = OrderedDict()
-        self._where: OrderedDict[int, tuple[Stamp, Where]] = OrderedDict()
+        self._where: OrderedDict[int, tuple[Stamp, Where, Mapping[str, Any]]] = OrderedDict()
         self._diagnosed: OrderedDict[int, tuple[Stamp, Diagnosis]] = OrderedDict()
 
     # -- the folder ---------------------------------------------------------------------------------------------------
@@ -144,9 +144,11 @@ class Desk:
         study, version = self.version(number)
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
-        found = kept[1] if kept and kept[0] == stamp else find_where(self.work(study, tell), version, tell)
-        _keep(self._where, version.number, (stamp, found))
-        return found
+        if kept is None or kept[0] != stamp:
+            found = find_where(self.work(study, tell), version, tell)
+            kept = stamp, found, plain({**where_result(found), "says": says(found)})
+        _keep(self._where, version.number, kept)
+        return kept[1]
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Keep a ranking, which recommending the next run goes on from."""
@@ -162,13 +164,13 @@ class Desk:
             raise Needs("compare", f"version {version.number} has not been compared with its runs yet")
         return kept
 
-    def found_where(self, number: int) -> Where:
-        """What `where` found. Raises Needs."""
+    def found_where(self, number: int) -> tuple[Where, Mapping[str, Any]]:
+        """What `where` found, and the same as ``lacet where --json`` has it. Raises Needs."""
         study, version = self.version(number)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp_of(study):
             raise Needs("where", f"nobody has looked yet where version {version.number} fails")
-        return kept[1]
+        return kept[1:]
 
     def diagnosis(self, number: int) -> Diagnosis | None:
         """The ranking of a version made by this server, or None."""

@@ -15,20 +15,14 @@ from services.result import plain
 from services.ui.binary import packed
 from services.ui.desk import Desk
 from services.ui.refusals import Needs, NotThere
-from services.where import Where, says, where_result
 
 WAIT = 2.0
 """How long a small question waits for a job to end [s]."""
 
 
-def where_payload(found: Where) -> dict[str, Any]:
-    """As ``lacet where --json`` has it, with the states that can be asked for."""
-    return plain({**where_result(found), "says": says(found)})
-
-
 def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:
     """A row's residual against a state, clear of noise or not; what the model took up put back where it is clear."""
-    found = desk.found_where(version)
+    found, _ = desk.found_where(version)
     ready = found.against(row).get(state) if row in found.worst else None
     if ready is None:
         with desk.computing(WAIT):
@@ -51,7 +45,7 @@ def _against(a: Against) -> dict[str, Any]:
 
 def spectrum_payload(desk: Desk, version: int, row: str) -> dict[str, Any]:
     """A row's residual in frequency beside its floor, and its coherence with the states."""
-    found = desk.found_where(version)
+    found, _ = desk.found_where(version)
     ready = found.spectra.get(row)
     if ready is None:
         if row not in found.fitted.rows:

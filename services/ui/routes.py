@@ -17,7 +17,7 @@ from services.ui.desk import Desk
 from services.ui.events import Events
 from services.ui.jobs import Job, Jobs
 from services.ui.live import Live
-from services.ui.looking import against_payload, preview_body, spectrum_payload, where_payload
+from services.ui.looking import against_payload, preview_body, spectrum_payload
 from services.ui.refusals import NotThere
 from services.ui.run_files import RunFiles, find_run
 
@@ -200,7 +200,7 @@ def residual_map(request: Request, version: int) -> Any:
 @api.get("/where/{version}")
 def where(request: Request, version: int) -> Any:
     """Where a version fails."""
-    return where_payload(bench(request).desk.found_where(version))
+    return bench(request).desk.found_where(version)[1]
 
 
 @api.get("/against/{version}/{row}/{state}")

@@ -21,7 +21,6 @@ from services.result import plain
 from services.ui.desk import Desk
 from services.ui.jobs import Do, Teller
 from services.ui.run_files import FOLDER, RAW, find_run
-from services.where import says, where_result
 
 REPORT = "report.html"
 
@@ -101,11 +100,11 @@ class Tasks:
         """A version against its runs."""
         return self.desk.compare(_number(args), teller.tell).payload
 
-    def where(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def where(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
         """Where a version fails."""
         found = self.desk.where(_number(args), teller.tell)
         self.desk.compare(found.version.number, teller.tell)
-        return {**where_result(found), "says": says(found)}
+        return self.desk.found_where(found.version.number)[1]
 
     def diagnose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
         """Rank what is missing; with `auto` add the best until nothing is."""
