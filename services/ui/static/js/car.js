@@ -6,7 +6,7 @@ import { times } from "./format.js";
 const WIDTH = 264;
 const HEIGHT = 250;
 const LENGTH = 168; // of the wheelbase in the picture
-const OVERHANG = 36;
+const OVERHANG = 33;
 const CORNERS = ["fl", "fr", "rl", "rr"];
 const NAMES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right" };
 const SHORT = { suspension: "Susp", tyre: "Tyre", spin: "Spin" };

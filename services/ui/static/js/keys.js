@@ -7,8 +7,8 @@ const KEYS = [
   ["↑ ↓", "the row before, the row after"],
   ["← →", "the run before, the run after"],
   ["/", "write an effect of your own"],
-  ["d", "look for what is missing"],
-  ["u", "undo: back to the version before"],
+  ["d", "to the button that looks for what is missing (Enter presses it)"],
+  ["u", "in “What is missing”: undo, back to the version before"],
   ["t", "dark or light"],
   ["?", "this table"],
   ["Esc", "close it; leave a field"],
@@ -43,9 +43,11 @@ export function installKeys(app, button, view) {
       app.set({ run: step(app.runs(), state.run, key === "ArrowLeft" ? -1 : 1) });
     } else if (key === "/") {
       if (view() !== "missing") app.go("missing");
-      focusLine(30);
-    } else if (key === "d") app.go("missing");
-    else if (key === "u") {
+      focusOn("own-line", 60);
+    } else if (key === "d") {
+      if (view() !== "missing") app.go("missing");
+      focusOn("diagnose", 60);
+    } else if (key === "u") {
       if (view() !== "missing") app.go("missing");
       else document.querySelector("[data-testid=undo]:not(:disabled)")?.click();
     } else if (key === "t") document.getElementById("theme-button").click();
@@ -54,10 +56,11 @@ export function installKeys(app, button, view) {
     return true;
   }
 
-  function focusLine(tries) {
-    const line = document.querySelector("[data-testid=own-line]");
-    if (line) line.focus();
-    else if (tries > 0) setTimeout(() => focusLine(tries - 1), 50);
+  /** The view may still be on its way: its module is loaded the first time. */
+  function focusOn(testid, tries) {
+    const place = document.querySelector(`[data-testid=${testid}]`);
+    if (place) place.focus();
+    else if (tries > 0) setTimeout(() => focusOn(testid, tries - 1), 50);
   }
 
   document.addEventListener("keydown", (event) => {

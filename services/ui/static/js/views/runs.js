@@ -5,7 +5,7 @@ import { duration, short, size, unitText } from "../format.js";
 import { jobId } from "../jobs.js";
 
 const ROLES = [["used", "used"], ["held", "held out"], ["unused", "not used"]];
-const ACCEPT = ".mcap,.parquet,.csv,.mf4,.toml";
+const ACCEPT = ".mcap,.parquet,.csv,.toml";
 
 /**
  * Show the view.
@@ -23,7 +23,7 @@ export async function show(root, app) {
   const files = h("input", { type: "file", multiple: true, accept: ACCEPT, class: "sr", id: "files", "data-testid": "file-input", tabindex: "-1", "aria-hidden": "true" });
   const sent = h("ul", { class: "sent", "aria-live": "polite" });
   const drop = h("div", { class: "drop", "data-testid": "drop-zone" },
-    h("div", null, h("b", { text: "Drop logs here" }), h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; MF4; also rig.toml and vehicle.toml" })),
+    h("div", null, h("b", { text: "Drop logs here" }), h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; also rig.toml and vehicle.toml" })),
     h("button", { type: "button", text: "Choose files …", "data-testid": "choose-files", onclick: () => files.click() }), files);
   const body = h("tbody");
   const table = h("table", { class: "runs-table" },
@@ -49,7 +49,6 @@ export async function show(root, app) {
 
   function line(run) {
     const unreadable = run.quality === "cannot be read";
-    const raw = unreadable || /raw|undecoded/.test(run.format ?? "");
     const radios = h("div", { class: "roles", role: "radiogroup", "aria-label": `what ${run.name} is used for` },
       ROLES.map(([value, text]) => h("label", { class: "role" }, h("input", {
         type: "radio", name: `role-${run.name}`, value, checked: role(run) === value, disabled: unreadable && value !== "unused",
@@ -60,7 +59,7 @@ export async function show(root, app) {
       }), h("span", { text }))));
     const problems = (run.says ?? []).join("\n");
     return h("tr", { "data-testid": `run-row-${run.name}`, class: open === run.name ? "open" : "" },
-      h("th", { scope: "row" }, h("b", { text: run.name }), h("div", { class: "sub muted", text: `${run.format ?? ""}${raw && !/raw/.test(run.format ?? "") ? " raw" : ""}` })),
+      h("th", { scope: "row" }, h("b", { text: run.name }), h("div", { class: "sub muted", text: [run.format, run.vehicle].filter(Boolean).join(" · ") })),
       h("td", null, radios),
       h("td", { text: run.manoeuvre || "–" }),
       h("td", { class: "num", text: duration(run.seconds) }),
