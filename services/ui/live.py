@@ -14,8 +14,9 @@ import numpy as np
 from daq.bus import open_session
 from daq.bus_listener import BusListener, Message
 from daq.channels import CHANNELS
-from daq.errors import UsageError
-from daq.wire import WireError, block_from_bytes, start_from_bytes
+from daq.errors import LacetError, UsageError
+from daq.rig import Rig
+from daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from services.result import plain
 from services.ui.events import Events
 
@@ -73,7 +74,8 @@ class Live:
                     "connected": self._connected, "endpoint": self.endpoint, "why": self._why,
                     "run": self._run or None, "rig": self._rig or None, "recording": recording, **self._about,
                     "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
-                    "ledger": self._ledger,
+                    "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
+                    "seconds": self._ledger.get("seconds"),
                 }
             )  # fmt: skip
 
@@ -83,8 +85,8 @@ class Live:
         counted = sum(n for _, n, _ in list(heard.blocks)[1:])
         return {
             "name": name, "unit": about.unit if about else "", "rate": counted / span if span > 0.0 else None,
-            "expected": about.rate if about else None, "age": now - heard.at, "samples": heard.samples,
-            "flagged": heard.flagged, "losses": heard.missed,
+            "expected": about.rate if about else None, "age": now - heard.at if heard.samples else None,
+            "samples": heard.samples, "flagged": heard.flagged, "losses": heard.missed,
         }  # fmt: skip
 
     # -- the thread ---------------------------------------------------------------------------------------------------
@@ -136,6 +138,8 @@ class Live:
             elif message.kind == "start":
                 start = start_from_bytes(message.payload)
                 self._about = {"vehicle": start.vehicle, "manoeuvre": start.manoeuvre, "started_ns": start.started_ns}
+                for name in _promised(start):
+                    self._heard.setdefault(name, _Heard())
             elif message.kind == "ledger":
                 self._ledger = json.loads(message.payload)
             elif message.kind == "alive":
@@ -147,7 +151,9 @@ class Live:
 
     def _block(self, message: Message) -> None:
         block, _ = block_from_bytes(message.payload)
-        heard = self._heard.setdefault(message.name, _Heard(next=message.sequence))
+        heard = self._heard.setdefault(block.channel, _Heard())
+        if not heard.samples:  # who comes late has missed nothing
+            heard.next = message.sequence
         heard.missed += max(0, message.sequence - heard.next)
         heard.next = max(heard.next, message.sequence + 1)
         flagged = int(np.count_nonzero(block.flags))
@@ -158,3 +164,12 @@ class Live:
         heard.blocks.append((end, len(block), flagged))
         while heard.blocks and end - heard.blocks[0][0] > WINDOW * 1e9:
             heard.blocks.popleft()
+
+
+def _promised(start: StartRecord) -> list[str]:
+    """Channels that the rig of a run sends: one that never comes is shown as silent."""
+    try:
+        rig = Rig.parse(start.rig_text, "rig of the run")
+    except LacetError:
+        return []
+    return [name for sensor in rig.sensors if sensor.driver and sensor.bus for name in sensor.channels]

@@ -141,7 +141,8 @@ def serve(settings: Settings, open_browser: bool = False) -> None:
         print(f"lacet ui: {_where(settings)}\n  open {address(settings, port)}\n  Ctrl-C ends it", flush=True)
         if open_browser:
             webbrowser.open(address(settings, port))
-        _Server(config, app).run(sockets=[own])
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is how it ends
+            _Server(config, app).run(sockets=[own])
     print("lacet ui: ended", file=sys.stderr)
 
 

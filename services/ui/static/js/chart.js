@@ -2,14 +2,19 @@
 
 import "./locale.js";
 import uPlot from "../vendor/uplot/uPlot.esm.js";
-import { areaRange, drawArea } from "./area.js";
+import { areaRange, drawArea, drawColumns, drawLine } from "./area.js";
 import { faded, onTheme, resolved } from "./colours.js";
 import { short } from "./format.js";
 import { gestures } from "./gestures.js";
 import { link } from "./link.js";
 import { tick } from "./numbers.js";
+import { Pyramid, first, inWindow } from "./pyramid.js";
 
 const MARGIN = "400px";
+const LEFT = 66; // room for the numbers of the axis, the same in every chart, so that times are above each other [px]
+const RIGHT = 10;
+const SIDES = LEFT + RIGHT;
+const straight = uPlot.paths.linear();
 const charts = new WeakMap();
 const waiting = new Set();
 let idle = 0;
@@ -84,16 +89,29 @@ class Chart {
 
   /** Takes over data: extents, holes, and the head's entries. */
   take() {
+    const { series } = this.o;
+    this.measure();
+    const what = [this.o.title, series.map((s) => s.name).join(", ")].filter(Boolean).join(": ");
+    this.plot.setAttribute("aria-label", `${what}${this.o.unit ? ` [${this.o.unit}]` : ""} over time [s]`);
+    this.entries();
+  }
+
+  measure() {
     const { t, series } = this.o;
     const n = t.length;
     this.extent = n ? [t[0], t[n - 1]] : [NaN, NaN];
     this.spacing = n > 1 ? (t[n - 1] - t[0]) / (n - 1) : 0.01;
     this.least = 8 * this.spacing;
     this.lines = series.filter((s) => !s.layer);
-    this.data = [t, ...this.lines.map((s) => gapped(s.values))];
-    const what = [this.o.title, series.map((s) => s.name).join(", ")].filter(Boolean).join(": ");
-    this.plot.setAttribute("aria-label", `${what}${this.o.unit ? ` [${this.o.unit}]` : ""} over time [s]`);
-    this.entries();
+    this.pyramids = this.lines.map((s) => new Pyramid(s.values));
+  }
+
+  /** What uPlot is given: the window's samples, or the extremes of each pixel column where there are many. */
+  get data() {
+    const { data, dense } = inWindow(this.o.t, this.pyramids, this.shared.shown, (this.width - SIDES) * uPlot.pxRatio);
+    this.dense = dense;
+    this.plot.classList.toggle("dense", dense);
+    return data;
   }
 
   entries() {
@@ -138,8 +156,10 @@ class Chart {
     const whole = Math.floor(width);
     if (!whole || whole === this.width) return;
     this.width = whole;
-    if (this.u) this.u.setSize({ width: whole, height: this.o.height });
-    else if (this.visible) this.draw();
+    if (this.u) {
+      this.u.setData(this.data, false);
+      this.u.setSize({ width: whole, height: this.o.height });
+    } else if (this.visible) this.draw();
   }
 
   /** Makes or refreshes the picture if anything changed since. */
@@ -157,6 +177,7 @@ class Chart {
     } else if (this.stale) {
       this.stale = false;
       const [min, max] = this.shared.shown;
+      this.u.setData(this.data, false);
       this.u.setScale("x", { min, max });
       this.showCursor(this.shared.cursor);
     }
@@ -169,7 +190,7 @@ class Chart {
   }
 
   showCursor(t, own = false) {
-    const k = t === null ? -1 : nearest(this.data[0], t);
+    const k = t === null ? -1 : nearest(this.o.t, t);
     const values = this.o.series.map((s) => (k < 0 ? null : at(s.values, k)));
     if (this.visible) this.read(k, values);
     if (this.u && this.visible && !own) {
@@ -178,14 +199,14 @@ class Chart {
       this.u.setCursor({ left: left < 0 || left > this.u.bbox.width / uPlot.pxRatio ? -10 : left, top: t === null ? -10 : 5 });
       this.following = false;
     }
-    this.o.onCursor?.(k < 0 ? null : this.data[0][k], values);
+    this.o.onCursor?.(k < 0 ? null : this.o.t[k], values);
   }
 
   read(k, values) {
     this.reads.forEach((output, i) => {
       output.textContent = k < 0 ? "" : short(values[i], 4);
     });
-    this.clock.textContent = k < 0 ? "" : `${tick(this.data[0][k], 0.01)} s`;
+    this.clock.textContent = k < 0 ? "" : `${tick(this.o.t[k], 0.01)} s`;
   }
 
   update(patch) {
@@ -194,12 +215,7 @@ class Chart {
     const heads = patch.title !== undefined || patch.unit !== undefined;
     Object.assign(this.o, patch);
     if (!heads && this.u && before === shape(this.o.series)) {
-      const reads = this.reads;
-      this.lines = this.o.series.filter((s) => !s.layer);
-      const t = this.o.t;
-      this.extent = t.length ? [t[0], t[t.length - 1]] : [NaN, NaN];
-      this.data = [t, ...this.lines.map((s) => gapped(s.values))];
-      this.reads = reads;
+      this.measure();
       this.u.setData(this.data, false);
       const [min, max] = this.shared.shown;
       this.u.setScale("x", { min, max });
@@ -240,14 +256,14 @@ class Chart {
       values: (u, splits, k, space, step) => splits.map((v) => (this.o.axis ? `${tick(v, step)} s` : "")),
     };
     const y = {
-      stroke: ink, grid, font, size: 66, gap: 4, space: 17, ticks: { ...grid, size: 5 },
+      stroke: ink, grid, font, size: LEFT, gap: 4, space: 17, ticks: { ...grid, size: 5 },
       values: (u, splits, k, space, step) => splits.map((v) => tick(v, step)),
     };
     return {
       width: this.width,
       height: this.o.height,
       legend: { show: false },
-      padding: [6, 10, 0, 0],
+      padding: [6, RIGHT, 0, 0],
       scales: { x: { time: false, range: () => this.shared.shown }, y: { range: (u, low, high) => this.range(u, low, high) } },
       axes: [x, y],
       series: [{}, ...this.lines.map((s) => this.stroke(s))],
@@ -259,6 +275,7 @@ class Chart {
       },
       hooks: {
         drawAxes: [(u) => this.areas(u)],
+        drawSeries: [(u, k) => this.line(u, k)],
         setCursor: [(u) => this.pointed(u)],
         setSelect: [(u) => this.chosen(u)],
       },
@@ -269,16 +286,25 @@ class Chart {
     const colour = resolved(s.colour);
     return {
       show: !s.hidden, stroke: colour, width: s.width ?? 1.25, dash: s.dash, points: { show: s.points ?? false },
-      fill: s.fill ? faded(s.colour, 0.25) : undefined, spanGaps: false,
+      paths: (u, k, from, to) => (s.fill && !this.dense ? straight(u, k, from, to) : null), fill: s.fill ? faded(s.colour, 0.25) : undefined, spanGaps: false,
     };
+  }
+
+  /** A line, which uPlot is told not to draw: it takes several times as long. */
+  line(u, k) {
+    const s = this.lines[k - 1];
+    if (!s || s.hidden || (s.fill && !this.dense)) return;
+    const [colour, width] = [resolved(s.colour), (s.width ?? 1.25) * uPlot.pxRatio];
+    if (this.dense) drawColumns(u, u.data[0], u.data[k], colour, width);
+    else drawLine(u, u.data[0], u.data[k], { colour, width, dash: s.dash });
   }
 
   areas(u) {
     const { series } = this.o;
     for (const s of series) {
       if (s.hidden) continue;
-      if (s.band) drawArea(u, s.band, faded(s.band.colour ?? s.colour, 0.22));
-      if (s.layer) drawArea(u, s.layer, faded(s.colour, 0.85));
+      if (s.band) drawArea(u, this.o.t, s.band, faded(s.band.colour ?? s.colour, 0.22));
+      if (s.layer) drawArea(u, this.o.t, s.layer, faded(s.colour, 0.85));
     }
   }
 
@@ -288,7 +314,7 @@ class Chart {
     const [t0, t1] = this.shared.shown;
     for (const s of this.o.series) {
       if (s.hidden || (!s.band && !s.layer)) continue;
-      const [c, d] = areaRange(this.data[0], s.layer ?? s.band, t0, t1);
+      const [c, d] = areaRange(this.o.t, s.layer ?? s.band, t0, t1);
       a = Math.min(a, c);
       b = Math.max(b, d);
     }
@@ -353,27 +379,12 @@ function bandKey(s) {
   return key;
 }
 
-/** uPlot's hole is null; NaN would be drawn over. Arrays without a hole are kept as they are. */
-function gapped(values) {
-  for (let i = 0; i < values.length; i += 1) {
-    if (Number.isNaN(values[i])) return Array.from(values, (v) => (Number.isNaN(v) ? null : v));
-  }
-  return values;
-}
-
 function at(values, k) {
   const value = values?.[k];
   return value === undefined || Number.isNaN(value) ? null : value;
 }
 
 function nearest(t, value) {
-  let low = 0;
-  let high = t.length - 1;
-  if (high < 0) return -1;
-  while (high - low > 1) {
-    const middle = (low + high) >> 1;
-    if (t[middle] < value) low = middle;
-    else high = middle;
-  }
-  return value - t[low] < t[high] - value ? low : high;
+  const k = Math.min(t.length - 1, first(t, value));
+  return k > 0 && value - t[k - 1] < t[k] - value ? k - 1 : k;
 }

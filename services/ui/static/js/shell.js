@@ -26,13 +26,15 @@ export function doing(job) {
  */
 export function createJobBar(root, { cancel }) {
   const text = h("span", { class: "job-text", text: "Nothing is running." });
+  const time = h("span", { class: "job-time num" });
   const meter = h("progress", { class: "job-meter", max: "1", value: 0, "aria-label": "progress of the work" });
   const button = h("button", { type: "button", class: "small", "data-testid": "job-cancel", disabled: true, text: "Cancel" });
   const state = h("span", { class: "job-state", role: "status", "aria-live": "polite" });
   const note = h("span", { class: "job-note" });
   root.setAttribute("data-testid", "job-bar");
-  root.append(state, text, meter, button, note);
+  root.append(state, text, time, meter, button, note);
   const running = new Map();
+  const began = new Map();
   let up = true;
   let other = false;
   let warnings = [];
@@ -47,8 +49,16 @@ export function createJobBar(root, { cancel }) {
     return all.find((j) => j.state === "running") ?? all[0] ?? null;
   }
 
+  function tick() {
+    const job = present();
+    const since = job && began.get(job.id);
+    time.textContent = since && job.state === "running" ? `${Math.floor((Date.now() - since) / 1000)} s` : "";
+  }
+
   function draw(last) {
     const job = present();
+    if (job && !began.has(job.id)) began.set(job.id, Date.now());
+    tick();
     root.dataset.state = job ? job.state : last?.state === "failed" ? "failed" : "idle";
     button.disabled = !job;
     if (job) {
@@ -56,8 +66,9 @@ export function createJobBar(root, { cancel }) {
       const behind = running.size > 1 ? `; ${running.size - 1} more waiting` : "";
       state.textContent = doing(job);
       text.textContent = `${job.state === "waiting" ? "waits for its turn" : job.text || "at work"}${count}${behind}`;
-      if (job.total) meter.value = Math.min(1, job.done / job.total);
-      else meter.removeAttribute("value");
+      // work that cannot be counted shows its seconds; a bar that only swings says nothing and costs a processor's time
+      meter.hidden = !job.total;
+      meter.value = job.total ? Math.min(1, job.done / job.total) : 0;
     } else {
       meter.value = 0;
       if (last) {
@@ -77,10 +88,14 @@ export function createJobBar(root, { cancel }) {
   }
 
   draw();
+  setInterval(tick, 1000);
   return {
     job(job) {
       if (job.state === "running" || job.state === "waiting") running.set(job.id, job);
-      else running.delete(job.id);
+      else {
+        running.delete(job.id);
+        began.delete(job.id);
+      }
       draw(job);
     },
     link(now) {
