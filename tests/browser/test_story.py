@@ -97,7 +97,7 @@ def _find_and_add(watch: Watch) -> None:
     """The front bar by hand, the rear one by itself, until nothing is missing."""
     watch.at("nav-missing").click()
     watch.at("diagnose").click()
-    watch.expect(watch.at("job-bar")).to_contain_text("simulating the noise floor", timeout=LONG)
+    watch.expect(watch.at("job-bar")).to_contain_text("Looking for what is missing", timeout=LONG)
     watch.at("job-cancel").click()
     watch.expect(watch.at("job-bar")).to_contain_text("cancelled", timeout=LONG)
     watch.expect(watch.at("verdict")).to_contain_text("Not looked for yet")
