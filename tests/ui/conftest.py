@@ -39,31 +39,37 @@ def quick(model: Any, drives: Any, **more: Any) -> Fit:
     return fit(model, drives, **{**more, "unbias": False})
 
 
+def make_small(patch: pytest.MonkeyPatch) -> None:
+    """Fits without the noise's bias, few candidates, few draws behind a score's floor."""
+    patch.setattr(services.fitting, "fit", quick)
+    patch.setattr(services.fitting, "FLOOR_DRAWS", 3)
+    patch.setattr(Study, "effects", few)
+
+
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Fits without the noise's bias, few candidates."""
-    monkeypatch.setattr(services.fitting, "fit", quick)
-    monkeypatch.setattr(services.fitting, "FLOOR_DRAWS", 3)
-    monkeypatch.setattr(Study, "effects", few)
+    """Everything here is small."""
+    make_small(monkeypatch)
+
+
+def study_of(folder: Path, seconds: float) -> Path:
+    """A study with its base model on runs of some seconds, and a run nobody uses."""
+    runs = folder / "runs"
+    runs.mkdir(parents=True)
+    for name, (run, start) in {"sine": ("sine", 5.0), "rough": ("rough", 4.0), "spare": ("liftoff", 3.0)}.items():
+        written(piece(run, start, start + seconds), runs / f"{name}.parquet")
+    rig, vehicle = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+    study = Study.create(folder, [runs / "sine.parquet"], [runs / "rough.parquet"], rig, vehicle, draws=DRAWS)
+    with pytest.MonkeyPatch.context() as patch:
+        make_small(patch)
+        Work(study).record({}, "base model")
+    return folder
 
 
 @pytest.fixture(scope="session")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A study with its base model, and a run nobody uses."""
-    folder = tmp_path_factory.mktemp("study") / "car"
-    runs = folder / "runs"
-    runs.mkdir(parents=True)
-    for name, run in {"sine": ("sine", 5.0), "rough": ("rough", 4.0), "spare": ("liftoff", 3.0)}.items():
-        written(piece(run[0], run[1], run[1] + 10.0), runs / f"{name}.parquet")
-    patch = pytest.MonkeyPatch()
-    patch.setattr(services.fitting, "fit", quick)
-    patch.setattr(services.fitting, "FLOOR_DRAWS", 3)
-    patch.setattr(Study, "effects", few)
-    rig, vehicle = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
-    study = Study.create(folder, [runs / "sine.parquet"], [runs / "rough.parquet"], rig, vehicle, draws=DRAWS)
-    Work(study).record({}, "base model")
-    patch.undo()
-    return folder
+    """A study whose runs are six seconds long."""
+    return study_of(tmp_path_factory.mktemp("study") / "car", 6.0)
 
 
 @pytest.fixture
@@ -80,16 +86,13 @@ def page(folder: Path) -> Iterator[Page]:
 
 
 @pytest.fixture(scope="module")
-def shared(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    """A server whose study tests only look at: compared, looked into and ranked."""
-    folder = Path(shutil.copytree(made, tmp_path_factory.mktemp("shared") / "car"))
-    patch = pytest.MonkeyPatch()
-    patch.setattr(services.fitting, "fit", quick)
-    patch.setattr(services.fitting, "FLOOR_DRAWS", 3)
-    patch.setattr(Study, "effects", few)
-    with TestClient(create_app(Settings(folder, draws=DRAWS)), base_url="http://127.0.0.1:8765") as client:
-        found = Page(client)
-        for job in ("where", "diagnose"):
-            found.run(job)
-        yield found
-    patch.undo()
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    """A server whose study tests only look at: compared, looked into and ranked, on runs long enough for spectra."""
+    with pytest.MonkeyPatch.context() as patch:
+        make_small(patch)
+        folder = study_of(tmp_path_factory.mktemp("shared") / "car", 10.0)
+        with TestClient(create_app(Settings(folder, draws=DRAWS)), base_url="http://127.0.0.1:8765") as client:
+            found = Page(client)
+            for job in ("where", "diagnose"):
+                found.run(job)
+            yield found
