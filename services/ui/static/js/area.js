@@ -162,7 +162,7 @@ export function drawColumns(u, x, extremes, colour, thick) {
     const x0 = Math.max(left, Math.round(across(x[2 * c])));
     const x1 = Math.min(right, c + 1 < n ? Math.round(across(x[2 * c + 2])) : right);
     const more = Math.max(0, thick - (bottom - top)) / 2;
-    if (x1 > x0) ctx.fillRect(x0, top - more, x1 - x0, bottom - top + 2 * more);
+    ctx.fillRect(x0, top - more, Math.max(1, x1 - x0), bottom - top + 2 * more);
   }
 }
 

@@ -14,6 +14,7 @@ const MARGIN = "400px";
 const LEFT = 66; // room for the numbers of the axis, the same in every chart, so that times are above each other [px]
 const RIGHT = 10;
 const SIDES = LEFT + RIGHT;
+const MANY = 16; // lines of linked charts from which strokes, which are smoother, take too long
 const straight = uPlot.paths.linear();
 const charts = new WeakMap();
 const waiting = new Set();
@@ -108,7 +109,8 @@ class Chart {
 
   /** What uPlot is given: the window's samples, or the extremes of each pixel column where there are many. */
   get data() {
-    const { data, dense } = inWindow(this.o.t, this.pyramids, this.shared.shown, (this.width - SIDES) * uPlot.pxRatio);
+    const most = this.shared.lines > MANY ? 1.5 : 4;
+    const { data, dense } = inWindow(this.o.t, this.pyramids, this.shared.shown, (this.width - SIDES) * uPlot.pxRatio, most);
     this.dense = dense;
     this.plot.classList.toggle("dense", dense);
     return data;

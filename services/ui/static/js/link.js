@@ -30,6 +30,13 @@ class Link {
     return this.window ?? this.extent;
   }
 
+  /** @returns {number} lines of all members. */
+  get lines() {
+    let sum = 0;
+    for (const member of this.members) sum += member.lines.length;
+    return sum;
+  }
+
   join(member) {
     this.members.add(member);
   }

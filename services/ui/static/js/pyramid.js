@@ -4,7 +4,6 @@
  */
 
 const BASE = 8; // samples of the smallest block
-const BUCKET = 1.5; // samples a pixel from which extremes are drawn instead of samples
 
 /** Extremes of one series. NaN and null are holes. */
 export class Pyramid {
@@ -50,7 +49,7 @@ export class Pyramid {
     const level = Math.max(0, Math.min(this.levels.length - 1, Math.floor(Math.log2(each / BASE))));
     const { low, high } = this.levels[level];
     const block = BASE * 2 ** level;
-    const out = this.holes ? new Array(2 * columns) : new Float32Array(2 * columns);
+    const out = this.holes ? new Array(2 * columns) : this.room(2 * columns);
     const last = low.length - 1;
     for (let c = 0; c < columns; c += 1) {
       let b = Math.floor((from + c * each) / block);
@@ -68,10 +67,16 @@ export class Pyramid {
     return out;
   }
 
+  /** An array that is used again for every window: zooming makes no garbage. */
+  room(n) {
+    if (this.out?.length !== n) this.out = new Float32Array(n);
+    return this.out;
+  }
+
   /** The same where there are but a few samples a column: from the samples themselves. */
   few(from, each, columns) {
     const { values } = this;
-    const out = new Float32Array(2 * columns);
+    const out = this.room(2 * columns);
     const last = values.length - 1;
     let holes = false;
     for (let c = 0; c < columns; c += 1) {
@@ -108,14 +113,15 @@ function halved({ low, high }) {
  * @param {Pyramid[]} series
  * @param {[number, number]} window [s]
  * @param {number} width [device pixels]
+ * @param {number} most samples a pixel up to which the samples themselves are drawn
  * @returns {{data: Array<ArrayLike<number|null>>, dense: boolean}}
  */
-export function inWindow(t, series, [t0, t1], width) {
+export function inWindow(t, series, [t0, t1], width, most) {
   const from = Math.max(0, first(t, t0) - 1);
   const to = Math.min(t.length - 1, first(t, t1) + 1);
   const count = to - from + 1;
   const columns = Math.max(2, Math.round(width));
-  if (count < BUCKET * columns) {
+  if (count < most * columns) {
     return { data: [part(t, from, to + 1), ...series.map((s) => gapped(part(s.values, from, to + 1)))], dense: false };
   }
   const x = new Float64Array(2 * columns);
