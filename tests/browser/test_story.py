@@ -152,6 +152,7 @@ def _undo_and_return(watch: Watch) -> None:
 
 def _own_effect(watch: Watch, bench: Bench) -> None:
     """Units are checked as the line is written; a wrong line cannot be kept."""
+    watch.page.keyboard.press("Escape")  # leaves the filter, which would take the stroke as text
     watch.page.keyboard.press("/")
     line = watch.at("own-line")
     watch.expect(line).to_be_focused()
