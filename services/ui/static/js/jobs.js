@@ -63,7 +63,8 @@ export function createJobs(hear) {
   async function look(id, entry) {
     if (entry.over || Date.now() - entry.heard < AGAIN) return;
     try {
-      take(await api.get(`api/jobs/${id}`));
+      const job = await api.get(`api/jobs/${id}`);
+      if (!entry.over) take(job); // an event may have overtaken this answer
     } catch (cause) {
       if (cause.status === 404) {
         entry.over = true;

@@ -20,7 +20,6 @@ const NAMES = Object.keys(VIEWS);
 
 const { state, set, on, tell } = createState();
 const main = document.getElementById("main");
-const toast = createToasts(document.getElementById("toasts"));
 let shown = { view: "", close: null };
 let turn = 0;
 let addressTimer = 0;
@@ -35,6 +34,8 @@ const jobs = createJobs({
   onLink: (up) => bar.link(up),
 });
 const bar = createJobBar(document.getElementById("jobs"), { cancel: (id) => jobs.cancel(id).catch(complain) });
+
+const toast = createToasts(document.getElementById("toasts"), bar.say);
 
 /** What the views are given. */
 const app = {
@@ -158,12 +159,11 @@ function heading() {
   const version = study.versions?.find((v) => v.version === study.current);
   const added = Object.keys(version?.effects ?? {});
   const list = Array.isArray(version?.effects) ? version.effects : added;
-  const text = version
-    ? `Version ${version.version} of ${study.versions.length}: base model${list.length ? ` + ${list.join(" + ")}` : ""}`
-    : "no model yet";
+  const named = list.length > 1 ? `${list.length} effects` : list[0];
+  const text = version ? `Version ${version.version} of ${study.versions.length}: base model${named ? ` + ${named}` : ""}` : "no model yet";
   const place = document.getElementById("version");
   place.textContent = text;
-  place.title = text;
+  place.title = list.join(" + ");
   bar.study(study);
 }
 

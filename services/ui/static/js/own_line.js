@@ -65,8 +65,9 @@ export function createOwnLine(app, act) {
         answer.rows?.length ? ` In ${answer.rows.map((r) => (typeof r === "string" ? r : r.row)).join(", ")}.` : ""].join(" "));
     } else {
       const at = Number.isInteger(answer.at) ? answer.at : null;
+      const until = Math.max(at + 1, answer.until ?? 0);
       says.replaceChildren(h("b", { class: "bad", text: "✕ " }), answer.error ?? answer.says ?? "this line cannot be read",
-        at !== null && at <= text.length ? h("code", { class: "own-at" }, text.slice(0, at), h("mark", { text: text.slice(at, at + 1) || "␣" }), text.slice(at + 1)) : null);
+        at !== null && at <= text.length ? h("code", { class: "own-at" }, text.slice(0, at), h("mark", { text: text.slice(at, until) || "␣" }), text.slice(until)) : null);
     }
   }
 

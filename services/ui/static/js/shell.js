@@ -25,7 +25,7 @@ export function doing(job) {
  * @returns {{job: (job: Object) => void, link: (up: boolean) => void, study: (study: Object) => void}}
  */
 export function createJobBar(root, { cancel }) {
-  const text = h("span", { class: "job-text", text: "Nothing is running." });
+  const text = h("span", { class: "job-text", role: "status", text: "Nothing is running." });
   const time = h("span", { class: "job-time num" });
   const meter = h("progress", { class: "job-meter", max: "1", value: 0, "aria-label": "progress of the work" });
   const button = h("button", { type: "button", class: "small", "data-testid": "job-cancel", disabled: true, text: "Cancel" });
@@ -35,6 +35,9 @@ export function createJobBar(root, { cancel }) {
   root.append(state, text, time, meter, button, note);
   const running = new Map();
   const began = new Map();
+  const over = new Set();
+  let said = "";
+  let last = null;
   let up = true;
   let other = false;
   let warnings = [];
@@ -55,7 +58,8 @@ export function createJobBar(root, { cancel }) {
     time.textContent = since && job.state === "running" ? `${Math.floor((Date.now() - since) / 1000)} s` : "";
   }
 
-  function draw(last) {
+  function draw(now) {
+    last = now ?? null;
     const job = present();
     if (job && !began.has(job.id)) began.set(job.id, Date.now());
     tick();
@@ -71,7 +75,10 @@ export function createJobBar(root, { cancel }) {
       meter.value = job.total ? Math.min(1, job.done / job.total) : 0;
     } else {
       meter.value = 0;
-      if (last) {
+      if (said) {
+        state.textContent = "Ready";
+        text.textContent = said;
+      } else if (last) {
         state.textContent = `${doing(last)}: ${{ done: "done", failed: "failed", cancelled: "cancelled" }[last.state]}`;
         text.textContent = last.state === "failed" ? last.error ?? "" : "";
       } else {
@@ -79,11 +86,11 @@ export function createJobBar(root, { cancel }) {
         text.textContent = "Nothing is running.";
       }
     }
-    const said = !up
+    const warning = !up
       ? "No answer from the server: trying again. Is lacet ui still running?"
       : other ? "Another program is writing to this study." : warnings.length ? warnings.join("; ") : "";
-    note.textContent = said;
-    note.title = said;
+    note.textContent = warning;
+    note.title = warning;
     note.classList.toggle("bad", !up || other);
   }
 
@@ -91,40 +98,50 @@ export function createJobBar(root, { cancel }) {
   setInterval(tick, 1000);
   return {
     job(job) {
+      if (over.has(job.id)) return; // late news of work that is done
+      said = "";
       if (job.state === "running" || job.state === "waiting") running.set(job.id, job);
       else {
+        over.add(job.id);
         running.delete(job.id);
         began.delete(job.id);
       }
       draw(job);
     },
+    /** What came of the last work, in a sentence; it stays until other work begins. */
+    say(words) {
+      said = words;
+      draw();
+    },
     link(now) {
       if (now === up) return;
       up = now;
-      draw();
+      draw(last);
     },
     study(study) {
       other = Boolean(study.other_writer);
       warnings = study.warnings ?? [];
-      if (study.busy && !running.has(study.busy.id)) running.set(study.busy.id, study.busy);
-      draw();
+      if (study.busy && !running.has(study.busy.id) && !over.has(study.busy.id)) running.set(study.busy.id, study.busy);
+      draw(last);
     },
   };
 }
 
 /**
- * Messages over the page: errors stay until closed, others go by themselves.
+ * Messages: errors over the page, until they are closed; everything else in the bar, where it hides nothing.
  * @param {HTMLElement} root
+ * @param {(text: string) => void} say
  * @returns {(text: string, kind?: "good"|"error"|"note") => void}
  */
-export function createToasts(root) {
-  root.setAttribute("aria-live", "polite");
+export function createToasts(root, say) {
   return (text, kind = "note") => {
+    if (kind !== "error") {
+      say(text);
+      return;
+    }
     if ([...root.children].some((t) => t.dataset.text === text)) return;
-    const close = () => box.remove();
-    const box = h("div", { class: `toast ${kind}`, role: kind === "error" ? "alert" : "status", data: { text } },
-      h("span", { text }), h("button", { type: "button", class: "small quiet", "aria-label": "Close this message", onclick: close }, "Close"));
+    const close = h("button", { type: "button", class: "small quiet", "aria-label": "Close this message", text: "Close", onclick: () => box.remove() });
+    const box = h("div", { class: "toast error", role: "alert", data: { text } }, h("span", { text }), close);
     root.append(box);
-    if (kind !== "error") setTimeout(close, 6000);
   };
 }

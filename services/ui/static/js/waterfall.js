@@ -1,13 +1,13 @@
 /** The waterfall: how far above the noise floor every version stands, on the runs used and on those held out. */
 
-import { s } from "./dom.js";
+import { h, s } from "./dom.js";
 import { times } from "./format.js";
 
-const WIDTH = 620;
-const HEIGHT = 232;
-const LEFT = 44;
+const WIDTH = 520;
+const HEIGHT = 226;
+const LEFT = 48;
 const TOP = 22;
-const FOOT = 48;
+const FOOT = 58;
 const TICKS = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 /**
@@ -30,7 +30,7 @@ export function createWaterfall(choose) {
     const step = Math.min(120, (WIDTH - LEFT - 8) / Math.max(1, versions.length));
     const line = ancestry(versions, current);
     const bars = versions.map((v, k) => column(v, LEFT + 4 + k * step, step, y, base, { current, busy, on: line.has(v.version) }));
-    element.replaceChildren(pattern(), ...grid, ...bars, legend());
+    element.replaceChildren(pattern(), ...grid, ...bars);
     if (!versions.length) element.append(s("text", { class: "axis", x: WIDTH / 2, y: HEIGHT / 2, "text-anchor": "middle", text: "The first bar shows once there is a model." }));
   }
 
@@ -55,19 +55,28 @@ export function createWaterfall(choose) {
     };
     bar(v.used_error, mid - w - 1, "used");
     bar(v.held_error, mid + 1, "held");
-    const fits = Math.floor(step / 6.4);
-    const note = String(v.note ?? "").replace(/^added /, "+ ").replace(/^removed /, "− ");
     group.append(s("text", { class: "number", x: mid, y: base + 16, "text-anchor": "middle", text: present ? `${v.version} present` : String(v.version) }),
-      s("text", { class: "note", x: mid, y: base + 31, "text-anchor": "middle", text: note.length > fits ? `${note.slice(0, Math.max(1, fits - 1))}…` : note }));
+      ...lines(v.note, Math.floor(step / 6.2)).map((text, k) => s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text })));
     return group;
   }
 
   return { element, update };
 }
 
-function legend() {
-  return s("g", { class: "legend" }, s("rect", { class: "used", x: WIDTH - 214, y: 3, width: 14, height: 11 }), s("text", { class: "axis", x: WIDTH - 196, y: 13, text: "runs used" }),
-    s("rect", { class: "held", x: WIDTH - 124, y: 3, width: 14, height: 11 }), s("text", { class: "axis", x: WIDTH - 106, y: 13, text: "runs held out" }));
+/** What was done, in two lines of so many letters: `+ anti_roll_bar`, `.front`. */
+function lines(note, fits) {
+  const text = String(note ?? "").replace(/^added /, "+ ").replace(/^removed /, "− ");
+  const cut = (part) => (part.length > fits ? `${part.slice(0, Math.max(1, fits - 1))}…` : part);
+  if (text.length <= fits) return [text];
+  const dot = text.indexOf(".");
+  const at = dot > 0 && dot <= fits ? dot : Math.max(text.lastIndexOf(" ", fits), 0) || fits;
+  return [cut(text.slice(0, at)), cut(text.slice(at).trim())];
+}
+
+/** The two kinds of bars, to be read beside the title. */
+export function legend() {
+  const key = (kind, text) => h("span", { class: "key-entry" }, s("svg", { class: "waterfall key", viewBox: "0 0 16 12", "aria-hidden": "true" }, s("rect", { class: kind, x: 1, y: 1, width: 14, height: 10 })), text);
+  return [key("used", "runs used"), key("held", "runs held out")];
 }
 
 /** Held out differs from used by stripes too, for eyes and screens that show little colour. */

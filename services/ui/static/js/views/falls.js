@@ -2,7 +2,7 @@
 
 import { h } from "../dom.js";
 import { number, short, times, unitText } from "../format.js";
-import { createWaterfall } from "../waterfall.js";
+import { createWaterfall, legend } from "../waterfall.js";
 
 /**
  * Show the view.
@@ -29,7 +29,7 @@ export async function show(root, app) {
   root.append(
     h("div", { class: "falls-head" }, h("h1", { text: "The error falls" }), h("div", { class: "bar exports" }, h("span", { class: "muted", text: "Take away:" }), tools)),
     h("div", { class: "falls-top" },
-      h("section", { class: "panel" }, h("h2", null, "Error ÷ noise floor by version", h("span", { class: "muted", text: "a version chosen becomes the present one" })), waterfall.element),
+      h("section", { class: "panel" }, h("h2", { title: "a version chosen becomes the present one" }, "Error ÷ noise floor by version", h("span", { class: "muted legend" }, legend())), waterfall.element),
       h("section", { class: "panel flush versions" }, h("div", { class: "scroll versions-scroll" }, h("table", null,
         h("thead", null, h("tr", null, ["Version", "What was done"].map((t) => h("th", { scope: "col", text: t })), ["used", "held out"].map((t) => h("th", { scope: "col", class: "num", text: t })), h("th", { scope: "col" }, h("span", { class: "sr", text: "go there" })))), versions)))),
     h("section", { class: "panel flush" },

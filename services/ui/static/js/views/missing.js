@@ -102,6 +102,7 @@ export async function show(root, app) {
         "aria-label": `Remove ${key}`, onclick: () => void work("remove", { effect: key }) }))));
     if (!effects.length) model.append(h("li", { class: "muted", text: study?.exists ? "none: the base model alone" : "no model yet" }));
     if (!busy) say(study, now);
+    preview.element.classList.toggle("nothing", !study?.diagnosis);
     ranking.update(study?.diagnosis ?? null, ready);
     own.ready(ready);
     next.ready(ready, study?.diagnosis ?? null);
@@ -115,7 +116,7 @@ export async function show(root, app) {
     }
     const d = study.diagnosis;
     if (!d) {
-      const error = `error ÷ floor ${times(now?.used_error)} on the runs used`;
+      const error = `Error ÷ floor: ${times(now?.used_error)} on the runs used`;
       verdict.replaceChildren(h("p", { class: "verdict-big", text: `Not looked for yet in version ${study.current}` }),
         h("p", { text: `${error}${Number.isFinite(now?.held_error) ? `, ${times(now.held_error)} on those held out` : ""}. Every effect of the catalogue and every sensor fault is tried, against ${study.draws} simulated runs that lack nothing.` }));
       return;
