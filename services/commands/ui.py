@@ -26,6 +26,10 @@ It listens on loopback only unless told otherwise, and loads nothing from elsewh
 Docs: workbench.md."""
 
 
+LEAST_DRAWS = 19
+"""As `services.fitting` has it, which is loaded with the server only."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("study", metavar="DIR", nargs="?", type=Path, default=Path("study"), help="the study's folder")
@@ -50,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--port {args.port}: 0 to 65535")
     if not args.most_upload > 0.0:
         raise UsageError(f"--most-upload {args.most_upload:g}: above 0 GB")
+    if args.draws < LEAST_DRAWS:
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
     # Loaded here, so that the other commands start without it.

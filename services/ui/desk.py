@@ -18,7 +18,9 @@ from typing import Any
 from daq.errors import LacetError, UsageError
 from identify.diagnose import Diagnosis
 from identify.drive import Drive
+from identify.effect import Effect
 from identify.phases import Phases, phases_of
+from identify.preview import Preview, preview
 from identify.score import Comparison
 from identify.shares import Shares, shares_of
 from identify.study import Study, Version
@@ -29,6 +31,8 @@ from services.where import Where, find_where, says, where_result
 
 WORKS = 2
 """Choices of runs whose motions are kept in memory."""
+PREVIEWS = 50
+"""Effects whose fits beside a version are kept."""
 VERSIONS = 8
 """Versions whose series are kept in memory."""
 
@@ -67,6 +71,7 @@ class Desk:
         self._works: OrderedDict[tuple[object, ...], Work] = OrderedDict()
         self._compared: OrderedDict[int, Compared] = OrderedDict()
         self._where: OrderedDict[int, tuple[Stamp, Where, Mapping[str, Any]]] = OrderedDict()
+        self._previews: OrderedDict[tuple[object, ...], Preview] = OrderedDict()
         self._diagnosed: OrderedDict[int, tuple[Stamp, Diagnosis]] = OrderedDict()
 
     # -- the folder ---------------------------------------------------------------------------------------------------
@@ -149,6 +154,17 @@ class Desk:
             kept = stamp, found, plain({**where_result(found), "says": says(found)})
         _keep(self._where, version.number, kept)
         return kept[1]
+
+    def preview(self, number: int, effect: Effect, tell: Tell) -> tuple[Work, Preview]:
+        """A version with one more effect; to be asked for while `computing`."""
+        study, version = self.version(number)
+        work = self.work(study, tell)
+        key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
+        if key not in self._previews:
+            self._previews[key] = preview(work.fitted(version), effect)
+            while len(self._previews) > PREVIEWS:
+                self._previews.popitem(last=False)
+        return work, self._previews[key]
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Keep a ranking, which recommending the next run goes on from."""

@@ -100,7 +100,8 @@ class Jobs:
 
     def __init__(self, tasks: Mapping[str, Do], events: Events):
         self.tasks, self.events = dict(tasks), events
-        self._numbers = itertools.count(1)
+        # Not from 1: a page that followed a job of the server before must not take another for it.
+        self._numbers = itertools.count(int(time.time()))
         self._jobs: dict[int, Job] = {}
         self._queue: queue.Queue[Job | None] = queue.Queue()
         self._thread = threading.Thread(target=self._work, name="lacet-jobs", daemon=True)

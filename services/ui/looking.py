@@ -7,7 +7,6 @@ from typing import Any
 
 from daq.errors import nearest
 from identify.catalogue import find_effect
-from identify.preview import preview
 from identify.residual_map import Against, against_states
 from identify.spectra import row_spectrum
 from services.fitting import silent
@@ -76,11 +75,10 @@ def preview_body(desk: Desk, version: int, key: str, run: str, row: str) -> byte
     if row not in part.measured:
         raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
     with desk.computing(WAIT):
-        work = desk.work(study, silent)
-        effect = find_effect(key, study.effects(work.loaded.reference))
-        fitted = work.fitted(of)
-        drive = next(d for d in (*fitted.drives, *work.held) if d.name == run)
-        after = preview(fitted, replace(effect, shape={**effect.shape, **found["shape"]})).residual(drive, part)
+        effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
+        work, beside = desk.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
+        drive = next(d for d in (*work.loaded.drives, *work.held) if d.name == run)
+        after = beside.residual(drive, part)
     now = part.residual(row)
     rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))
     arrays = {"t": part.t[row], "now": now, "after": after[row]}

@@ -8,6 +8,7 @@ from daq.errors import LacetError, UsageError
 from identify.expression_states import STATES, SUFFIXES
 from identify.linear_expression import FUNCTIONS
 from identify.one_line import LineFault
+from identify.study import Study
 from services.effect_list import effect_records
 from services.own_effects import line_result, may_have, own_lines, put, with_name
 from services.result import plain
@@ -29,7 +30,7 @@ def check(desk: Desk, name: str, line: str) -> dict[str, Any]:
         return {"ok": False, "says": "", "rows": [], "parameters": [], "error": fault.says, "at": at, "until": until}
     except LacetError as error:
         return {"ok": False, "says": "", "rows": [], "parameters": [], "error": str(error), "at": None}
-    found = line_result(cls, study.vehicle, study.rig.wheel_reference)
+    found = line_result(cls, study.vehicle, _reference(study))
     variants = found["variants"]
     says = (
         f"{cls.name}: {found['about']}. Tried as {', '.join(variants)}." if variants else "it has no place on this car"
@@ -42,7 +43,7 @@ def keep(desk: Desk, name: str, line: str) -> dict[str, Any]:
     study = desk.study
     cls, stored = with_name(_joined(name, line), study)
     replaced = put(study, cls, stored)
-    found = line_result(cls, study.vehicle, study.rig.wheel_reference)
+    found = line_result(cls, study.vehicle, _reference(study))
     return plain({"ok": True, **found, "line": stored, "replaced": replaced})
 
 
@@ -51,7 +52,7 @@ def catalogue_payload(desk: Desk) -> dict[str, Any]:
     study = desk.study
     in_model = set(study.version().effects)
     own = {cls.name: cls.line.text for cls in own_lines(study)}
-    records = effect_records(study, study.rig.wheel_reference)
+    records = effect_records(study, _reference(study))
     return plain(
         {
             "effects": [
@@ -65,6 +66,11 @@ def catalogue_payload(desk: Desk) -> dict[str, Any]:
             "functions": list(FUNCTIONS),
         }
     )  # fmt: skip
+
+
+def _reference(study: Study) -> str:
+    """Wheel reference of the study's runs, which may say it themselves where the rig says another."""
+    return str(study.version().result["wheel_reference"])
 
 
 def _joined(name: str, line: str) -> str:

@@ -48,6 +48,7 @@ def study_payload(desk: Desk, busy: dict[str, Any] | None) -> dict[str, Any]:
             "held": study.held,
             "current": study.current,
             "draws": study.draws,
+            "reference": present.result["wheel_reference"] if present else head["reference"],
             "versions": [version_payload(study, v) for v in versions],
             "diagnosis": study.diagnosis(),
             "warnings": present.result.get("warnings", []) if present else [],

@@ -21,6 +21,7 @@ from daq.channels import CHANNELS
 from daq.spool import Spool
 from daq.wire import StartRecord, block_to_bytes
 from services.cli import main
+from services.fitting import LEAST_DRAWS
 from services.ui.events import WAITING, Events
 from services.ui.server import Settings, address, create_app, is_loopback
 from tests.support.processes import Command, commands
@@ -151,6 +152,7 @@ def test_what_cannot_be_served_is_said(tmp_path: Path, capsys: pytest.CaptureFix
     file.touch()
     assert main(["ui", str(file)]) == 2
     assert main(["ui", str(tmp_path), "--port", "70000"]) == 2
+    assert main(["ui", str(tmp_path), "--draws", str(LEAST_DRAWS - 1)]) == 2
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
