@@ -42,7 +42,8 @@ class WhereView {
     this.phases = h("div", { class: "scroll" });
     this.left = h("div", { class: "scroll" });
     this.row = h("select", { "aria-label": "row", "data-testid": "where-row", onchange: () => app.set({ row: this.row.value }) });
-    const own = panel("where-row", "What the error follows", "", h("label", { class: "check row-choice" }, "Row", this.row));
+    const own = panel("where-row", "What the error follows", "");
+    own.querySelector("h2").append(h("label", { class: "check row-choice" }, "Row", this.row));
     const what = this.kinds();
     const surfaces = panel("where-surfaces", "Restoring force over travel and rate", "mean over the runs used", what);
     const phases = panel("where-phases", "By phase of driving", "error ÷ noise floor over all runs", this.phases);
