@@ -142,12 +142,19 @@ class Work:
     def __init__(self, study: Study, tell: Tell = silent):
         self.study, self.tell = study, tell
         tell(f"reading {len(study.used)} runs used")
-        self.loaded = load(study.paths(), study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
+        self.loaded = self._read(study.paths(), "used")
         self._held: tuple[Drive, ...] | None = None
         self._fits: dict[int, Fit] = {}
         self._knowledge: dict[int, Knowledge] = {}
         self._floors: dict[int, NoiseFloor] = {}
         self._compared: dict[tuple[int, bool], list[Comparison]] = {}
+
+    def _read(self, paths: Sequence[Path], kind: str) -> Loaded:
+        folder = self.study.folder
+        return load(
+            paths, folder / "rig.toml", folder / "vehicle.toml", self.study.filters,
+            lambda done, total: self.tell(f"reading runs {kind}: {done} of {total}"),
+        )  # fmt: skip
 
     @property
     def held(self) -> tuple[Drive, ...]:
@@ -156,10 +163,7 @@ class Work:
             self._held = ()
             if self.study.held:
                 self.tell(f"reading {len(self.study.held)} runs held out")
-                folder = self.study.folder
-                loaded = load(
-                    self.study.paths(held=True), folder / "rig.toml", folder / "vehicle.toml", self.study.filters
-                )
+                loaded = self._read(self.study.paths(held=True), "held out")
                 if loaded.reference != self.loaded.reference:
                     raise UsageError(
                         f"the runs held out have {loaded.reference} wheel loads, those used {self.loaded.reference}"

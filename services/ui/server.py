@@ -30,7 +30,7 @@ from services.ui.refusals import DiskFull, Refusal
 from services.ui.routes import Bench, api
 from services.ui.run_files import RunFiles
 from services.ui.tasks import Tasks
-from services.ui.uploads import MOST
+from services.ui.uploads import MOST, sweep
 from services.ui.watch import Watch
 
 STATIC = Path(__file__).parent / "static"
@@ -68,6 +68,7 @@ def create_app(settings: Settings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
         events = Events()
         desk = Desk(settings.folder)
+        sweep(desk)
         jobs = Jobs(Tasks(desk, settings.draws).by_name(), events)
         live, watch = Live(settings.connect, events), Watch(settings.folder, events)
         app.state.bench = Bench(desk, jobs, events, RunFiles(desk), live, settings.most_upload)

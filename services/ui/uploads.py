@@ -5,11 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import secrets
+import time
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
 
 from daq.errors import LacetError, UsageError
 from daq.log import LogReader
@@ -24,6 +27,7 @@ MOST = 4_000_000_000
 SPARE = 50_000_000
 """Bytes that an upload leaves free on the disk, for the study itself."""
 _PIECE = 1 << 20
+_DAY = 86400.0
 _TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
 
 
@@ -58,6 +62,8 @@ async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[by
     try:
         await _written(part, name, body, most)
         return await run_in_threadpool(_placed, desk, part, folder / name)
+    except ClientDisconnect:
+        raise UsageError(f"{name} did not come to its end: drop it again") from None
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT):
             raise DiskFull(f"the disk is full: {name} was not kept; make room and drop it again") from None
@@ -80,6 +86,15 @@ async def _written(part: Path, name: str, body: AsyncIterator[bytes], most: int)
         await run_in_threadpool(write, file, bytes(waiting))
         file.flush()
         os.fsync(file.fileno())
+
+
+def sweep(desk: Desk) -> None:
+    """Remove what uploads left behind when the machine went down, a day ago or longer."""
+    for folder in (desk.folder, desk.folder / FOLDER):
+        for part in folder.glob(".*.part*"):
+            with suppress(OSError):
+                if time.time() - part.stat().st_mtime > _DAY:
+                    part.unlink()
 
 
 def write(file: Any, data: bytes) -> None:

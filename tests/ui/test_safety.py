@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -108,6 +109,19 @@ def test_a_full_disk_leaves_nothing(empty: TestClient, tmp_path: Path, monkeypat
     monkeypatch.setattr(uploads, "free", lambda _: uploads.SPARE + 99)
     assert empty.put("/api/runs/a.csv", content=b"x" * 100).status_code == 507
     assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_what_was_broken_off_is_swept_up(tmp_path: Path):
+    runs = tmp_path / "new" / "runs"
+    runs.mkdir(parents=True)
+    old, fresh, run = runs / ".1.part.csv", runs / ".2.part.csv", runs / "a.part.csv"
+    for file in (old, fresh, run):
+        file.write_bytes(b"t\n")
+    for file in (old, run):
+        os.utime(file, (1.0, 1.0))
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        assert [r["file"] for r in client.get("/api/runs").json()] == ["a.part.csv"]
+    assert sorted(p.name for p in runs.iterdir()) == [".2.part.csv", "a.part.csv"]
 
 
 def test_nothing_is_replaced(page: Page):
