@@ -30,18 +30,19 @@ export async function show(root, app) {
   function draw(live) {
     last = live;
     const channels = live.channels ?? [];
+    const recording = live.recording ?? Boolean(live.run);
     if (!live.connected) {
       head.textContent = live.endpoint ? `No car heard at ${live.endpoint} yet.` : "Not connected to a car.";
       sum.textContent = live.endpoint ? `${live.why ? `${live.why}. ` : ""}The page goes on listening.` : "Start the workbench with the car's address: lacet ui STUDY --connect tcp/192.168.1.10:7447";
     } else {
-      const recording = live.recording ?? Boolean(live.run);
-      head.textContent = recording ? `Recording: ${live.run}` : live.run ? `The run ${live.run} is over.` : "Connected; the car is not recording.";
-      const ill = channels.filter((c) => verdict(c).kind !== "good").length;
-      sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.`;
+      const named = [live.manoeuvre, live.run].filter(Boolean).join(", ");
+      head.textContent = recording ? `Recording: ${named}` : live.run ? `The run is over: ${named}` : "Connected; the car is not recording.";
+      const ill = channels.filter((c) => verdict(c, recording).kind !== "good").length;
+      sum.textContent = `${live.endpoint ?? ""}: ${channels.length} channels, ${ill ? `${ill} with something wrong` : "all as they should be"}.${lost(live.losses)}${live.down?.length ? ` Not heard at all: ${live.down.join(", ")}.` : ""}`;
     }
-    const shown = channels.filter((c) => !wanted.checked || verdict(c).kind !== "good");
+    const shown = channels.filter((c) => !wanted.checked || verdict(c, recording).kind !== "good");
     body.replaceChildren(...shown.map((c) => {
-      const v = verdict(c);
+      const v = verdict(c, recording);
       return h("tr", { "data-testid": `live-${c.name}` }, h("th", { scope: "row", class: "code", text: c.name }), h("td", { text: unitText(c.unit) || "–" }),
         h("td", { class: v.kind }, h("span", { "aria-hidden": "true", text: `${v.mark} ` }), v.text),
         h("td", { class: "num", text: c.rate === null || c.rate === undefined ? "–" : `${short(c.rate, 3)} Hz` }),
@@ -65,12 +66,19 @@ export async function show(root, app) {
   return off;
 }
 
-/** @param {Object} c a channel @returns {{kind: string, mark: string, text: string}} its state, in a symbol and words too */
-function verdict(c) {
+/** @param {Object|undefined} losses by bus and cause @returns {string} them in words */
+function lost(losses) {
+  const parts = Object.entries(losses ?? {}).flatMap(([bus, causes]) =>
+    Object.entries(typeof causes === "object" && causes ? causes : { lost: causes }).filter(([, n]) => n > 0).map(([cause, n]) => `${bus}: ${n} ${cause}`));
+  return parts.length ? ` Lost: ${parts.join("; ")}.` : "";
+}
+
+/** @param {Object} c a channel @param {boolean} recording whether it should be heard now @returns {{kind: string, mark: string, text: string}} its state, in a symbol and words too */
+function verdict(c, recording) {
   if (c.age === null || c.age === undefined) return { kind: "bad", mark: "✕", text: "never heard" };
-  if (c.age > LATE + (c.expected ? 2 / c.expected : 0)) return { kind: "bad", mark: "✕", text: "silent" };
+  if (recording && c.age > LATE + (c.expected ? 2 / c.expected : 0)) return { kind: "bad", mark: "✕", text: "silent" };
   if (c.expected && c.rate < SLOW * c.expected) return { kind: "warn", mark: "!", text: "too slow" };
   if (c.flagged) return { kind: "warn", mark: "!", text: "flagged" };
   if (typeof c.losses === "object" ? Object.keys(c.losses ?? {}).length : c.losses) return { kind: "warn", mark: "!", text: "losses" };
-  return { kind: "good", mark: "✓", text: "good" };
+  return recording ? { kind: "good", mark: "✓", text: "good" } : { kind: "good", mark: "✓", text: "was good" };
 }

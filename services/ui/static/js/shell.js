@@ -86,6 +86,7 @@ export function createJobBar(root, { cancel }) {
         text.textContent = "Nothing is running.";
       }
     }
+    text.title = text.textContent;
     const warning = !up
       ? "No answer from the server: trying again. Is lacet ui still running?"
       : other ? "Another program is writing to this study." : warnings.length ? warnings.join("; ") : "";

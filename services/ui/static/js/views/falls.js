@@ -112,7 +112,7 @@ export async function show(root, app) {
   function table() {
     const back = changes.checked ? older() : [];
     const column = (text, title) => h("th", { scope: "col", class: "num", text, title });
-    heads.replaceChildren(h("th", { scope: "col", text: "Parameter" }), h("th", { scope: "col", text: "Effect" }), column(`Value${found ? `, version ${found.version}` : ""}`), column("± 95 %", "half of the 95 % interval: noise and zeros"),
+    heads.replaceChildren(h("th", { scope: "col", text: "Parameter" }), h("th", { scope: "col", class: "of-effect", text: "Effect" }), column(`Value${found ? `, version ${found.version}` : ""}`), column("± 95 %", "half of the 95 % interval: noise and zeros"),
       ...(sheet.checked ? [column("± with sheet", "the same with the sensor sheet's gains and latencies")] : []), h("th", { scope: "col", text: "Unit" }), column("A priori", "what the vehicle file says"), ...back.map((n) => column(`version ${n}`)));
     const words = filter.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
     const fits = (p) => words.every((w) => `${p.name} ${p.effect} ${p.unit} ${p.group ?? ""}`.toLowerCase().includes(w));
@@ -120,7 +120,7 @@ export async function show(root, app) {
     root.querySelector(".panel .count").textContent = found ? `${list.length} of ${found.parameters.length}` : "";
     body.replaceChildren(...list.map((p) => h("tr", { "data-testid": `parameter-${p.name}` },
       h("th", { scope: "row", class: "code", text: p.name, title: p.group && p.group !== p.name ? `stands for ${p.group}` : null }),
-      h("td", { class: "muted", text: p.effect }), h("td", { class: "num strong", text: number(p.value, p.half95) }), h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
+      h("td", { class: "muted of-effect", text: p.effect }), h("td", { class: "num strong", text: number(p.value, p.half95) }), h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
       sheet.checked ? h("td", { class: "num", text: `± ${number(p.half95_sheet, p.half95_sheet)}` }) : null,
       h("td", { text: unitText(p.unit) || "–" }), h("td", { class: "num muted", title: p.apriori_source || null, text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, p.half95) }),
       back.map((n) => change(p, p.before.find((b) => b.version === n))))));
