@@ -202,7 +202,7 @@ def main() -> int:
 
 HEAD = """# How fast the workbench draws
 
-Written by `python benchmarks/workbench_draw.py --write`, with the page served by the workbench itself. Limits: 0.5 s for
+Written by `python benchmarks/workbench_draw.py --write`; the workbench itself serves the page. Limits: 0.5 s for
 the first draw, 100 ms for a zoom of all linked charts. Times run from the call to the frame after the one in which the
 picture was there, so that each holds at least one frame (17 ms) of waiting. CPU is the time the page's main thread was
 at work, whatever else the machine did.
@@ -210,8 +210,8 @@ at work, whatever else the machine did.
 FOOT = """Medians are held to the limits; single times are longer where something else is at work on the machine.
 
 Charts out of sight (more than 400 px away) are drawn when the browser has nothing else to do, or when they are
-scrolled to. Where there are more than 1.5 samples to a
-pixel, the lowest and the highest of each column of pixels are drawn (`js/pyramid.js`): no peak is lost."""
+scrolled to. Where there are more than 1.5 samples to a pixel (4 with 16 lines or fewer), the lowest and the highest of
+each column of pixels are drawn (`js/pyramid.js`): no peak is lost."""
 
 
 if __name__ == "__main__":

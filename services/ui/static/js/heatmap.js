@@ -19,10 +19,11 @@ const RIGHT = 12;
 /**
  * Draws the residual map.
  * @param {HTMLElement} root
- * @param {{onPick: (place: {run: string, row: string, start: number, stop: number}) => void}} act
+ * @param {{onPick: (place: {run: string, row: string, start: number, stop: number}) => void, rows: number}} act rows: for
+ *   how many there is room from the start
  * @returns {{update: (map: object, row: string) => void, choose: (row: string) => void, destroy: () => void}}
  */
-export function residualMap(root, { onPick }) {
+export function residualMap(root, { onPick, rows }) {
   const tall = matchMedia("(pointer: coarse)").matches ? 24 : 17;
   const legend = h("div", { class: "map-legend" });
   const box = h("div", { class: "map-box", tabindex: "0", role: "application", "data-testid": "map", "data-own-arrows": "",
@@ -35,7 +36,7 @@ export function residualMap(root, { onPick }) {
   box.append(mark);
   const bar = colourBar(legend, "error ÷ noise floor");
   legend.append(h("span", { class: "muted small-note" }, h("i", { class: "phase-swatch empty" }), "not measured"));
-  const sheet = sharpCanvas(box, HEAD + FOOT + 20 * tall, paint);
+  const sheet = sharpCanvas(box, HEAD + FOOT + rows * tall, paint);
   let map = null;
   let chosen = "";
   let at = null; // {k: run, r: row, c: cell}

@@ -185,7 +185,6 @@ class Compare {
       if (mine === this.turn) this.veil.fail(cause, () => void this.fetch());
     } finally {
       clearTimeout(slow);
-      if (mine === this.turn) this.veil.done = true;
     }
   }
 

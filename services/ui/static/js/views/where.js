@@ -50,7 +50,7 @@ class WhereView {
     const left = panel("where-left", "How much is left to explain", "in blocks of 2 s that the prediction was not made from", leftKey(), this.left);
     this.below = h("div", { class: "where-below" }, own, phases, left, surfaces);
     root.append(h("section", { class: "panel where-head" }, this.says), map, this.below);
-    this.map = residualMap(map, { onPick: (place) => this.pick(place) });
+    this.map = residualMap(map, { onPick: (place) => this.pick(place), rows: app.rows().length || 16 });
     this.pictures = rowPictures(own, app);
     this.surfaces = surfaceMaps(surfaces);
     this.mapVeil = veil(map);
