@@ -20,6 +20,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.formulas import Formula, propose
 from identify.lack_of_fit import LOUDEST, Left
+from identify.news import Tell, silent
 from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
@@ -76,19 +77,23 @@ class Diagnosis:
 
 
 def diagnose(
-    fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: ColumnNoise | None = None
-) -> Diagnosis:
+    fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: ColumnNoise | None = None,
+    tell: Tell = silent,
+) -> Diagnosis:  # fmt: skip
     """Rank `candidates` on top of a fitted model, on the runs it was fitted to.
 
     `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns, as an earlier ranking
-    of the same candidates found it, spares finding it again.
+    of the same candidates found it, spares finding it again. `tell` is told what is done now.
     """
-    space = TrialSpace(fitted, floor, candidates, seed, noise)
+    space = TrialSpace(fitted, floor, candidates, seed, noise, tell)
+    tell("how far each takes the error down")
     found = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
     ranked = sorted((c for c in found if c.tested), key=lambda c: -c.total_gain)
+    tell("which cannot be told apart")
     ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
+    tell("what the best explain together")
     now = left_by(space, [])
     failing = now.above
     together = best_set(space, plausible)
@@ -98,7 +103,11 @@ def diagnose(
     excess, explained, unlisted = now.excess(own), 0.0, False
     if failing:
         # A gap between two values of the grid would leave what looks like another cause.
-        sharper = [refined(space, c) for c in ranked if c.key in together]
+        sharper: list[Candidate] = []
+        for c in [c for c in ranked if c.key in together]:
+            tell(f"the constants of {c.key}")
+            sharper.append(refined(space, c))
+        tell("what they leave")
         after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
@@ -113,6 +122,7 @@ def diagnose(
     ranked = [_open(c, best) for c in ranked]
     formulas: list[Formula] = []
     if unlisted:
+        tell("simple laws that the residual follows")
         formulas = propose(fitted, floor, failing, seed)
         verdict, says = "unlisted cause", _unlisted(now, failing, explained, together, formulas)
     elif best is not None:

@@ -17,6 +17,7 @@ from identify.drive import Drive
 from identify.equations import Equations, RunEquations, zeros_following
 from identify.explain import refuse_not_finite
 from identify.model import Model
+from identify.news import Progress, unheard
 from identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from identify.priors import known_beforehand
 from identify.reconstruct import Recording
@@ -136,6 +137,7 @@ def fit(
     robust: bool = False,
     draws: int = NOISE_DRAWS,
     stored: Stored | None = None,
+    progress: Progress = unheard,
 ) -> Fit:
     """Fit a model to runs.
 
@@ -149,6 +151,7 @@ def fit(
     robust : let seconds with a residual far beyond their row's usual one count less (Huber).
     draws : pairs of noise draws behind `unbias`.
     stored : what is known already from a fit of the same model on the same motions, other noise.
+    progress : told how many runs the bias is taken out of.
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
@@ -156,7 +159,7 @@ def fit(
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
-    out = _fit_linear(model, corrected, weights, zeros, unbias and not model.faults, robust, draws, stored)
+    out = _fit_linear(model, corrected, weights, zeros, unbias and not model.faults, robust, draws, stored, progress)
     # A sensor fault is linear only for small values: take out what was found and look again.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
@@ -166,7 +169,7 @@ def fit(
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
     if model.faults and unbias:
-        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored)
+        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored, progress)
     if model.faults:
         theta = out.theta.copy()
         theta[theta.size - faults.size :] += faults
@@ -176,7 +179,7 @@ def fit(
 
 def _fit_linear(
     model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
-    robust: bool, draws: int, stored: Stored | None,
+    robust: bool, draws: int, stored: Stored | None, progress: Progress = unheard,
 ) -> Fit:  # fmt: skip
     effects = model.physics
     parameters = [q for effect in effects for q in effect.parameters]
@@ -216,6 +219,7 @@ def _fit_linear(
     elif unbias:
         followers = zeros_following(equations.runs, sigma)
         for piece in assembly.pieces():
+            progress(piece.run, len(drives))
             moments.add(piece, effects, keep, sigma, followers[piece.run])
             if piece.number is not None:
                 piece.drive.forget_noisy()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from identify.drive import Drive
 from identify.fit import Fit
+from identify.news import Progress
 from identify.sensitivity import Sensitivity
 from identify.vectors import Array
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)

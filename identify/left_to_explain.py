@@ -20,6 +20,7 @@ import numpy as np
 from identify.blocks import block_numbers
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.news import Progress, unheard
 from identify.refitted import Draws, refitted_draws
 from identify.rows import row_unit
 from identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
@@ -100,19 +101,21 @@ class Left:
 
 
 def left_to_explain(
-    fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None
-) -> dict[str, Left]:
+    fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None,
+    progress: Progress = unheard,
+) -> dict[str, Left]:  # fmt: skip
     """What is left to explain, row by row, on the runs a model was fitted to.
 
     `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
     (`identify.states`, `identify.refitted`). Rows of fewer than two blocks for each of the folds are left out: nothing
-    can be said of them.
+    can be said of them. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
     found: dict[str, tuple[Array, Array, Array, float, int]] = {}
-    for row in fitted.rows:
+    for done, row in enumerate(fitted.rows):
+        progress(done, len(fitted.rows))
         names = clear.names(row)
         having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
         blocks = block_numbers(fitted.drives, row)

@@ -13,6 +13,7 @@ from identify.blocks import block_numbers
 from identify.drive import Drive
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.news import Progress, unheard
 from identify.phases import PHASES, Phases
 from identify.refitted import Draws, refitted_draws
 from identify.rows import row_unit
@@ -156,18 +157,20 @@ class Follows:
 
 def followed_states(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None,
-    draws: Draws | None = None,
+    draws: Draws | None = None, progress: Progress = unheard,
 ) -> dict[str, list[Follows]]:  # fmt: skip
     """For each row, its states, those first that predict most of its residual.
 
     `clear`, `draws` : made already (`identify.states`, `identify.refitted`). Rows too short for cross-validation are
-    left out.
+    left out. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear, history=False)
     out: dict[str, list[Follows]] = {}
-    for row in rows or fitted.rows:
+    wanted = rows or fitted.rows
+    for done, row in enumerate(wanted):
+        progress(done, len(wanted))
         names = clear.names(row)
         having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
         blocks = block_numbers(fitted.drives, row) if having else np.zeros(0, np.intp)

@@ -32,13 +32,18 @@ FORMAT = "lacet-study 1"
 _FILE = "study.json"
 
 
+Runs = tuple[tuple[str, ...], tuple[str, ...]]
+"""Paths of the runs used, and of those held out."""
+
+
 @dataclass(frozen=True)
 class Version:
     """One model of a study.
 
     `number` counts from 1; `effects` are the effects beyond the base model, as key → shape constants, in the order
     they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``);
-    `parent` is the version it was made from, 0 for the first.
+    `parent` is the version it was made from, 0 for the first; `runs` the paths of those it was fitted to and of those
+    held out, None in files from before a study's runs could be chosen anew (`Study.runs_of` knows).
     """
 
     number: int
@@ -46,6 +51,7 @@ class Version:
     note: str
     result: Mapping[str, Any] = field(default_factory=dict[str, Any])
     parent: int = 0
+    runs: Runs | None = None
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class Study:
     """A study folder.
 
     `used` and `held` are paths of runs, `filters` the signal chain's settings, `draws` the number of noise-floor
-    simulations, `current` the number of the version that commands work on.
+    simulations, `current` the number of the version that commands work on. `before` are the runs of versions that do
+    not say theirs, once others were chosen.
     """
 
     folder: Path
@@ -62,6 +69,7 @@ class Study:
     filters: Filters
     draws: int
     current: int = 0
+    before: Runs | None = None
 
     @classmethod
     def create(
@@ -77,9 +85,7 @@ class Study:
         """Make a new study folder. Raises UsageError when there is one already, or a run is both used and held out."""
         if (folder / _FILE).exists():
             raise UsageError(f"{folder} is a study already: choose another folder, or go on: lacet study {folder}")
-        both = sorted(str(p) for p in {p.resolve() for p in used} & {p.resolve() for p in held})
-        if both:
-            raise UsageError(f"these runs are both used and held out: {', '.join(both)}")
+        _refuse_both(used, held)
         try:
             for part in ("versions", "diagnoses", "effects"):
                 (folder / part).mkdir(parents=True, exist_ok=True)
@@ -109,7 +115,7 @@ class Study:
                 raise ValueError(f'format is {data.get("format")!r}, expected "{FORMAT}"')
             return cls(
                 Path(folder), tuple(data["used"]), tuple(data["held"]), Filters(**data["filters"]), int(data["draws"]),
-                int(data["current"]),
+                int(data["current"]), _runs(data.get("before")),
             )  # fmt: skip
         except (ValueError, KeyError, TypeError) as cause:
             raise UsageError(f"{path} cannot be read: {cause}") from None
@@ -152,6 +158,26 @@ class Study:
             raise UsageError(f"{self.folder} has no version {number} (it has {len(self.versions())})")
         return _version(file)
 
+    def runs_of(self, version: Version) -> Runs:
+        """The runs a version was fitted to and those held out."""
+        return version.runs or self.before or (self.used, self.held)
+
+    def at(self, version: Version) -> Study:
+        """The same study with the runs of a version, for this session only."""
+        used, held = self.runs_of(version)
+        return replace(self, used=used, held=held)
+
+    def with_runs(self, used: Sequence[Path], held: Sequence[Path]) -> Study:
+        """The same study with other runs; they are kept once a version is recorded with them.
+
+        Raises UsageError when no run is used, or one is both used and held out.
+        """
+        if not used:
+            raise UsageError("name at least one run to identify with")
+        _refuse_both(used, held)
+        chosen = [tuple(_relative(p, self.folder) for p in paths) for paths in (used, held)]
+        return replace(self, used=chosen[0], held=chosen[1], before=self.before or (self.used, self.held))
+
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str, result: Mapping[str, Any]) -> Study:
         """Write a new version and make it the current one. Earlier versions are never changed.
 
@@ -166,7 +192,7 @@ class Study:
             number = max((v.number for v in self.versions()), default=0) + 1
             body = {
                 "format": FORMAT, "version": number, "parent": self.current, "effects": effects, "note": note,
-                "result": result,
+                "used": list(self.used), "held": list(self.held), "result": result,
             }  # fmt: skip
             _write(self.folder / "versions" / f"{number:03d}.json", body)
             study = replace(self, current=number)
@@ -174,10 +200,10 @@ class Study:
         return study
 
     def go_to(self, number: int) -> Study:
-        """Make another version the current one. Raises UsageError when there is none of that number."""
-        self.version(number)
+        """Make another version the current one, with its runs. Raises UsageError when there is none of that number."""
+        runs = self.runs_of(self.version(number))
         with self._only_writer():
-            study = replace(self, current=number)
+            study = replace(self, current=number, used=runs[0], held=runs[1])
             study._save()
         return study
 
@@ -214,6 +240,7 @@ class Study:
             {
                 "format": FORMAT, "used": list(self.used), "held": list(self.held), "filters": filters,
                 "draws": self.draws, "current": self.current,
+                **({"before": {"used": list(self.before[0]), "held": list(self.before[1])}} if self.before else {}),
             },
         )  # fmt: skip
 
@@ -222,9 +249,21 @@ def _version(file: Path) -> Version:
     try:
         data = cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8")))
         number = int(data["version"])
-        return Version(number, data["effects"], str(data["note"]), data["result"], int(data.get("parent", number - 1)))
+        parent = int(data.get("parent", number - 1))
+        runs = _runs(data if "used" in data else None)
+        return Version(number, data["effects"], str(data["note"]), data["result"], parent, runs)
     except (ValueError, KeyError, TypeError) as cause:
         raise UsageError(f"{file} cannot be read: {cause}") from None
+
+
+def _runs(data: Mapping[str, Any] | None) -> Runs | None:
+    return None if data is None else (tuple(data["used"]), tuple(data["held"]))
+
+
+def _refuse_both(used: Sequence[Path], held: Sequence[Path]) -> None:
+    both = sorted(str(p) for p in {p.resolve() for p in used} & {p.resolve() for p in held})
+    if both:
+        raise UsageError(f"these runs are both used and held out: {', '.join(both)}")
 
 
 def _write(file: Path, body: Mapping[str, Any]) -> None:

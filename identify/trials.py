@@ -17,6 +17,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.lack_of_fit import left_after, louder_rows
 from identify.layout import Layout, Trial, sheet_of
+from identify.news import Tell, silent
 from identify.partialling import Partialled
 from identify.rows import row_unit
 from identify.sheet import SheetEntry
@@ -59,6 +60,7 @@ class TrialSpace:
     candidates : effects to try; those of the model are passed over.
     seed : of the simulated zeros and tolerances.
     noise : the noise in the columns, where it is known already for these candidates.
+    tell : told what is done now.
 
     Attributes
     ----------
@@ -72,13 +74,15 @@ class TrialSpace:
     """
 
     def __init__(
-        self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None
-    ):
+        self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
+        tell: Tell = silent,
+    ):  # fmt: skip
         self.fitted, self.floor = fitted, floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
         self.ratios = _ratios(fitted, floor)
+        tell("what the sensor sheet leaves open")
         sheet = sheet_of(fitted)
         temper = _misfit(fitted, floor, sheet)
         rng = np.random.default_rng([seed, 6])
@@ -87,6 +91,7 @@ class TrialSpace:
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         shapes = [one for effect in self.effects for one in effect.shapes()]
         self.layout = Layout.of(len(fitted.place), sheet, shapes)
+        tell(f"what {len(self.effects)} effects would do")
         self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
         model = np.arange(self.layout.model)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
@@ -103,7 +108,11 @@ class TrialSpace:
         self.louder = louder_rows(self.sums, taken, prior)
         self.partialled = Partialled(self.sums, taken, prior)
         if noise is None or noise.labels != column_labels(fitted, self.layout):
-            noise = ColumnNoise.of(fitted, self.partialled, floor.sigma)
+            tell("the noise in what they follow")
+            noise = ColumnNoise.of(
+                fitted, self.partialled, floor.sigma,
+                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} runs"),
+            )  # fmt: skip
         self.noise = noise
         for row, louder in self.louder.items():
             self.partialled.shift += louder**2 * noise.shifts[row]

@@ -9,6 +9,7 @@ from daq.errors import UsageError, nearest
 from daq.vehicle import Vehicle
 from identify.catalogue import catalogue, effect_classes
 from identify.effect import Effect, Parameter, SensorFault
+from identify.study import Study
 
 _RUN = "RUN"
 """Stands for any run in effects that go by runs."""
@@ -40,6 +41,11 @@ def list_effects(vehicle: Vehicle, reference: str, name: str = "") -> list[dict[
     return [_record(e) for e in found if e.name in chosen] + [
         _measured(classes[family]) for family in chosen if classes[family].measured_by
     ]
+
+
+def effect_records(study: Study, reference: str) -> list[dict[str, Any]]:
+    """The same records of every effect that a study knows, its own among them; nothing is printed."""
+    return [_record(effect) for effect in study.effects(reference).values()]
 
 
 def _kind(family: type[Effect]) -> int:

@@ -142,12 +142,19 @@ class Work:
     def __init__(self, study: Study, tell: Tell = silent):
         self.study, self.tell = study, tell
         tell(f"reading {len(study.used)} runs used")
-        self.loaded = load(study.paths(), study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
+        self.loaded = self._read(study.paths(), "used")
         self._held: tuple[Drive, ...] | None = None
         self._fits: dict[int, Fit] = {}
         self._knowledge: dict[int, Knowledge] = {}
         self._floors: dict[int, NoiseFloor] = {}
         self._compared: dict[tuple[int, bool], list[Comparison]] = {}
+
+    def _read(self, paths: Sequence[Path], kind: str) -> Loaded:
+        folder = self.study.folder
+        return load(
+            paths, folder / "rig.toml", folder / "vehicle.toml", self.study.filters,
+            lambda done, total: self.tell(f"reading runs {kind}: {done} of {total}"),
+        )  # fmt: skip
 
     @property
     def held(self) -> tuple[Drive, ...]:
@@ -156,10 +163,7 @@ class Work:
             self._held = ()
             if self.study.held:
                 self.tell(f"reading {len(self.study.held)} runs held out")
-                folder = self.study.folder
-                loaded = load(
-                    self.study.paths(held=True), folder / "rig.toml", folder / "vehicle.toml", self.study.filters
-                )
+                loaded = self._read(self.study.paths(held=True), "held out")
                 if loaded.reference != self.loaded.reference:
                     raise UsageError(
                         f"the runs held out have {loaded.reference} wheel loads, those used {self.loaded.reference}"
@@ -175,7 +179,10 @@ class Work:
             names = ", ".join(version.effects) or "the base model alone"
             self.tell(f"fitting version {version.number or 'new'}: {names}")
             model = self.study.model(version, self.loaded.reference)
-            self._fits[version.number] = fit(model, self.loaded.drives)
+            told = f"fitting version {version.number or 'new'}"
+            self._fits[version.number] = fit(
+                model, self.loaded.drives, progress=lambda done, total: self.tell(f"{told}: {done} of {total} runs")
+            )
         return self._fits[version.number]
 
     def knowledge(self, version: Version) -> Knowledge:
@@ -192,8 +199,18 @@ class Work:
         self.tell("scoring it on the runs used and held out")
         used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
         result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
-        self.study = self.study.record(effects, note, result)
+        try:
+            self.study = self.study.record(effects, note, result)
+        finally:
+            if self.study.current != number:  # another writer's version has this number now
+                self.forget(number)
         return self.study.version()
+
+    def forget(self, number: int) -> None:
+        """Let go of what was computed for a version's number."""
+        for kept in (self._fits, self._knowledge, self._floors):
+            kept.pop(number, None)
+        self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
 
     def comparisons(self, version: Version, held: bool) -> list[Comparison]:
         """A version against the runs used, or held out."""
@@ -202,7 +219,11 @@ class Work:
             fitted = self.fitted(version)
             knowledge = self.knowledge(version) if held else None
             drives = self.held if held else self.loaded.drives
-            self._compared[key] = [compare(fitted, d, FLOOR_DRAWS, knowledge=knowledge) for d in drives]
+            parts: list[Comparison] = []
+            for drive in drives:
+                self.tell(f"comparing version {version.number or 'new'} with {drive.name}")
+                parts.append(compare(fitted, drive, FLOOR_DRAWS, knowledge=knowledge))
+            self._compared[key] = parts
         return self._compared[key]
 
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
@@ -225,7 +246,7 @@ class Work:
         kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
         self.tell(f"trying {len(candidates)} effects")
-        diagnosis = diagnose(fitted, floor, candidates, noise=kept)
+        diagnosis = diagnose(fitted, floor, candidates, noise=kept, tell=self.tell)
         if diagnosis.noise is not kept:
             save_noise(self.study, key, diagnosis.noise)
         self.study.record_diagnosis(diagnosis_result(diagnosis))

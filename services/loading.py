@@ -13,6 +13,7 @@ from daq.vehicle import Vehicle
 from identify.checks import exchanged_wheels
 from identify.drive import Drive
 from identify.filters import Filters
+from identify.news import Progress, unheard
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,9 @@ def load(
     rig: str | Path | None = None,
     vehicle: str | Path | None = None,
     filters: Filters | None = None,
+    progress: Progress = unheard,
 ) -> Loaded:
-    """Open runs and bring each together.
+    """Open runs and bring each together; `progress` is told how many are.
 
     A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are told apart
     by their folders. Raises the error of the first when none can, UsageError when a run is given twice or runs differ
@@ -89,7 +91,8 @@ def load(
     failed: list[LacetError] = []
     car: Vehicle | None = None
     sensors: Rig | None = None
-    for path in paths:
+    for done, path in enumerate(paths):
+        progress(done, len(paths))
         try:
             run = _named_apart(Run.open(path), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]

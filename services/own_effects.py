@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 from daq.errors import UsageError, nearest
+from daq.vehicle import Vehicle
 from identify.catalogue import LINES, effect_classes, line_effects
 from identify.one_line import read_line
 from identify.one_line_effect import OneLine, effect_class
@@ -47,6 +49,23 @@ def with_name(text: str, study: Study | None = None) -> tuple[type[OneLine], str
     taken = {cls.name for cls in own_lines(study)} | _in_versions(study) if study else set[str]()
     name = next(f"own{k}" for k in range(1, len(taken) + 2) if f"own{k}" not in taken)
     return with_name(f"{name} = {text.strip()}")
+
+
+def line_result(cls: type[OneLine], vehicle: Vehicle, reference: str) -> dict[str, Any]:
+    """How a line was read, as plain data (``docs/json.md``, ``effect``)."""
+    line, effects = cls.line, cls.variants(vehicle, reference)
+    return {
+        "effect": cls.name,
+        "about": cls.about,
+        "rows": [{"row": law.named, "unit": law.dimension.unit, "law": law.text} for law in line.rows],
+        "variants": [e.key for e in effects],
+        "parameters": [
+            {"name": p.name.rpartition(".")[2], "unit": p.unit, "low": p.low, "high": p.high}
+            for p in effects[0].parameters
+        ],
+        "constants": [{"name": n, "unit": line.constants[n].unit, "values": v} for n, v in line.grids.items()],
+        "states": [{"name": n, "unit": use.state.unit} for n, use in line.states.items()],
+    }
 
 
 def may_have(study: Study, cls: type[OneLine]) -> bool:

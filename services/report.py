@@ -31,17 +31,9 @@ def write_report(work: Work, file: Path, tell: Tell = silent) -> None:
     parts = [
         _head(study, versions, now),
         section("The error falls", picture(plots.fall_figure(versions)), pre(tables.history(versions))),
-        _failing(work, first, now, before, after),
+        _failing(work, first, now, before, after, tell),
         _findings(study, versions),
-        section(
-            "Model against measurement",
-            *(
-                details(f"{title}: {part.name}", *_validation(part))
-                for title, kind in (("Run used", "used"), ("Run held out", "held"))
-                for part in after[kind]
-            ),
-            *(f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in part.not_judged),
-        ),
+        _against_measurement(after, tell),
         _derived(work, now),
         _parameters(now),
         _rows(now),
@@ -70,17 +62,19 @@ def _head(study: Study, versions: Sequence[Version], now: Version) -> str:
 
 def _failing(
     work: Work, first: Version, now: Version, before: Mapping[str, list[Comparison]],
-    after: Mapping[str, list[Comparison]],
+    after: Mapping[str, list[Comparison]], tell: Tell,
 ) -> str:  # fmt: skip
     """Where the first model failed, its worst row before and after, and what is left to explain now."""
-    found = find_where(work, first)
+    found = find_where(work, first, tell)
+    tell("drawing where the first model fails")
     out = [f"<h3>The base model</h3>{''.join(where_pieces(found))}"]
     if now.number != first.number:
         row = found.worst[0]
         having = [c for c in before["used"] if row in c.scores]
         old = max(having, key=lambda c: c.scores[row].ratio)
         new = next(c for c in after["used"] if c.name == old.name)
-        later = find_where(work, now)
+        later = find_where(work, now, tell)
+        tell("drawing where the present model fails")
         out += [
             f"<h3>Now, with {html.escape(', '.join(now.effects))}</h3>",
             f"<p>{html.escape(row)} of run {html.escape(old.name)} before and after:</p>",
@@ -105,6 +99,17 @@ def _findings(study: Study, versions: Sequence[Version]) -> str:
             )
             found_parts.append(details("the ranking", pre(tables.candidates(found, 20)), f"<table>{reasons}</table>"))
     return section("What is missing", *(found_parts or ["<p>Not diagnosed yet: lacet diagnose.</p>"]))
+
+
+def _against_measurement(after: Mapping[str, list[Comparison]], tell: Tell) -> str:
+    """Every run, measured and modelled."""
+    pieces: list[str] = []
+    for title, kind in (("Run used", "used"), ("Run held out", "held")):
+        for part in after[kind]:
+            tell(f"drawing {part.name}")
+            pieces.append(details(f"{title}: {part.name}", *_validation(part)))
+    pieces += [f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in part.not_judged]
+    return section("Model against measurement", *pieces)
 
 
 def _validation(part: Comparison) -> list[str]:

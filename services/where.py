@@ -10,6 +10,7 @@ from daq.errors import UsageError, nearest
 from identify.drive import Drive
 from identify.fit import Fit
 from identify.left_to_explain import Left, left_to_explain
+from identify.news import Progress
 from identify.phases import Phases, phases_of
 from identify.refitted import refitted_draws
 from identify.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
@@ -80,16 +81,19 @@ def find_where(work: Work, version: Version, tell: Tell | None = None, row: str 
     worst = tuple(name for name in order if ratios[name] > FAILS) or tuple(order[:1])
     if row:
         worst = (row,)
-    floor = work.floor(version, _progress(tell))
+    floor = work.floor(version, _counted(tell, "simulating the noise floor"))
     tell("what the residual follows")
     clear = ClearStates(fitted.drives)
     draws = refitted_draws(fitted, floor)
+    tell("the residual in frequency")
     found = {name: row_spectrum(fitted, floor, name, clear) for name in worst}
-    follows = followed_states(fitted, floor, worst, clear, draws)
+    follows = followed_states(fitted, floor, worst, clear, draws, _counted(tell, "what the residual follows"))
     tell("what is left to explain")
+    left = left_to_explain(fitted, floor, clear, draws=draws, progress=_counted(tell, "what is left to explain"))
+    tell("restoring-force surfaces")
     return Where(
         version=version, fitted=fitted, parts=parts, phases=phases, ratios=ratios, worst=worst,
-        in_phase=by_phase(parts, phases), left=left_to_explain(fitted, floor, clear, draws=draws), follows=follows,
+        in_phase=by_phase(parts, phases), left=left, follows=follows,
         spectra={name: s for name, s in found.items() if s is not None}, surfaces=restoring_surfaces(fitted),
         clear=clear,
     )  # fmt: skip
@@ -100,8 +104,8 @@ def _pairs(work: Work, version: Version) -> list[tuple[Comparison, Drive]]:
     return [*used, *zip(work.comparisons(version, held=True), work.held, strict=True)]
 
 
-def _progress(tell: Tell) -> Any:
-    return lambda done, total: tell(f"simulating the noise floor: {done} of {total}")
+def _counted(tell: Tell, what: str) -> Progress:
+    return lambda done, total: tell(f"{what}: {done} of {total}")
 
 
 def _ratios(parts: Sequence[Comparison], rows: Sequence[str]) -> dict[str, float]:

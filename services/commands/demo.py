@@ -65,7 +65,7 @@ def run(args: argparse.Namespace) -> int:
     first = _opened(used[0])
     study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
     with Line() as line:
-        work = Work(study, line.tell)
+        work = Work(study, line.show)
         version = work.record({}, "base model")
         rows = version.result["rows"]
         where, ratio = tables.worst(rows["used"])

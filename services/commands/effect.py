@@ -17,7 +17,7 @@ from identify.own_files import checked_columns
 from identify.study import Study
 from services import tables
 from services.loading import load
-from services.own_effects import may_have, own_classes, own_folder, own_lines, put, take_out, with_name
+from services.own_effects import line_result, may_have, own_classes, own_folder, own_lines, put, take_out, with_name
 from services.progress import Line
 from services.result import DONE, write_result
 
@@ -109,18 +109,7 @@ def _told(cls: type[OneLine], study: Study) -> dict[str, Any]:
     for name, use in line.states.items():
         wheel = {"other": ", at the other wheel of the axle", "own": "", "": ""}.get(use.wheel, f", at {use.wheel}")
         print(f"  state {name} [{use.state.unit}]: {use.state.about}{wheel}")
-    return {
-        "effect": cls.name,
-        "about": cls.about,
-        "rows": [{"row": law.named, "unit": law.dimension.unit, "law": law.text} for law in line.rows],
-        "variants": [e.key for e in effects],
-        "parameters": [
-            {"name": p.name.rpartition(".")[2], "unit": p.unit, "low": p.low, "high": p.high}
-            for p in effects[0].parameters
-        ],
-        "constants": [{"name": n, "unit": line.constants[n].unit, "values": v} for n, v in line.grids.items()],
-        "states": [{"name": n, "unit": use.state.unit} for n, use in line.states.items()],
-    }
+    return line_result(cls, study.vehicle, study.rig.wheel_reference)
 
 
 def _tried(cls: type[Effect], study: Study, line: Line) -> list[dict[str, Any]]:

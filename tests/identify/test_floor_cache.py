@@ -36,7 +36,7 @@ def few(study: Study, reference: str) -> dict[str, Effect]:
     return {key: e for key, e in _all_effects(study, reference).items() if e.base or key in TRIED}
 
 
-def fit_once(model: Model, drives: tuple[Drive, ...]) -> Fit:
+def fit_once(model: Model, drives: tuple[Drive, ...], **_: Any) -> Fit:
     """Every study here has the same run and model: they are fitted once."""
     if not _fits:
         _fits.append(fit(model, drives, unbias=False))

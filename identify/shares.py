@@ -1,0 +1,41 @@
+"""What each effect of a model contributes to a prediction: the sum taken apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from identify.drive import Drive
+from identify.fit import Fit, corrected_drive
+from identify.score import Comparison
+from identify.vectors import Array
+
+
+@dataclass(frozen=True)
+class Shares:
+    """The parts of one run's prediction, after filter and decimation.
+
+    `effects` row → effect → (n,) of each effect that acts on the row [N or N·m]; `zeros` row → (n,) of the run's sensor
+    zeros. They add up to `Comparison.modelled`. A sensor fault of the model has no part: it is taken out of the
+    measurement before.
+    """
+
+    effects: Mapping[str, Mapping[str, Array]]
+    zeros: Mapping[str, Array]
+
+
+def shares_of(fitted: Fit, drive: Drive, comparison: Comparison) -> Shares:
+    """Take the prediction of a run apart; `comparison` is that of this fit and run."""
+    drive = corrected_drive(drive, fitted)
+    drive.prepare(fitted.model.physics)
+    zeros, values = comparison.zeros
+    effects: dict[str, dict[str, Array]] = {row: {} for row in drive.rows}
+    start = 0
+    for effect in fitted.model.physics:
+        stop = start + len(effect.parameters)
+        theta = fitted.physics[start:stop]
+        for row, columns in drive.columns(effect).items():
+            if row in effects:
+                effects[row][effect.key] = theta @ columns
+        start = stop
+    return Shares(effects, {row: zeros.columns[row] @ values for row in drive.rows})

@@ -1,0 +1,65 @@
+"""``lacet ui``: the workbench in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+from pathlib import Path
+
+from daq.errors import UsageError
+from services.result import DONE, write_result
+
+HELP = "the workbench: a local page to look, compare, add effects, and watch the error fall"
+DESCRIPTION = """\
+Serve a page on this machine and print its address. On it runs are dropped in and chosen, the model is compared with
+the measurement, what is missing is ranked, added, removed and undone, own effects are written, the next run is
+recommended, and the report is exported. All state is in the study's folder: close the page, open it twice, or go on
+with the other commands at any time.
+
+  lacet ui                                  a new study in ./study, or the one that is there
+  lacet ui DIR                              the study in DIR; a new one when there is none
+  lacet ui DIR --open                       and open the browser
+  lacet ui DIR --connect tcp/10.0.0.7:7447  show the car live while it is recorded (lacet record --listen)
+  lacet ui DIR --host 0.0.0.0               for other machines: the address printed holds a token they need
+
+It listens on loopback only unless told otherwise, and loads nothing from elsewhere. Ctrl-C ends it.
+Docs: workbench.md."""
+
+
+LEAST_DRAWS = 19
+"""As `services.fitting` has it, which is loaded with the server only."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("study", metavar="DIR", nargs="?", type=Path, default=Path("study"), help="the study's folder")
+    parser.add_argument("--port", type=int, default=8765, help="port (default 8765; 0 for any that is free)")
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    parser.add_argument(
+        "--name", metavar="HOST", action="append", default=[], help="a further name the page is opened by (a proxy's)"
+    )
+    parser.add_argument("--open", action="store_true", help="open the browser")
+    parser.add_argument("--connect", metavar="ENDPOINT", help="the recorder's router, to show the car live")
+    parser.add_argument(
+        "--most-upload", metavar="GB", type=float, default=4.0, help="largest file taken from the page (default 4 GB)"
+    )
+    parser.add_argument(
+        "--draws", type=int, default=199, help="noise-floor simulations of a study made here (default 199)"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Serve until Ctrl-C."""
+    if not 0 <= args.port <= 65535:
+        raise UsageError(f"--port {args.port}: 0 to 65535")
+    if not args.most_upload > 0.0:
+        raise UsageError(f"--most-upload {args.most_upload:g}: above 0 GB")
+    if args.draws < LEAST_DRAWS:
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
+    if args.study.exists() and not args.study.is_dir():
+        raise UsageError(f"{args.study} is a file: name a folder")
+    # Loaded here, so that the other commands start without it.
+    server = importlib.import_module("services.ui.server")
+    server.serve(server.settings_of(args), args.open)
+    write_result(args.json, "ui", {"folder": args.study})
+    return DONE

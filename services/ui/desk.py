@@ -1,0 +1,248 @@
+"""What the server keeps between questions: the study at work, and what was computed for each version.
+
+The study's folder is the truth: it is read again for every question. What is kept here belongs to files as they were
+when it was made (`Stamp`), and is dropped when they have changed.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from daq.errors import LacetError, UsageError
+from identify.diagnose import Diagnosis
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.phases import Phases, phases_of
+from identify.preview import Preview, preview
+from identify.score import Comparison
+from identify.shares import Shares, shares_of
+from identify.study import Study, Version
+from services.fitting import Tell, Work, scores
+from services.result import plain
+from services.ui.refusals import Busy, Needs
+from services.where import Where, find_where, says, where_result
+
+WORKS = 2
+"""Choices of runs whose motions are kept in memory."""
+PREVIEWS = 50
+"""Effects whose fits beside a version are kept."""
+VERSIONS = 8
+"""Versions whose series are kept in memory."""
+
+Stamp = tuple[tuple[str, int, int], ...]
+"""Path, time of change [ns] and size of every file something was made from."""
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A version against all its runs, those used first, with each effect's share and the phases of driving."""
+
+    version: Version
+    stamp: Stamp
+    parts: tuple[Comparison, ...]
+    shares: tuple[Shares, ...]
+    phases: tuple[Phases, ...]
+    payload: Mapping[str, Any]
+
+    def part(self, run: str) -> tuple[Comparison, Shares]:
+        """One run. Raises UsageError for a run that there is not."""
+        for part, shares in zip(self.parts, self.shares, strict=True):
+            if part.name == run:
+                return part, shares
+        raise UsageError(f"no run {run} in version {self.version.number}: {', '.join(p.name for p in self.parts)}")
+
+
+class Desk:
+    """The study of one folder, which may not be there yet.
+
+    `compute` guards everything that works on motions: the job at work holds it.
+    """
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+        self._compute = threading.Lock()
+        self._works: OrderedDict[tuple[object, ...], Work] = OrderedDict()
+        self._compared: OrderedDict[int, Compared] = OrderedDict()
+        self._where: OrderedDict[int, tuple[Stamp, Where, Mapping[str, Any]]] = OrderedDict()
+        self._previews: OrderedDict[tuple[object, ...], Preview] = OrderedDict()
+        self._diagnosed: OrderedDict[int, tuple[Stamp, Diagnosis]] = OrderedDict()
+
+    # -- the folder ---------------------------------------------------------------------------------------------------
+
+    @property
+    def exists(self) -> bool:
+        """Whether the folder has a study with at least one version."""
+        return (self.folder / "study.json").is_file() and any((self.folder / "versions").glob("[0-9]*.json"))
+
+    @property
+    def study(self) -> Study:
+        """The study as it is on disk now. Raises UsageError when there is none yet."""
+        if not self.exists:
+            raise UsageError("there is no study here yet: choose runs to identify with, and make one")
+        return Study.open(self.folder)
+
+    def version(self, number: int | None = None) -> tuple[Study, Version]:
+        """The study with the runs of a version (by default the present one), and the version."""
+        study = self.study
+        version = study.version(number)
+        return study.at(version), version
+
+    # -- computing ----------------------------------------------------------------------------------------------------
+
+    @contextmanager
+    def computing(self, wait: float = -1.0) -> Generator[None]:
+        """Hold everything that computes. Raises Busy when it is not free within `wait` [s]; −1 waits for ever."""
+        if not self._compute.acquire(timeout=wait):
+            raise Busy("lacet is at work on something else: look again when that is done, or cancel it")
+        try:
+            yield
+        finally:
+            self._compute.release()
+
+    def work(self, study: Study, tell: Tell) -> Work:
+        """The study with its runs read; read anew when a run, the rig or the vehicle has changed on disk."""
+        key = (study.used, study.held, study.filters, study.draws, stamp_of(study))
+        work = self._works.pop(key, None)
+        if work is None:
+            work = Work(study, tell)
+        # Another writer may have been there: what was computed is by version, and versions never change.
+        if work.study.current != study.current or work.study.before != study.before:
+            work.study = study
+        work.tell = tell
+        self._works[key] = work
+        while len(self._works) > WORKS:
+            self._works.popitem(last=False)
+        return work
+
+    def drop(self, work: Work) -> None:
+        """Let go of a study at work that may be half done."""
+        self._works = OrderedDict((key, one) for key, one in self._works.items() if one is not work)
+
+    def compare(self, number: int | None, tell: Tell) -> Compared:
+        """A version against its runs: computed, and kept."""
+        study, version = self.version(number)
+        kept = self._compared.get(version.number)
+        stamp = stamp_of(study)
+        if kept is None or kept.stamp != stamp:
+            work = self.work(study, tell)
+            tell(f"comparing version {version.number}")
+            fitted = work.fitted(version)
+            pairs = pairs_of(work, version)
+            tell("what each effect brings")
+            shares = tuple(shares_of(fitted, drive, part) for part, drive in pairs)
+            tell("the phases of driving")
+            phases = tuple(phases_of(drive.motion) for _, drive in pairs)
+            parts = tuple(part for part, _ in pairs)
+            kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, work))
+        _keep(self._compared, version.number, kept)
+        return kept
+
+    def where(self, number: int | None, tell: Tell) -> Where:
+        """Where a version fails: computed, and kept."""
+        study, version = self.version(number)
+        stamp = stamp_of(study)
+        kept = self._where.get(version.number)
+        if kept is None or kept[0] != stamp:
+            found = find_where(self.work(study, tell), version, tell)
+            kept = stamp, found, plain({**where_result(found), "says": says(found)})
+        _keep(self._where, version.number, kept)
+        return kept[1]
+
+    def preview(self, number: int, effect: Effect, tell: Tell) -> tuple[Work, Preview]:
+        """A version with one more effect; to be asked for while `computing`."""
+        study, version = self.version(number)
+        work = self.work(study, tell)
+        key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
+        if key not in self._previews:
+            self._previews[key] = preview(work.fitted(version), effect)
+            while len(self._previews) > PREVIEWS:
+                self._previews.popitem(last=False)
+        return work, self._previews[key]
+
+    def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
+        """Keep a ranking, which recommending the next run goes on from."""
+        _keep(self._diagnosed, number, (stamp_of(study), diagnosis))
+
+    # -- what is there already ----------------------------------------------------------------------------------------
+
+    def compared(self, number: int) -> Compared:
+        """What `compare` found. Raises Needs when it has not been computed, or the runs have changed."""
+        study, version = self.version(number)
+        kept = self._compared.get(version.number)
+        if kept is None or kept.stamp != stamp_of(study):
+            raise Needs("compare", f"version {version.number} has not been compared with its runs yet")
+        return kept
+
+    def found_where(self, number: int) -> tuple[Where, Mapping[str, Any]]:
+        """What `where` found, and the same as ``lacet where --json`` has it. Raises Needs."""
+        study, version = self.version(number)
+        kept = self._where.get(version.number)
+        if kept is None or kept[0] != stamp_of(study):
+            raise Needs("where", f"nobody has looked yet where version {version.number} fails")
+        return kept[1:]
+
+    def diagnosis(self, number: int) -> Diagnosis | None:
+        """The ranking of a version made by this server, or None."""
+        study, version = self.version(number)
+        kept = self._diagnosed.get(version.number)
+        return kept[1] if kept and kept[0] == stamp_of(study) else None
+
+
+def pairs_of(work: Work, version: Version) -> list[tuple[Comparison, Drive]]:
+    """Every run of a version with its comparison, those used first."""
+    used = zip(work.comparisons(version, held=False), work.loaded.drives, strict=True)
+    return [*used, *zip(work.comparisons(version, held=True), work.held, strict=True)]
+
+
+def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work) -> dict[str, Any]:
+    """Scores of every row of every run, as ``lacet compare`` has them."""
+    used, held = scores([p for p in parts if p.used]), scores([p for p in parts if not p.used])
+    seconds = {
+        drive.name: float(drive.recording.t[-1] - drive.recording.t[0]) for drive in (*work.loaded.drives, *work.held)
+    }
+    return plain(
+        {
+            "version": version.number,
+            "effects": version.effects,
+            "used": used,
+            "held": held,
+            "runs": [
+                {
+                    "name": part.name, "used": part.used, "seconds": seconds[part.name],
+                    "rows": [{"row": row, **score} for row, score in (used | held)[part.name].items()],
+                    "not_judged": part.not_judged,
+                }
+                for part in parts
+            ],
+            "not_judged": [line for part in parts for line in part.not_judged],
+        }
+    )  # fmt: skip
+
+
+def stamp_of(study: Study) -> Stamp:
+    """What the study's runs, rig and vehicle are on disk. Raises LacetError for a run that has gone."""
+    files = [*study.paths(), *study.paths(held=True), study.folder / "rig.toml", study.folder / "vehicle.toml"]
+    return tuple(one_stamp(file) for file in files)
+
+
+def one_stamp(file: Path) -> tuple[str, int, int]:
+    """Path, time of change and size of a file. Raises LacetError when it has gone."""
+    try:
+        found = os.stat(file)
+    except OSError as error:
+        raise LacetError(f"{file}: {error.strerror}; put it back, or choose the runs anew") from None
+    return str(file), found.st_mtime_ns, found.st_size
+
+
+def _keep(kept: OrderedDict[int, Any], number: int, value: Any) -> None:
+    kept[number] = value
+    kept.move_to_end(number)
+    while len(kept) > VERSIONS:
+        kept.popitem(last=False)

@@ -1,0 +1,72 @@
+"""News for the pages: everything published goes to every page that listens (server-sent events)."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+from collections.abc import AsyncIterator
+from typing import Any
+
+WAITING = 500
+"""News that may wait for a slow page; a page that falls behind farther loses the oldest and is told to look anew."""
+BEAT = 10.0
+"""Seconds of silence after which an empty line tells that the connection lives."""
+
+
+class Events:
+    """From any thread to any number of pages."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._pages: dict[asyncio.Queue[str | None], asyncio.AbstractEventLoop] = {}
+        self._closed = False
+
+    def publish(self, event: str, data: Any) -> None:
+        """Tell all pages; never waits."""
+        text = f"event: {event}\ndata: {json.dumps(data, ensure_ascii=False)}\n\n"
+        with self._lock:
+            for queue, loop in self._pages.items():
+                loop.call_soon_threadsafe(_put, queue, text)
+
+    def close(self) -> None:
+        """End every page's stream: the server stops."""
+        with self._lock:
+            self._closed = True
+            for queue, loop in self._pages.items():
+                loop.call_soon_threadsafe(_put, queue, None)
+
+    @property
+    def listening(self) -> int:
+        """Pages that listen."""
+        return len(self._pages)
+
+    async def stream(self, first: list[tuple[str, Any]] | None = None) -> AsyncIterator[str]:
+        """One page's news, beginning with `first`."""
+        queue: asyncio.Queue[str | None] = asyncio.Queue(WAITING)
+        with self._lock:
+            if self._closed:
+                return
+            self._pages[queue] = asyncio.get_running_loop()
+        try:
+            yield "retry: 1000\n\n"
+            for event, data in first or []:
+                yield f"event: {event}\ndata: {json.dumps(data, ensure_ascii=False)}\n\n"
+            while True:
+                try:
+                    text = await asyncio.wait_for(queue.get(), BEAT)
+                except TimeoutError:
+                    text = ": here\n\n"
+                if text is None:
+                    return
+                yield text
+        finally:
+            with self._lock:
+                self._pages.pop(queue, None)
+
+
+def _put(queue: asyncio.Queue[str | None], text: str | None) -> None:
+    while queue.full():
+        queue.get_nowait()
+        text = 'event: study\ndata: {"missed": true}\n\n' if text is not None else None
+    queue.put_nowait(text)

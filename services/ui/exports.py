@@ -1,0 +1,104 @@
+"""Files to take away: the report, parameters and versions as tables, the study as JSON."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from services.commands.study import study_result
+from services.fitting import overall
+from services.result import FORMAT, plain
+from services.ui.desk import Desk
+from services.ui.refusals import Needs
+from services.ui.tasks import REPORT
+from services.ui.views import parameters_payload
+
+_REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
+"""The report is one file with its styles and pictures inside, and nothing that runs."""
+
+
+@dataclass(frozen=True)
+class File:
+    """What is sent: name, kind (MIME), body, and the policy of what it may load where it is a page."""
+
+    name: str
+    kind: str
+    body: bytes
+    policy: str = ""
+
+
+def report(desk: Desk) -> File:
+    """The report last written. Raises Needs when there is none newer than the study's last change."""
+    file = desk.folder / REPORT
+    if not file.is_file() or file.stat().st_mtime < (desk.folder / "study.json").stat().st_mtime:
+        raise Needs("report", "the report of the present version has not been written yet")
+    return File(f"{_name(desk)}-report.html", "text/html", file.read_bytes(), _REPORT_POLICY)
+
+
+def parameters(desk: Desk) -> File:
+    """The present version's parameters."""
+    found = parameters_payload(desk.study, None)
+    head = ["parameter", "effect", "value", "unit", "half95", "half95_sheet", "sxr_percent", "a_priori", "why_not"]
+    rows = [
+        [p["name"], p["effect"], p["value"], p["unit"], p["half95"], p["half95_sheet"], p["sxr_percent"], p["apriori"],
+         ""]
+        for p in found["parameters"]
+    ]  # fmt: skip
+    rows += [[p["name"], p["effect"], *[""] * 6, p["why"]] for p in found["not_identifiable"]]
+    return _table(f"{_name(desk)}-parameters-v{found['version']}.csv", head, rows)
+
+
+def versions(desk: Desk) -> File:
+    """Every version's errors, run by run and row by row."""
+    head = ["version", "parent", "note", "effects", "kind", "run", "row", "unit", "rms", "floor", "error_in_floors",
+            "nrmse_percent", "vaf_percent", "judged"]  # fmt: skip
+    rows: list[list[Any]] = []
+    for v in desk.study.versions():
+        about = [v.number, v.parent, v.note, " ".join(v.effects)]
+        for kind in ("used", "held"):
+            parts = v.result["rows"][kind]
+            if parts:
+                rows.append([*about, kind, "all", "all", "", "", "", overall(parts), "", "", ""])
+            rows += [
+                [*about, kind, run, row, s["unit"], s["rms"], s["floor"], s["ratio"], s["nrmse"], s["vaf"],
+                 s.get("judged", True)]
+                for run, scores in parts.items() for row, s in scores.items()
+            ]  # fmt: skip
+    return _table(f"{_name(desk)}-versions.csv", head, rows)
+
+
+def study(desk: Desk) -> File:
+    """The study as ``lacet study --json`` gives it, with the present version's whole result and diagnosis."""
+    found = desk.study
+    body = {
+        "format": FORMAT, "command": "study", **study_result(found), "result": found.version().result,
+        "diagnosis": found.diagnosis(),
+    }  # fmt: skip
+    text = json.dumps(plain(body), indent=1, ensure_ascii=False) + "\n"
+    return File(f"{_name(desk)}-study.json", "application/json", text.encode())
+
+
+MAKERS: dict[str, Callable[[Desk], File]] = {
+    REPORT: report, "parameters.csv": parameters, "versions.csv": versions, "study.json": study,
+}  # fmt: skip
+
+
+def _table(name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> File:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(head)
+    writer.writerows([[_cell(x) for x in row] for row in rows])
+    return File(name, "text/csv; charset=utf-8", text.getvalue().encode())
+
+
+def _cell(value: Any) -> Any:
+    """A cell that a spreadsheet takes for text and never for a formula."""
+    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
+
+
+def _name(desk: Desk) -> str:
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in desk.folder.resolve().name) or "study"

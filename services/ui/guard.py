@@ -1,0 +1,125 @@
+"""Who may speak to the server: the Host header, the origin of writes, the token, and what a page may load.
+
+A page on another site cannot read answers of this server (no CORS header is ever sent). It could still send writes, or
+read as the same site with a name that it makes point here (DNS rebinding): Origin and Host are checked for that.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+import secrets
+import socket
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import parse_qs, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+COOKIE = "lacet"
+POLICY = (
+    "default-src 'self'; img-src 'self' data: blob:; style-src 'self'; object-src 'none'; base-uri 'none'; "
+    "form-action 'self'; frame-ancestors 'none'"
+)
+"""What the page may load: nothing from elsewhere. Styles set by script through the style object are not forbidden."""
+FIXED = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+}
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+def new_token() -> str:
+    """A token nobody can guess."""
+    return secrets.token_urlsafe(24)
+
+
+class Guard:
+    """In front of the application.
+
+    `hosts` are names under which the server may be spoken to; where it listens elsewhere than on loopback (`token` is
+    given then), addresses in numbers too, which no other site can make point here. `token` must come once as
+    ``?token=…``, or as the cookie that is set then.
+    """
+
+    def __init__(self, app: ASGIApp, hosts: Iterable[str] = (), token: str | None = None):
+        self.app, self.token = app, token
+        self.hosts = {name.lower() for name in (*_LOOPBACK, *hosts)}
+        if token:
+            self.hosts.add(socket.gethostname().lower())
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request through, or answer it."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        if why := self._refused(scope, headers):
+            await _answer(send, 403, {"error": why})
+            return
+        if self.token and not self._known(headers):
+            given = parse_qs(scope["query_string"].decode("latin-1")).get("token", [""])[0]
+            if not secrets.compare_digest(given.encode(), self.token.encode()):
+                says = "open the address that lacet ui printed, with its token"
+                await _answer(send, 401, {"error": f"this page needs a token: {says}"})
+                return
+            cookie = f"{COOKIE}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+            await _answer(send, 303, {}, {"Location": scope["path"] or "/", "Set-Cookie": cookie})
+            return
+
+        async def sent(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                out = MutableHeaders(scope=message)
+                for name, value in FIXED.items():
+                    out.setdefault(name, value)
+                out.setdefault("Content-Security-Policy", POLICY)
+                out.setdefault("Cache-Control", "no-store" if scope["path"].startswith("/api/") else "no-cache")
+            await send(message)
+
+        await self.app(scope, receive, sent)
+
+    def _refused(self, scope: Scope, headers: Headers) -> str:
+        host = _host(headers.get("host", ""))
+        if host not in self.hosts and not (self.token and _is_address(host)):
+            return f"this server is not '{host}': open it under the address that lacet ui printed"
+        if scope["method"] not in ("GET", "HEAD"):
+            origin = headers.get("origin")
+            if origin is not None and urlsplit(origin).netloc.lower() != headers.get("host", "").lower():
+                return "a page of another site may not write here"
+            if origin is None and headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
+                return "a page of another site may not write here"
+        return ""
+
+    def _known(self, headers: Headers) -> bool:
+        try:
+            found = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
+        except CookieError:
+            return False
+        return found is not None and secrets.compare_digest(found.value.encode(), (self.token or "").encode())
+
+
+def _host(text: str) -> str:
+    """The host of a Host header, without its port."""
+    try:
+        return (urlsplit(f"//{text}").hostname or "").lower()
+    except ValueError:
+        return ""
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+async def _answer(send: Send, status: int, body: dict[str, str], extra: dict[str, str] | None = None) -> None:
+    text = json.dumps(body).encode()
+    pairs = {"Content-Type": "application/json", "Content-Length": str(len(text)), **FIXED, **(extra or {})}
+    headers = [(k.lower().encode(), v.encode("latin-1")) for k, v in pairs.items()]
+    await send({"type": "http.response.start", "status": status, "headers": headers})
+    await send({"type": "http.response.body", "body": text})

@@ -1,0 +1,185 @@
+"""Long work: one thread does one job after the other, tells how far it is, and stops when asked."""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import re
+import threading
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from daq.errors import LacetError
+from services.ui.events import Events
+
+PERIOD = 0.1
+"""Least time between two pieces of news of a job [s]."""
+KEPT = 50
+"""Finished jobs that are remembered."""
+_OF = re.compile(r"(\d+) of (\d+)\b")
+
+
+class Cancelled(Exception):
+    """The job was cancelled: raised where it tells how far it is."""
+
+
+@dataclass
+class Job:
+    """One piece of work.
+
+    `state` is ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``; `text` what it is at, `done` of `total`
+    where that can be counted; `error` why it failed; `result` what came of it, plain data.
+    """
+
+    id: int
+    do: str
+    args: Mapping[str, Any]
+    state: str = "waiting"
+    text: str = ""
+    done: int | None = None
+    total: int | None = None
+    error: str | None = None
+    result: Any = None
+    seconds: float = 0.0
+    stop: threading.Event = field(default_factory=threading.Event, repr=False)
+
+    def told(self, result: bool = False) -> dict[str, Any]:
+        """As the page gets it."""
+        names = ("id", "do", "args", "state", "text", "done", "total", "error", "seconds")
+        return {name: getattr(self, name) for name in names} | ({"result": self.result} if result else {})
+
+    @property
+    def over(self) -> bool:
+        """Whether nothing will change any more."""
+        return self.state in ("done", "failed", "cancelled")
+
+
+class Teller:
+    """What a job calls to say how far it is; stops the job when it was cancelled."""
+
+    def __init__(self, job: Job, publish: Callable[[Job], None]):
+        self.job, self._publish, self._last = job, publish, 0.0
+
+    def tell(self, text: str) -> None:
+        """What is done now. Raises Cancelled."""
+        found = _OF.search(text)
+        self.job.text = text
+        self.job.done, self.job.total = (int(found[1]), int(found[2])) if found else (None, None)
+        self._say(found is None)
+
+    def progress(self, done: int, total: int) -> None:
+        """How far. Raises Cancelled."""
+        self.job.done, self.job.total = done, total
+        self._say(False)
+
+    def check(self) -> None:
+        """Raises Cancelled when the job was cancelled."""
+        if self.job.stop.is_set():
+            raise Cancelled
+
+    def _say(self, now: bool) -> None:
+        self.check()
+        if now or time.monotonic() - self._last >= PERIOD:
+            self._last = time.monotonic()
+            self._publish(self.job)
+
+
+Do = Callable[[Mapping[str, Any], Teller], Any]
+
+
+class Jobs:
+    """The queue and its thread.
+
+    `tasks` name → what does it, given the arguments and a teller; what it returns is the job's result.
+    """
+
+    def __init__(self, tasks: Mapping[str, Do], events: Events):
+        self.tasks, self.events = dict(tasks), events
+        # Not from 1: a page that followed a job of the server before must not take another for it.
+        self._numbers = itertools.count(int(time.time()))
+        self._jobs: dict[int, Job] = {}
+        self._queue: queue.Queue[Job | None] = queue.Queue()
+        self._thread = threading.Thread(target=self._work, name="lacet-jobs", daemon=True)
+        self._thread.start()
+
+    def submit(self, do: str, args: Mapping[str, Any]) -> Job:
+        """Put a job at the end of the queue; one like it that waits is not put there twice."""
+        for job in list(self._jobs.values()):
+            if job.state == "waiting" and (job.do, job.args) == (do, args):
+                return job
+        job = Job(next(self._numbers), do, dict(args), text="waiting")
+        self._jobs[job.id] = job
+        for old in [j.id for j in list(self._jobs.values()) if j.over][:-KEPT]:
+            self._jobs.pop(old, None)
+        self._say(job)
+        self._queue.put(job)
+        return job
+
+    def cancel(self, job: Job) -> None:
+        """Stop a job: at once when it waits, where it next tells how far it is when it runs."""
+        job.stop.set()
+        if job.state == "waiting":
+            job.state, job.text = "cancelled", "cancelled"
+            self._say(job)
+        elif job.state == "running":
+            job.text = "stopping"
+            self._say(job)
+
+    def get(self, number: int) -> Job | None:
+        """A job by its number."""
+        return self._jobs.get(number)
+
+    def all(self) -> list[Job]:
+        """Every job remembered, the first first."""
+        return list(self._jobs.values())
+
+    @property
+    def busy(self) -> Job | None:
+        """The job at work."""
+        return next((job for job in list(self._jobs.values()) if job.state == "running"), None)
+
+    def close(self, wait: float = 10.0) -> None:
+        """Cancel everything and end the thread."""
+        for job in list(self._jobs.values()):
+            if not job.over:
+                self.cancel(job)
+        self._queue.put(None)
+        self._thread.join(wait)
+
+    def _say(self, job: Job) -> None:
+        self.events.publish("job", job.told())
+
+    def _work(self) -> None:
+        # One thread for linear algebra, as the command line has it: the same study then gives the same digits.
+        with threadpool_limits(1):
+            while (job := self._queue.get()) is not None:
+                if job.state == "waiting":
+                    self._one(job)
+
+    def _one(self, job: Job) -> None:
+        began = time.monotonic()
+        job.state, job.text = "running", "starting"
+        self._say(job)
+        teller = Teller(job, self._say)
+        try:
+            teller.check()
+            job.result = self.tasks[job.do](job.args, teller)
+            job.state, job.text = "done", "done"
+        except Cancelled:
+            job.state, job.text = "cancelled", "cancelled"
+        except LacetError as error:
+            job.state, job.text, job.error = "failed", "failed", str(error)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            job.state, job.text, job.error = "failed", "failed", f"{where}{error.strerror or error}"
+        except Exception as error:  # a bug: the page is told, the terminal has the whole of it, the next job goes on
+            traceback.print_exc()
+            job.state, job.text = "failed", "failed"
+            job.error = f"an error of lacet itself: {type(error).__name__}: {error}"
+        job.seconds = time.monotonic() - began
+        self._say(job)

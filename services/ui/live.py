@@ -1,0 +1,175 @@
+"""What the car sends now: the bus is listened to, and told channel by channel."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from daq.bus import open_session
+from daq.bus_listener import BusListener, Message
+from daq.channels import CHANNELS
+from daq.errors import LacetError, UsageError
+from daq.rig import Rig
+from daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
+from services.result import plain
+from services.ui.events import Events
+
+PERIOD = 1.0
+"""How often pages are told [s]."""
+WINDOW = 5.0
+"""Rates are those of the last so many seconds."""
+GONE = 30.0
+"""Silence after which a run is no longer shown as recording [s]."""
+AGAIN = 2.0
+"""Time between two attempts to reach the router [s]."""
+
+
+@dataclass
+class _Heard:
+    """What came of one channel: blocks of the last `WINDOW` as (stamp of their end [ns], samples, flagged)."""
+
+    blocks: deque[tuple[int, int, int]] = field(default_factory=deque[tuple[int, int, int]])
+    samples: int = 0
+    flagged: int = 0
+    next: int = 0
+    missed: int = 0
+    at: float = 0.0
+
+
+class Live:
+    """Listens to a router in a thread of its own, when given one; `endpoint` like ``tcp/10.0.0.7:7447``."""
+
+    def __init__(self, endpoint: str | None, events: Events):
+        self.endpoint, self._events = endpoint, events
+        self._stop, self._lock = threading.Event(), threading.Lock()
+        self._connected, self._why = False, ""
+        self._run, self._rig, self._about = "", "", dict[str, Any]()
+        self._recording, self._last = False, 0.0
+        self._heard: dict[str, _Heard] = {}
+        self._ledger: dict[str, Any] = {}
+        self._thread = None
+        if endpoint:
+            self._thread = threading.Thread(target=self._listen, name="lacet-live", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        """End listening."""
+        self._stop.set()
+        if self._thread:
+            self._thread.join(5.0)
+
+    def payload(self) -> dict[str, Any]:
+        """What is known now."""
+        now = time.monotonic()
+        with self._lock:
+            recording = self._recording and now - self._last < GONE
+            return plain(
+                {
+                    "connected": self._connected, "endpoint": self.endpoint, "why": self._why,
+                    "run": self._run or None, "rig": self._rig or None, "recording": recording, **self._about,
+                    "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
+                    "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
+                    "seconds": self._ledger.get("seconds"),
+                }
+            )  # fmt: skip
+
+    def _channel(self, name: str, heard: _Heard, now: float) -> dict[str, Any]:
+        about = CHANNELS.get(name)
+        span = 1e-9 * (heard.blocks[-1][0] - heard.blocks[0][0]) if len(heard.blocks) > 1 else 0.0
+        counted = sum(n for _, n, _ in list(heard.blocks)[1:])
+        return {
+            "name": name, "unit": about.unit if about else "", "rate": counted / span if span > 0.0 else None,
+            "expected": about.rate if about else None, "age": now - heard.at if heard.samples else None,
+            "samples": heard.samples, "flagged": heard.flagged, "losses": heard.missed,
+        }  # fmt: skip
+
+    # -- the thread ---------------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        assert self.endpoint is not None
+        while not self._stop.is_set():
+            try:
+                session = open_session(connect=(self.endpoint,), wait=1.0)
+            except UsageError as error:
+                with self._lock:
+                    self._connected, self._why = False, str(error)
+                self._stop.wait(AGAIN)
+                continue
+            try:
+                listener = BusListener(session)
+                with self._lock:
+                    self._connected, self._why = True, ""
+                self._follow(listener)
+                listener.close()
+            finally:
+                session.close()
+
+    def _follow(self, listener: BusListener) -> None:
+        told = 0.0
+        while not self._stop.is_set():
+            message = listener.get(0.1)
+            if message is not None:
+                with self._lock:
+                    self.take(message)
+            if time.monotonic() - told >= PERIOD and self._last:
+                told = time.monotonic()
+                self._events.publish("live", self.payload())
+
+    def take(self, message: Message) -> None:
+        """Take a message of the bus; those of an older run than the present one are passed over."""
+        if message.kind == "result":
+            return
+        if message.keys.run != self._run:
+            if message.kind not in ("start", "alive", "block"):
+                return
+            self._run, self._rig = message.keys.run, message.keys.rig
+            self._heard, self._ledger, self._about = {}, {}, {}
+        self._last = time.monotonic()
+        try:
+            if message.kind == "block":
+                self._block(message)
+                self._recording = True
+            elif message.kind == "start":
+                start = start_from_bytes(message.payload)
+                self._about = {"vehicle": start.vehicle, "manoeuvre": start.manoeuvre, "started_ns": start.started_ns}
+                for name in _promised(start):
+                    self._heard.setdefault(name, _Heard())
+            elif message.kind == "ledger":
+                self._ledger = json.loads(message.payload)
+            elif message.kind == "alive":
+                self._recording = True
+            elif message.kind in ("gone", "manifest"):
+                self._recording = False
+        except (WireError, ValueError):  # what cannot be read is not shown; the recorder's log is the truth
+            pass
+
+    def _block(self, message: Message) -> None:
+        block, _ = block_from_bytes(message.payload)
+        heard = self._heard.setdefault(block.channel, _Heard())
+        if not heard.samples:  # who comes late has missed nothing
+            heard.next = message.sequence
+        heard.missed += max(0, message.sequence - heard.next)
+        heard.next = max(heard.next, message.sequence + 1)
+        flagged = int(np.count_nonzero(block.flags))
+        heard.samples += len(block)
+        heard.flagged += flagged
+        heard.at = time.monotonic()
+        end = int(block.t_ns[-1]) if len(block) else 0
+        heard.blocks.append((end, len(block), flagged))
+        while heard.blocks and end - heard.blocks[0][0] > WINDOW * 1e9:
+            heard.blocks.popleft()
+
+
+def _promised(start: StartRecord) -> list[str]:
+    """Channels that the rig of a run sends: one that never comes is shown as silent."""
+    try:
+        rig = Rig.parse(start.rig_text, "rig of the run")
+    except LacetError:
+        return []
+    return [name for sensor in rig.sensors if sensor.driver and sensor.bus for name in sensor.channels]

@@ -1,0 +1,96 @@
+"""Where a version fails and what an effect would do, asked for one row at a time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from daq.errors import nearest
+from identify.catalogue import find_effect
+from identify.residual_map import Against, against_states
+from identify.spectra import row_spectrum
+from services.fitting import silent
+from services.result import plain
+from services.ui.binary import packed
+from services.ui.desk import Desk
+from services.ui.refusals import Needs, NotThere
+
+WAIT = 2.0
+"""How long a small question waits for a job to end [s]."""
+
+
+def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:
+    """A row's residual against a state, clear of noise or not; what the model took up put back where it is clear."""
+    found, _ = desk.found_where(version)
+    ready = found.against(row).get(state) if row in found.worst else None
+    if ready is None:
+        with desk.computing(WAIT):
+            every = against_states(found.fitted.drives, found.fitted.residual, row, None)
+            if not every:
+                raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
+            if state not in every:
+                raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
+            clear = against_states(found.fitted.drives, found.fitted.residual, row, [state], found.clear)
+            ready = clear[state]
+    return plain(_against(ready))
+
+
+def _against(a: Against) -> dict[str, Any]:
+    return {
+        "row": a.row, "name": a.mean.state, "unit": a.mean.unit, "row_unit": a.row_unit, "state": a.mean.centre,
+        "mean": a.mean.mean, "low": a.mean.low, "high": a.mean.high, "count": a.mean.count, "put_back": a.put_back,
+    }  # fmt: skip
+
+
+def spectrum_payload(desk: Desk, version: int, row: str) -> dict[str, Any]:
+    """A row's residual in frequency beside its floor, and its coherence with the states."""
+    found, _ = desk.found_where(version)
+    ready = found.spectra.get(row)
+    if ready is None:
+        if row not in found.fitted.rows:
+            raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
+        with desk.computing(WAIT):
+            study, number = desk.version(version)
+            floor = desk.work(study, silent).floor(number)
+            ready = row_spectrum(found.fitted, floor, row, found.clear)
+        if ready is None:
+            raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
+    return plain(
+        {
+            "row": row, "unit": ready.unit, "frequency": ready.frequency, "residual": ready.residual,
+            "floor": ready.floor, "high": ready.high, "coherence": dict(ready.coherence), "level": ready.level,
+            "together": {"of": ready.together_of, "squared": ready.together, "level": ready.together_level},
+            "segments": ready.segments,
+        }
+    )  # fmt: skip
+
+
+def preview_body(desk: Desk, version: int, key: str, run: str, row: str) -> bytes:
+    """A row's residual now, and with an effect in the model and everything else fitted anew around it."""
+    study, of = desk.version(version)
+    found = next((c for c in _candidates(desk, version) if c["effect"] == key), None)
+    if found is None:
+        raise NotThere(f"the diagnosis of version {version} has no effect '{key}'")
+    part, _ = desk.compared(version).part(run)
+    if row not in part.measured:
+        raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
+    with desk.computing(WAIT):
+        effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
+        work, beside = desk.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
+        drive = next(d for d in (*work.loaded.drives, *work.held) if d.name == run)
+        after = beside.residual(drive, part)
+    now = part.residual(row)
+    rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))
+    arrays = {"t": part.t[row], "now": now, "after": after[row]}
+    return packed(
+        arrays, version=version, effect=key, run=run, row=row, rms_now=rms_now, rms_after=rms_after,
+        unit=part.scores[row].unit, floor=part.scores[row].floor,
+    )  # fmt: skip
+
+
+def _candidates(desk: Desk, version: int) -> list[Any]:
+    study = desk.study
+    found = replace(study, current=version).diagnosis()
+    if found is None:
+        raise Needs("diagnose", f"version {version} has not been diagnosed yet")
+    return found["candidates"]

@@ -1,0 +1,96 @@
+"""An effect of the user's own from the page: a line read and explained, kept, and the catalogue with it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from daq.errors import LacetError, UsageError
+from identify.expression_states import STATES, SUFFIXES
+from identify.linear_expression import FUNCTIONS
+from identify.one_line import LineFault
+from identify.study import Study
+from services.effect_list import effect_records
+from services.own_effects import line_result, may_have, own_lines, put, with_name
+from services.result import plain
+from services.ui.desk import Desk
+
+LONGEST = 2000
+"""Characters a line may have."""
+
+
+def check(desk: Desk, name: str, line: str) -> dict[str, Any]:
+    """How a line is read, or what is wrong with it and where. Raises UsageError without a study."""
+    study = desk.study
+    text = _joined(name, line)
+    try:
+        cls, stored = with_name(text, study)
+        may_have(study, cls)
+    except LineFault as fault:
+        at, until = _at(fault, line)
+        return {"ok": False, "says": "", "rows": [], "parameters": [], "error": fault.says, "at": at, "until": until}
+    except LacetError as error:
+        return {"ok": False, "says": "", "rows": [], "parameters": [], "error": str(error), "at": None}
+    found = line_result(cls, study.vehicle, _reference(study))
+    variants = found["variants"]
+    says = (
+        f"{cls.name}: {found['about']}. Tried as {', '.join(variants)}." if variants else "it has no place on this car"
+    )
+    return plain({"ok": True, "says": says, **found, "line": stored, "error": None, "at": None})
+
+
+def keep(desk: Desk, name: str, line: str) -> dict[str, Any]:
+    """Write a line into the study. Raises UsageError, LineFault."""
+    study = desk.study
+    cls, stored = with_name(_joined(name, line), study)
+    replaced = put(study, cls, stored)
+    found = line_result(cls, study.vehicle, _reference(study))
+    return plain({"ok": True, **found, "line": stored, "replaced": replaced})
+
+
+def catalogue_payload(desk: Desk) -> dict[str, Any]:
+    """Every effect that can be added, the study's own among them, and what a line may use."""
+    study = desk.study
+    in_model = set(study.version().effects)
+    own = {cls.name: cls.line.text for cls in own_lines(study)}
+    records = effect_records(study, _reference(study))
+    return plain(
+        {
+            "effects": [
+                {**r, "own": r["family"] in own, "line": own.get(r["family"]), "in_model": r["effect"] in in_model}
+                for r in records
+            ],
+            "own": [{"effect": name, "line": text} for name, text in own.items()],
+            "states": [{"name": s.name, "unit": s.unit, "about": s.about, "of": "wheel" if s.wheel else "body"}
+                       for s in STATES.values()],
+            "suffixes": list(SUFFIXES),
+            "functions": list(FUNCTIONS),
+        }
+    )  # fmt: skip
+
+
+def _reference(study: Study) -> str:
+    """Wheel reference of the study's runs, which may say it themselves where the rig says another."""
+    return str(study.version().result["wheel_reference"])
+
+
+def _joined(name: str, line: str) -> str:
+    """One line of text: the name is put before it where it has none of its own."""
+    if len(line) > LONGEST or len(name) > 100:
+        raise UsageError(f"a line has at most {LONGEST} characters")
+    if "\n" in line or "\r" in line or "\n" in name:
+        raise UsageError("an effect of one's own is one line")
+    return f"{name.strip()} = {line.strip()}" if name.strip() and not _named(line) else line.strip()
+
+
+def _named(line: str) -> bool:
+    """Whether a line begins with ``NAME =``."""
+    head = line.split(":", 1)[0]
+    return "=" in head
+
+
+def _at(fault: LineFault, line: str) -> tuple[int, int]:
+    """From where to where the fault is in what the user typed, in characters from 0."""
+    before = len(fault.text) - len(line.strip())
+    typed = len(line) - len(line.lstrip())
+    start, stop = (max(0, place - max(0, before)) + typed for place in (fault.start, fault.stop))
+    return min(start, len(line)), min(max(stop, start + 1), len(line))

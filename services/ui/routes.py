@@ -1,0 +1,263 @@
+"""The server's questions and answers (``docs/workbench.md`` lists them)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Request
+from fastapi.responses import JSONResponse, Response, StreamingResponse
+
+from daq.errors import UsageError
+from daq.run import Run
+from services.ui import exports, own, uploads, views
+from services.ui.binary import MEDIA_TYPE
+from services.ui.desk import Desk
+from services.ui.events import Events
+from services.ui.jobs import Job, Jobs
+from services.ui.live import Live
+from services.ui.looking import against_payload, preview_body, spectrum_payload
+from services.ui.refusals import NotThere
+from services.ui.run_files import RunFiles, find_run
+
+api = APIRouter(prefix="/api")
+_JSON = Annotated[dict[str, Any], Body()]
+
+
+@dataclass(frozen=True)
+class Bench:
+    """All the server is made of; `most_upload` [bytes]."""
+
+    desk: Desk
+    jobs: Jobs
+    events: Events
+    files: RunFiles
+    live: Live
+    most_upload: int
+
+
+def bench(request: Request) -> Bench:
+    """The bench a request is for."""
+    found = request.app.state.bench
+    assert isinstance(found, Bench)
+    return found
+
+
+# -- the study --------------------------------------------------------------------------------------------------------
+
+
+@api.get("/study")
+def study(request: Request) -> Any:
+    """The study, its versions, the present one's diagnosis."""
+    b = bench(request)
+    return views.study_payload(b.desk, b.jobs.busy.told() if b.jobs.busy else None)
+
+
+@api.post("/study/runs")
+def choose(request: Request, body: _JSON) -> Any:
+    """Choose the runs: makes the study, or its model anew."""
+    return _submitted(bench(request), "choose", {key: body.get(key, []) for key in ("used", "held")})
+
+
+@api.get("/runs")
+def runs(request: Request) -> Any:
+    """Every run."""
+    return bench(request).files.all()
+
+
+@api.get("/runs/{name}")
+def one_run(request: Request, name: str) -> Any:
+    """One run with its channels."""
+    return bench(request).files.one(name)
+
+
+@api.put("/runs/{filename:path}")
+async def upload(request: Request, filename: str) -> Any:
+    """A file from the browser."""
+    b = bench(request)
+    length = request.headers.get("content-length")
+    announced = int(length) if length and length.isdigit() else None
+    found = await uploads.take(b.desk, filename, announced, request.stream(), b.most_upload)
+    if found["raw"]:
+        found["job"] = b.jobs.submit("decode", {"file": found["file"]}).told()
+    b.events.publish("study", {"changed": ["runs"]})
+    return found
+
+
+@api.get("/parameters")
+def parameters(request: Request, version: int | None = None) -> Any:
+    """A version's parameters."""
+    return views.parameters_payload(bench(request).desk.study, version)
+
+
+@api.get("/effects")
+def effects(request: Request) -> Any:
+    """The catalogue with the study's own effects."""
+    return own.catalogue_payload(bench(request).desk)
+
+
+@api.post("/effect/check")
+def check_effect(request: Request, body: _JSON) -> Any:
+    """How a line is read."""
+    return own.check(bench(request).desk, *_line(body))
+
+
+@api.post("/effect")
+def keep_effect(request: Request, body: _JSON) -> Any:
+    """Keep a line."""
+    b = bench(request)
+    found = own.keep(b.desk, *_line(body))
+    b.events.publish("study", {"changed": ["effects"]})
+    return found
+
+
+@api.get("/car")
+def car(request: Request) -> Any:
+    """The car from above."""
+    found = bench(request).desk.study
+    return views.car_payload(found.vehicle, found.rig)
+
+
+# -- jobs -------------------------------------------------------------------------------------------------------------
+
+
+@api.post("/jobs")
+def start(request: Request, body: _JSON) -> Any:
+    """Start a job."""
+    b = bench(request)
+    do, args = body.get("do"), body.get("args") or {}
+    if do not in b.jobs.tasks:
+        raise UsageError(f"there is no job '{do}': {', '.join(b.jobs.tasks)}")
+    if not isinstance(args, dict):
+        raise UsageError("args: values by name")
+    return _submitted(b, do, args)
+
+
+@api.get("/jobs")
+def jobs(request: Request) -> Any:
+    """Every job, without results."""
+    return [job.told() for job in bench(request).jobs.all()]
+
+
+@api.get("/jobs/{number}")
+def job(request: Request, number: int) -> Any:
+    """A job with its result."""
+    return _job(bench(request), number).told(result=True)
+
+
+@api.delete("/jobs/{number}")
+def cancel(request: Request, number: int) -> Any:
+    """Cancel a job."""
+    b = bench(request)
+    found = _job(b, number)
+    b.jobs.cancel(found)
+    return found.told()
+
+
+@api.get("/events")
+async def events(request: Request) -> StreamingResponse:
+    """What changes, as it changes."""
+    b = bench(request)
+    first = [("job", one.told()) for one in b.jobs.all() if not one.over]
+    stream = b.events.stream([("hello", {"pages": b.events.listening + 1}), *first])
+    return StreamingResponse(stream, media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
+
+
+@api.get("/live")
+def live(request: Request) -> Any:
+    """What the car sends now."""
+    return bench(request).live.payload()
+
+
+# -- looking ----------------------------------------------------------------------------------------------------------
+
+
+@api.get("/compare/{version}")
+def compare(request: Request, version: int) -> Any:
+    """Scores of a version."""
+    return bench(request).desk.compared(version).payload
+
+
+@api.get("/series/{version}/{run}/{row}")
+def series(request: Request, version: int, run: str, row: str) -> Response:
+    """Measured, modelled, shares."""
+    return _bytes(views.series_body(bench(request).desk.compared(version), run, row))
+
+
+@api.get("/channel/{run}/{name}")
+def channel(request: Request, run: str, name: str) -> Response:
+    """A measured channel."""
+    return _bytes(views.channel_body(Run.open(find_run(bench(request).desk, run)), name))
+
+
+@api.get("/map/{version}")
+def residual_map(request: Request, version: int) -> Any:
+    """The residual map."""
+    return views.map_payload(bench(request).desk.compared(version))
+
+
+@api.get("/where/{version}")
+def where(request: Request, version: int) -> Any:
+    """Where a version fails."""
+    return bench(request).desk.found_where(version)[1]
+
+
+@api.get("/against/{version}/{row}/{state}")
+def against(request: Request, version: int, row: str, state: str) -> Any:
+    """A row's residual against a state."""
+    return against_payload(bench(request).desk, version, row, state)
+
+
+@api.get("/spectrum/{version}/{row}")
+def spectrum(request: Request, version: int, row: str) -> Any:
+    """A row's residual in frequency."""
+    return spectrum_payload(bench(request).desk, version, row)
+
+
+@api.get("/preview/{version}/{effect}/{run}/{row}")
+def preview(request: Request, version: int, effect: str, run: str, row: str) -> Response:
+    """What an effect would do to a row."""
+    return _bytes(preview_body(bench(request).desk, version, effect, run, row))
+
+
+@api.get("/export/{name}")
+def export(request: Request, name: str) -> Response:
+    """A file to keep."""
+    makers: dict[str, Callable[[Desk], exports.File]] = exports.MAKERS
+    if name not in makers:
+        raise NotThere(f"there is no export '{name}': {', '.join(makers)}")
+    file = makers[name](bench(request).desk)
+    headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+    if file.policy:
+        headers["Content-Security-Policy"] = file.policy
+    return Response(file.body, media_type=file.kind, headers=headers)
+
+
+@api.api_route("/{rest:path}", methods=["GET", "POST", "PUT", "DELETE"])
+def nothing(rest: str) -> JSONResponse:
+    """Anything else."""
+    raise NotThere(f"there is no /api/{rest[:80]}")
+
+
+def _submitted(b: Bench, do: str, args: dict[str, Any]) -> dict[str, Any]:
+    made: Job = b.jobs.submit(do, args)
+    return {"job": made.told(), "id": made.id}
+
+
+def _job(b: Bench, number: int) -> Job:
+    found = b.jobs.get(number)
+    if found is None:
+        raise NotThere(f"there is no job {number}")
+    return found
+
+
+def _line(body: dict[str, Any]) -> tuple[str, str]:
+    name, line = body.get("name") or "", body.get("line")
+    if not isinstance(name, str) or not isinstance(line, str):
+        raise UsageError("give a name and a line, both text")
+    return name, line
+
+
+def _bytes(body: bytes) -> Response:
+    return Response(body, media_type=MEDIA_TYPE)

@@ -1,0 +1,168 @@
+"""The runs of a study's folder: what each holds, whether it can be used, and which part it has in the study."""
+
+from __future__ import annotations
+
+import json
+import os
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from daq.channels import CHANNELS
+from daq.errors import LacetError, RunError, UsageError, nearest
+from daq.exchange import SUFFIXES
+from daq.log import LogReader
+from daq.run import Run
+from identify.rows import ROWS, needs
+from identify.study import Study
+from services.result import plain
+from services.ui.desk import Desk, one_stamp
+
+KINDS = (".mcap", *sorted(SUFFIXES))
+"""Endings of files that can be runs."""
+FOLDER = "runs"
+RAW = "raw"
+"""Folders of the study for runs, and for captures that were decoded into runs."""
+
+
+def run_paths(desk: Desk) -> dict[str, Path]:
+    """Name → file of every run of the folder, and of runs elsewhere that the study uses.
+
+    The name is the file's stem, with its ending where two have the same stem.
+    """
+    files = sorted(p for p in (desk.folder / FOLDER).glob("*") if p.suffix.lower() in KINDS and p.is_file())
+    if desk.exists:
+        study = desk.study
+        known = {p.resolve() for p in files}
+        files += [p for p in (*study.paths(), *study.paths(held=True)) if p.resolve() not in known]
+    stems = [p.stem for p in files]
+    return {p.stem if stems.count(p.stem) == 1 else p.name: p for p in files if not p.name.startswith(".")}
+
+
+def find_run(desk: Desk, name: str) -> Path:
+    """A run's file by its name or its file's name. Raises UsageError with the nearest."""
+    paths = run_paths(desk)
+    by_file = {p.name: p for p in paths.values()}
+    if name not in paths and name not in by_file:
+        raise UsageError(f"there is no run '{name}'{nearest(name, paths)}")
+    return paths.get(name) or by_file[name]
+
+
+class RunFiles:
+    """Summaries of runs, made once for each state of a file and kept in the study's ``.cache``."""
+
+    def __init__(self, desk: Desk):
+        self._desk, self._lock = desk, threading.Lock()
+        self._file = desk.folder / ".cache" / "runs.json"
+        self._known: dict[str, dict[str, Any]] = {}
+        with suppress(OSError, ValueError):
+            self._known = json.loads(self._file.read_text(encoding="utf-8"))
+
+    def all(self) -> list[dict[str, Any]]:
+        """Every run, without its channels."""
+        return [{k: v for k, v in run.items() if k != "channel_list"} for run in self._summaries()]
+
+    def one(self, name: str) -> dict[str, Any]:
+        """One run with its channels. Raises UsageError."""
+        path = find_run(self._desk, name)
+        found = next(run for run in self._summaries() if Path(run["path"]) == path)
+        return {**{k: v for k, v in found.items() if k != "channel_list"}, "channels": found["channel_list"]}
+
+    def _summaries(self) -> list[dict[str, Any]]:
+        paths = run_paths(self._desk)
+        roles = _roles(self._desk.study) if self._desk.exists else {}
+        out: list[dict[str, Any]] = []
+        fresh = False
+        with self._lock:
+            for name, path in paths.items():
+                try:
+                    place, changed, size = one_stamp(path)
+                    key = f"{Path(place).name}|{changed}|{size}"
+                    if key not in self._known:
+                        self._known[key], fresh = summary(path), True
+                    found = self._known[key]
+                except LacetError as error:
+                    found = _unreadable(path, [str(error)])
+                out.append(
+                    {"name": name, "file": path.name, "path": str(path), "role": roles.get(path.resolve(), "unused"),
+                     **found}
+                )  # fmt: skip
+            if fresh:
+                self._save()
+        return out
+
+    def _save(self) -> None:
+        """Keep the summaries; a folder that cannot be written to costs time, and nothing else."""
+        part = self._file.with_suffix(f".{os.getpid()}.tmp")
+        try:
+            part.parent.mkdir(parents=True, exist_ok=True)
+            (part.parent / ".gitignore").write_text("*\n", encoding="utf-8")
+            part.write_text(json.dumps(self._known), encoding="utf-8")
+            part.replace(self._file)
+        except OSError:
+            part.unlink(missing_ok=True)
+
+
+def _roles(study: Study) -> dict[Path, str]:
+    used = {p.resolve(): "used" for p in study.paths()}
+    return used | {p.resolve(): "held" for p in study.paths(held=True)}
+
+
+def _unreadable(path: Path, says: list[str]) -> dict[str, Any]:
+    return {
+        "format": path.suffix.lower().removeprefix("."), "bytes": path.stat().st_size if path.is_file() else 0,
+        "seconds": None, "manoeuvre": "", "vehicle": "", "rig": "", "channels": 0, "losses": 0, "rows": [],
+        "quality": "cannot be read", "says": says, "channel_list": [],
+    }  # fmt: skip
+
+
+def summary(path: Path) -> dict[str, Any]:
+    """What a file holds, in an engineer's words."""
+    losses = 0
+    try:
+        if path.suffix.lower() == ".mcap":
+            log = LogReader(path)
+            if not log.channels():
+                return _unreadable(path, ["only raw frames: it has to be decoded first (lacet decode)"])
+            lost = log.stop.losses if log.stop else {}
+            losses = sum(sum(causes.values()) for causes in lost.values())
+        run = Run.open(path)
+    except RunError as error:
+        return _unreadable(path, error.faults)
+    except LacetError as error:
+        return _unreadable(path, [str(error)])
+    reference = run.wheel_reference or "contact"
+    absent = {row: [c for c in needs(row, reference) if c not in run.signals] for row in ROWS}
+    channels = [_channel(name, run) for name in run.signals]
+    says = list(run.problems)
+    if losses:
+        says.append(f"{losses:,} samples were lost while recording")
+    flagged = [f"{c['name']} {100 * c['flagged'] / c['samples']:.1f} %" for c in channels
+               if c["samples"] and c["flagged"] > 0.001 * c["samples"]]  # fmt: skip
+    if flagged:
+        says.append(f"samples that cannot be used: {', '.join(flagged)}")
+    if lacking := [row for row, c in absent.items() if c]:
+        first = lacking[0]
+        says.append(f"rows that cannot be formed: {', '.join(lacking)} ({first} lacks {', '.join(absent[first])})")
+    bad = bool(run.problems or losses or flagged)
+    return plain(
+        {
+            "format": path.suffix.lower().removeprefix("."), "bytes": path.stat().st_size, "seconds": run.duration,
+            "manoeuvre": run.manoeuvre, "vehicle": run.vehicle, "rig": run.rig, "channels": len(run.signals),
+            "losses": losses, "rows": [row for row, c in absent.items() if not c], "brakes": run.brakes,
+            "wheel_reference": run.wheel_reference, "quality": "flagged" if bad else "good", "says": says,
+            "channel_list": channels,
+        }
+    )  # fmt: skip
+
+
+def _channel(name: str, run: Run) -> dict[str, Any]:
+    s, about = run.signals[name], CHANNELS[name]
+    rate = (len(s.t) - 1) / (s.t[-1] - s.t[0]) if len(s.t) > 1 else 0.0
+    return {
+        "name": name, "components": list(about.components), "unit": about.unit, "rate": float(rate),
+        "samples": len(s.t), "flagged": int(np.count_nonzero(~s.usable)), "about": about.about,
+    }  # fmt: skip

@@ -1,0 +1,188 @@
+"""The workbench's server put together and run."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import socket
+import sys
+import webbrowser
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import uvicorn
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.staticfiles import StaticFiles
+
+from daq.errors import LacetError, UsageError
+from services.ui.desk import Desk
+from services.ui.events import Events
+from services.ui.guard import Guard, new_token
+from services.ui.jobs import Jobs
+from services.ui.live import Live
+from services.ui.refusals import DiskFull, Refusal
+from services.ui.routes import Bench, api
+from services.ui.run_files import RunFiles
+from services.ui.tasks import Tasks
+from services.ui.uploads import MOST, sweep
+from services.ui.watch import Watch
+
+STATIC = Path(__file__).parent / "static"
+DRAWS = 199
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the server is run.
+
+    `folder` the study's, there or not; `host`, `port` where it listens, port 0 for any that is free; `hosts` further
+    names it is spoken to by; `token` needed where it listens elsewhere than on loopback; `most_upload` [bytes];
+    `connect` a router to show the live car of; `draws` noise-floor simulations of a study made here.
+    """
+
+    folder: Path
+    host: str = "127.0.0.1"
+    port: int = 8765
+    hosts: tuple[str, ...] = ()
+    token: str | None = None
+    most_upload: int = MOST
+    connect: str | None = None
+    draws: int = DRAWS
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches an address."""
+    return host in ("localhost", "::1") or host.startswith("127.")
+
+
+def create_app(settings: Settings) -> FastAPI:
+    """The application; its threads live from its start-up to its shut-down."""
+
+    @contextlib.asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
+        events = Events()
+        desk = Desk(settings.folder)
+        sweep(desk)
+        jobs = Jobs(Tasks(desk, settings.draws).by_name(), events)
+        live, watch = Live(settings.connect, events), Watch(settings.folder, events)
+        app.state.bench = Bench(desk, jobs, events, RunFiles(desk), live, settings.most_upload)
+        try:
+            yield
+        finally:
+            events.close()
+            watch.close()
+            live.close()
+            jobs.close()
+
+    app = FastAPI(title="lacet", lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
+    app.include_router(api)
+    app.mount("/", StaticFiles(directory=STATIC, html=True), name="page")
+    app.add_middleware(Guard, hosts=(settings.host, *settings.hosts), token=settings.token)
+    app.add_exception_handler(LacetError, _refused)
+    app.add_exception_handler(OSError, _failed)
+    app.add_exception_handler(RequestValidationError, _misread)
+    app.add_exception_handler(HTTPException, _plain)
+    return app
+
+
+def _refused(_: Request, error: Exception) -> JSONResponse:
+    status, extra = (error.status, error.extra) if isinstance(error, Refusal) else (400, {})
+    return JSONResponse({"error": str(error), **extra}, status)
+
+
+def _failed(_: Request, error: Exception) -> JSONResponse:
+    assert isinstance(error, OSError)
+    status = DiskFull.status if error.errno in (errno.ENOSPC, errno.EDQUOT) else 500
+    return JSONResponse({"error": f"{error.filename or ''}: {error.strerror or error}".lstrip(": ")}, status)
+
+
+def _misread(_: Request, error: Exception) -> JSONResponse:
+    found = error.errors() if isinstance(error, RequestValidationError) else []
+    places = [".".join(str(part) for part in e["loc"][1:]) + ": " + str(e["msg"]) for e in found]
+    return JSONResponse({"error": f"the question cannot be read: {'; '.join(places)[:400]}"}, 400)
+
+
+def _plain(_: Request, error: Exception) -> JSONResponse:
+    status, text = (error.status_code, error.detail) if isinstance(error, HTTPException) else (500, str(error))
+    return JSONResponse({"error": str(text)}, status)
+
+
+class _Server(uvicorn.Server):
+    """Ends the pages' streams of news when told to stop: they would keep it from stopping."""
+
+    def __init__(self, config: uvicorn.Config, app: FastAPI):
+        super().__init__(config)
+        self._app = app
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        found = getattr(self._app.state, "bench", None)
+        if found is not None:
+            found.events.close()
+            for job in found.jobs.all():
+                job.stop.set()
+        super().handle_exit(sig, frame)
+
+
+def serve(settings: Settings, open_browser: bool = False) -> None:
+    """Run until Ctrl-C. Raises UsageError where the address cannot be listened on."""
+    if not is_loopback(settings.host) and settings.token is None:
+        raise UsageError(f"listening on {settings.host} needs a token")
+    app = create_app(settings)
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, timeout_graceful_shutdown=5, server_header=False
+    )
+    with _listening(settings) as own:
+        port = own.getsockname()[1]
+        print(f"lacet ui: {_where(settings)}\n  open {address(settings, port)}\n  Ctrl-C ends it", flush=True)
+        if open_browser:
+            webbrowser.open(address(settings, port))
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is how it ends
+            _Server(config, app).run(sockets=[own])
+    print("lacet ui: ended", file=sys.stderr)
+
+
+def _where(settings: Settings) -> str:
+    there = (settings.folder / "study.json").is_file()
+    return f"the study {settings.folder}" if there else f"a new study in {settings.folder}"
+
+
+def address(settings: Settings, port: int) -> str:
+    """What to open in a browser."""
+    host = settings.host
+    if host in ("0.0.0.0", "::", ""):
+        host = socket.gethostname()
+    text = f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+    return f"{text}?token={settings.token}" if settings.token else text
+
+
+def _listening(settings: Settings) -> socket.socket:
+    try:
+        found = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)[0]
+        own = socket.socket(found[0], socket.SOCK_STREAM)
+    except OSError as error:
+        raise UsageError(f"--host {settings.host}: {error.strerror or error}") from None
+    try:
+        own.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        own.bind(found[4])
+        own.listen(128)
+    except OSError as error:
+        own.close()
+        raise UsageError(
+            f"cannot listen on {settings.host}, port {settings.port}: {error.strerror}; give another with --port, "
+            "or --port 0 for any that is free"
+        ) from None
+    return own
+
+
+def settings_of(args: Any) -> Settings:
+    """From the command line's arguments."""
+    token = None if is_loopback(args.host) else new_token()
+    return Settings(
+        args.study, args.host, args.port, tuple(args.name), token, int(args.most_upload * 1e9), args.connect, args.draws
+    )

@@ -1,0 +1,80 @@
+/** Scores of a run's rows: a strip for the chosen row, a table for all. */
+
+import { h } from "./dom.js";
+import { minus, short, times } from "./format.js";
+import { failing } from "./state.js";
+
+/**
+ * A run's scores, by row.
+ * @param {object} version of /api/study
+ * @param {string} run
+ * @returns {{used: boolean, rows: Array<object>}}
+ */
+export function scoresOf(version, run) {
+  for (const used of [true, false]) {
+    const own = version?.rows?.[used ? "used" : "held"]?.[run];
+    if (own) return { used, rows: Array.isArray(own) ? own : Object.values(own) };
+  }
+  return { used: false, rows: [] };
+}
+
+/** What kind of validation a run is, in words. */
+export function validation(used, run) {
+  return used
+    ? ["Direct validation", `run ${run} was used for the fit: the model has seen what it is compared with`]
+    : ["Cross validation", `run ${run} was held out: the model is fitted to other runs and predicts this one`];
+}
+
+/** Whether a row's error can be judged, and why not. */
+export function judged(score) {
+  if (score.judged === false) return `cannot be judged: ${score.why}`;
+  if (failing(score)) return "fails: louder than its noise";
+  return "at its noise floor";
+}
+
+/**
+ * The chosen row's scores in one strip.
+ * @param {object|undefined} score
+ * @returns {HTMLElement}
+ */
+export function strip(score) {
+  const cell = (label, value, more = "") => h("div", { class: `score ${more}` }, h("dt", { text: label }), h("dd", { text: value }));
+  if (!score) return h("dl", { class: "scores" }, cell("error", "–"), cell("row", "not in this run"));
+  const bad = score.judged !== false && failing(score);
+  return h("dl", { class: "scores", "data-testid": "scores" },
+    cell("error, RMS", `${short(score.rms)} ${score.unit}`),
+    cell("noise floor, RMS", `${short(score.floor)} ${score.unit}`),
+    cell("error ÷ floor", times(score.ratio), bad ? "fails" : ""),
+    cell("variance explained", `${percent(score.vaf)} %`),
+    cell("error ÷ span", `${short(score.nrmse, 2)} %`),
+    cell("the residual is", score.colour || "–", "wide"),
+    cell("verdict", judged(score), `wide${bad ? " fails" : ""}`));
+}
+
+/**
+ * All rows of a run.
+ * @param {{rows: Array<object>, chosen: string, beneath: Set<string>, onRow: (row: string) => void,
+ *   onBeneath: (row: string, on: boolean) => void}} options
+ * @returns {HTMLElement}
+ */
+export function table({ rows, chosen, beneath, onRow, onBeneath }) {
+  const head = ["row", "unit", "error", "floor", "error ÷ floor", "VAF [%]", "residual", "verdict", "beneath"];
+  return h("table", { class: "score-table" },
+    h("thead", null, h("tr", null, head.map((t, k) => h("th", { scope: "col", class: k > 1 && k < 6 ? "num" : "", text: t })))),
+    h("tbody", null, rows.map((score) => h("tr", { "aria-selected": String(score.row === chosen), data: { row: score.row } },
+      h("th", { scope: "row" }, h("button", { type: "button", class: "link", onclick: () => onRow(score.row), text: score.row })),
+      h("td", { text: score.unit }),
+      h("td", { class: "num", text: short(score.rms) }),
+      h("td", { class: "num", text: short(score.floor) }),
+      h("td", { class: `num${score.judged !== false && failing(score) ? " bad strong" : ""}`, text: times(score.ratio) }),
+      h("td", { class: "num", text: percent(score.vaf) }),
+      h("td", { text: score.colour || "–" }),
+      h("td", { class: "why", text: judged(score) }),
+      h("td", null, h("input", { type: "checkbox", checked: beneath.has(score.row), "aria-label": `show ${score.row} beneath`,
+        disabled: score.row === chosen, onchange: (e) => onBeneath(score.row, e.target.checked) }))))));
+}
+
+function percent(value) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  return minus(value > 99 ? value.toFixed(2) : value.toFixed(1));
+}

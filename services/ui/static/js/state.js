@@ -1,0 +1,117 @@
+/** What is chosen: study, version, run, row, time window. The choice is also in the address, so that a reload keeps it. */
+
+const IN_ADDRESS = ["run", "row", "t0", "t1"];
+const NUMBERS = new Set(["t0", "t1"]);
+
+/**
+ * The state and its listeners.
+ * @returns {{state: Object, set: (patch: Object) => void, on: (listener: (patch: Object) => void) => (() => void),
+ *            tell: (patch: Object) => void}}
+ */
+export function createState() {
+  const state = { study: null, version: null, run: null, row: null, t0: null, t1: null, cursor: null };
+  const listeners = new Set();
+
+  function tell(patch) {
+    for (const listener of [...listeners]) listener(patch);
+  }
+
+  function set(patch) {
+    const changed = Object.fromEntries(Object.entries(patch).filter(([key, value]) => state[key] !== value));
+    if (!Object.keys(changed).length) return;
+    Object.assign(state, changed);
+    tell(changed);
+  }
+
+  function on(listener) {
+    listeners.add(listener);
+    return () => listeners.delete(listener);
+  }
+
+  return { state, set, on, tell };
+}
+
+/**
+ * View and choice from an address like `#/compare?run=sinus&row=roll`.
+ * @param {string} hash
+ * @returns {{view: string, patch: Object}}
+ */
+export function readHash(hash) {
+  const [path, query] = hash.replace(/^#\/?/, "").split("?");
+  const search = new URLSearchParams(query ?? "");
+  const patch = {};
+  for (const key of IN_ADDRESS) {
+    const text = search.get(key);
+    if (text === null || text === "") patch[key] = null;
+    else if (!NUMBERS.has(key)) patch[key] = text;
+    else patch[key] = Number.isFinite(Number(text)) ? Number(text) : null;
+  }
+  return { view: path, patch };
+}
+
+/**
+ * The address of a view with the present choice.
+ * @param {string} view
+ * @param {Object} state
+ * @returns {string}
+ */
+export function writeHash(view, state) {
+  const search = new URLSearchParams();
+  for (const key of IN_ADDRESS) {
+    const value = state[key];
+    if (value === null || value === undefined) continue;
+    search.set(key, NUMBERS.has(key) ? String(Math.round(value * 1e3) / 1e3) : value);
+  }
+  const query = search.toString();
+  return `#/${view}${query ? `?${query}` : ""}`;
+}
+
+/**
+ * Rows of a version with their largest error ÷ floor over the runs, in the order of the equations.
+ * @param {Object|null} study as /api/study gives it
+ * @param {number|null} number of the version
+ * @param {string|null} [run] only this run
+ * @returns {Array<{row: string, unit: string, ratio: number, run: string, fails: boolean, colour: string}>}
+ */
+export function rowsOf(study, number, run = null) {
+  const version = study?.versions?.find((v) => v.version === number);
+  const found = new Map();
+  for (const part of [version?.rows?.used, version?.rows?.held]) {
+    for (const [name, rows] of Object.entries(part ?? {})) {
+      if (run && name !== run) continue;
+      const list = Array.isArray(rows) ? rows.map((r) => [r.row, r]) : Object.entries(rows);
+      for (const [row, score] of list) {
+        if (score.judged === false) continue;
+        const known = found.get(row);
+        if (known && known.ratio >= score.ratio) continue;
+        found.set(row, {
+          row, unit: score.unit, ratio: score.ratio, run: name, fails: failing(score), colour: score.colour ?? "",
+        });
+      }
+    }
+  }
+  return [...found.values()];
+}
+
+/** Error ÷ floor above which a row counts as failing; as the command line has it. */
+export const FAILS = 1.2;
+
+/** @param {{ratio: number}} score @returns {boolean} */
+export function failing(score) {
+  return score.ratio > FAILS;
+}
+
+/**
+ * Names of the study's runs, those used first.
+ * @param {Object|null} study
+ * @returns {string[]}
+ */
+export function runsOf(study) {
+  return [...(study?.used ?? []), ...(study?.held ?? [])].map(runName);
+}
+
+/** @param {string|{name: string}} run file or name @returns {string} its name */
+export function runName(run) {
+  const text = typeof run === "string" ? run : run.name;
+  return text.replace(/^.*[\\/]/, "").replace(/\.(mcap|parquet|csv|mf4)$/i, "");
+}

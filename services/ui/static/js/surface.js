@@ -1,0 +1,195 @@
+/** Restoring-force surfaces: what a corner's suspension does, or what the model misses of it, over travel and rate. */
+
+import { pointer, sharpCanvas } from "./canvas.js";
+import { colourBar } from "./colourbar.js";
+import { resolved } from "./colours.js";
+import { h } from "./dom.js";
+import { short, words } from "./format.js";
+import { tick, ticks } from "./numbers.js";
+import { plainScale, signedScale } from "./scales.js";
+
+const LEFT = 58;
+const RIGHT = 10;
+const TOP = 6;
+const FOOT = 42;
+const LEAST = 4; // samples below which a cell is left empty, as in the results
+const MILLI = 1e3;
+
+/**
+ * Four surfaces with one scale of colours.
+ * @param {HTMLElement} root
+ * @returns {{update: (surfaces: object, what: "residual"|"force") => void, destroy: () => void}}
+ */
+export function surfaceMaps(root) {
+  const legend = h("div", { class: "map-legend" });
+  const grid = h("div", { class: "surfaces" });
+  const table = h("details", { class: "map-table" }, h("summary", { text: "The same as tables" }));
+  root.append(legend, grid, table);
+  const bar = colourBar(legend, "force [N]");
+  legend.append(h("span", { class: "muted small-note" }, h("i", { class: "phase-swatch empty" }), `fewer than ${LEAST} samples`),
+    h("span", { class: "muted small-note", text: "× from one stretch of 2 s only: no evidence" }));
+  const panels = new Map();
+  let surfaces = {};
+  let what = "residual";
+
+  function scale() {
+    let [low, high] = [Infinity, -Infinity];
+    for (const s of Object.values(surfaces)) for (const line of s[what]) for (const v of line) if (v !== null) {
+      low = Math.min(low, v);
+      high = Math.max(high, v);
+    }
+    if (!(low <= high)) [low, high] = [-1, 1];
+    return what === "residual" ? signedScale(Math.max(-low, high, 1e-9)) : plainScale(low, high > low ? high : low + 1);
+  }
+
+  return {
+    update(next, kind) {
+      surfaces = next;
+      what = kind;
+      for (const corner of Object.keys(surfaces)) if (!panels.has(corner)) panels.set(corner, panel(grid, corner));
+      for (const [corner, one] of panels) one.show(surfaces[corner], what, scale);
+      const own = scale();
+      const found = ticks(own.low, own.high, 4);
+      const label = what === "residual" ? "mean error of the suspension row [N]" : "mean force of the suspension [N], resisting compression";
+      bar.update(scale, found.values.map((v) => [(v - own.low) / (own.high - own.low), tick(v, found.step)]), label);
+      tables(table, surfaces, what);
+    },
+    destroy() {
+      bar.destroy();
+      for (const one of panels.values()) one.destroy();
+    },
+  };
+}
+
+function panel(root, corner) {
+  const title = h("figcaption", { class: "chart-head" });
+  const box = h("div", { class: "surface-box", role: "img" });
+  const read = h("output", { class: "plot-read" });
+  root.append(h("figure", { class: "surface" }, title, box, read));
+  let one = null;
+  let what = "residual";
+  let scale = null;
+  const sheet = sharpCanvas(box, 230, paint);
+  const hint = "travel: compression positive";
+  read.textContent = hint;
+
+  function frame() {
+    const { travel, rate } = one;
+    const [right, bottom] = [sheet.width() - RIGHT, 230 - FOOT];
+    return {
+      right, bottom,
+      x: line(travel[0], travel[travel.length - 1], LEFT, right),
+      y: line(rate[0], rate[rate.length - 1], bottom, TOP),
+    };
+  }
+
+  function paint(ctx) {
+    if (!one) return;
+    const { x, y, right, bottom } = frame();
+    const colours = scale();
+    ctx.fillStyle = resolved("--map-empty");
+    ctx.fillRect(LEFT, TOP, right - LEFT, bottom - TOP);
+    one[what].forEach((cells, j) => cells.forEach((value, i) => {
+      if (value === null) return;
+      const [x0, x1, y0, y1] = [x.to(one.travel[i]), x.to(one.travel[i + 1]), y.to(one.rate[j + 1]), y.to(one.rate[j])];
+      ctx.fillStyle = colours.colour(value);
+      ctx.fillRect(x0, y0, x1 - x0 + 0.4, y1 - y0 + 0.4);
+      if (one.blocks[j][i] >= 2) return;
+      ctx.fillStyle = colours.ink(value);
+      ctx.textAlign = "center";
+      ctx.textBaseline = "middle";
+      ctx.fillText("×", (x0 + x1) / 2, (y0 + y1) / 2);
+    }));
+    axes(ctx, x, y, right, bottom, one);
+  }
+
+  pointer(sheet.canvas, {
+    move(px, py) {
+      if (!one) return;
+      const { x, y } = frame();
+      const [i, j] = [cell(one.travel, x.from(px)), cell(one.rate, y.from(py))];
+      const value = one[what][j]?.[i];
+      if (i < 0 || j < 0 || value === undefined) {
+        read.textContent = hint;
+        return;
+      }
+      const middle = (edges, k) => (MILLI * (edges[k] + edges[k + 1])) / 2;
+      read.textContent = `${short(middle(one.travel, i))} mm, ${short(middle(one.rate, j))} mm/s: ${
+        value === null ? "too few samples" : `${short(value)} N`}, ${one.count[j][i]} samples from ${one.blocks[j][i]} stretches`;
+    },
+    leave: () => { read.textContent = hint; },
+  });
+
+  return {
+    show(next, kind, make) {
+      one = next ?? null;
+      what = kind;
+      scale = make;
+      const about = one?.scatter ? `scatter about the surface ${short(one.scatter)} N` : "";
+      title.replaceChildren(h("span", { class: "chart-title", text: words(`x.${corner}`).replace("x, ", "") }),
+        h("span", { class: "muted", text: about }));
+      box.setAttribute("aria-label", `${corner}: ${kind === "residual" ? "mean error" : "mean force"} [N] over travel [mm] and rate [mm/s]; ${about}`);
+      sheet.draw();
+    },
+    destroy: () => sheet.destroy(),
+  };
+}
+
+function axes(ctx, x, y, right, bottom, { travel, rate }) {
+  ctx.fillStyle = ctx.strokeStyle = resolved("--chart-ink");
+  ctx.textAlign = "center";
+  ctx.textBaseline = "top";
+  const across = ticks(MILLI * travel[0], MILLI * travel[travel.length - 1], Math.max(2, Math.floor((right - LEFT) / 60)));
+  for (const v of across.values) {
+    mark(ctx, x.to(v / MILLI), bottom, 0, 4);
+    ctx.fillText(tick(v, across.step), x.to(v / MILLI), bottom + 6);
+  }
+  ctx.fillText("travel [mm]", (LEFT + right) / 2, bottom + 23);
+  ctx.textAlign = "right";
+  ctx.textBaseline = "middle";
+  const up = ticks(MILLI * rate[0], MILLI * rate[rate.length - 1], 6);
+  for (const v of up.values) {
+    mark(ctx, LEFT, y.to(v / MILLI), -4, 0);
+    ctx.fillText(tick(v, up.step), LEFT - 6, y.to(v / MILLI));
+  }
+  ctx.save();
+  ctx.translate(9, (TOP + bottom) / 2);
+  ctx.rotate(-Math.PI / 2);
+  ctx.textAlign = "center";
+  ctx.fillText("rate [mm/s]", 0, 0);
+  ctx.restore();
+}
+
+function mark(ctx, x, y, dx, dy) {
+  ctx.beginPath();
+  ctx.moveTo(Math.round(x) + 0.5, Math.round(y) + 0.5);
+  ctx.lineTo(Math.round(x) + 0.5 + dx, Math.round(y) + 0.5 + dy);
+  ctx.stroke();
+}
+
+function line(from, to, start, stop) {
+  const slope = (stop - start) / (to - from);
+  return { to: (v) => start + (v - from) * slope, from: (px) => from + (px - start) / slope };
+}
+
+function cell(edges, value) {
+  if (value < edges[0] || value > edges[edges.length - 1]) return -1;
+  return Math.min(edges.length - 2, edges.findIndex((e, k) => value <= edges[k + 1]));
+}
+
+function tables(details, surfaces, what) {
+  details.querySelector(".scroll")?.remove();
+  const fill = () => {
+    if (!details.open || details.querySelector(".scroll")) return;
+    const milli = (edges, k) => short((MILLI * (edges[k] + edges[k + 1])) / 2);
+    details.append(h("div", { class: "scroll" }, Object.entries(surfaces).map(([corner, s]) => [
+      h("h3", { text: `${words(`x.${corner}`).replace("x, ", "")}: ${what === "residual" ? "mean error" : "mean force"} [N]` }),
+      h("table", { class: "small-table" }, h("thead", null, h("tr", null, h("th", { scope: "col", text: "rate [mm/s] \\ travel [mm]" }),
+        s.travel.slice(0, -1).map((_, i) => h("th", { scope: "col", class: "num", text: milli(s.travel, i) })))),
+      h("tbody", null, s[what].map((cells, j) => h("tr", null, h("th", { scope: "row", class: "num", text: milli(s.rate, j) }),
+        cells.map((v) => h("td", { class: "num", text: v === null ? "" : short(v) })))))),
+    ])));
+  };
+  details.ontoggle = fill;
+  fill();
+}

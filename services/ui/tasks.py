@@ -1,0 +1,223 @@
+"""The jobs of the workbench: each is what a command does, told step by step and cancellable."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from daq.errors import UsageError
+from daq.run import Run
+from identify.study import Study
+from services.commands.diagnose import MOST_EFFECTS, fall
+from services.commands.study import study_result
+from services.decoding_log import decode_log
+from services.fitting import LEAST_DRAWS, Work, diagnosis_result
+from services.loading import find_rig, find_vehicle
+from services.next_report import next_result
+from services.next_separation import recommend
+from services.report import write_report
+from services.result import plain
+from services.ui.desk import Desk
+from services.ui.jobs import Do, Teller
+from services.ui.run_files import FOLDER, RAW, find_run
+
+REPORT = "report.html"
+
+
+class Tasks:
+    """What each job does on the study of a desk; `draws` of the noise floor for a study that is made here."""
+
+    def __init__(self, desk: Desk, draws: int):
+        self.desk, self.draws = desk, draws
+
+    def by_name(self) -> dict[str, Do]:
+        """Every job by its name."""
+        own: dict[str, Do] = {
+            "choose": self.choose, "compare": self.compare, "where": self.where, "diagnose": self.diagnose,
+            "add": self.add, "remove": self.remove, "undo": self.undo, "goto": self.goto, "next": self.next,
+            "report": self.report, "decode": self.decode,
+        }  # fmt: skip
+        return {name: self._alone(task) for name, task in own.items()}
+
+    def _alone(self, task: Do) -> Do:
+        def run(args: Mapping[str, Any], teller: Teller) -> Any:
+            with self.desk.computing():
+                return plain(task(args, teller))
+
+        return run
+
+    # -- the runs -----------------------------------------------------------------------------------------------------
+
+    def choose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Make the study with these runs, or its present model anew on them."""
+        used = [find_run(self.desk, name) for name in _names(args, "used")]
+        held = [find_run(self.desk, name) for name in _names(args, "held")]
+        if not used:
+            raise UsageError("choose at least one run to identify with")
+        if not self.desk.exists:
+            return self._make(used, held, teller)
+        study = self.desk.study
+        version = study.version()
+        work = self.desk.work(study.with_runs(used, held), teller.tell)
+        after = work.record(version.effects, f"runs chosen anew: {_named(used)}; held out {_named(held) or 'none'}")
+        return self._shown(work, after.number, teller)
+
+    def _make(self, used: list[Path], held: list[Path], teller: Teller) -> dict[str, Any]:
+        folder = self.desk.folder
+        there = {name: (folder / name).is_file() for name in ("rig.toml", "vehicle.toml")}
+        first = Run.open(used[0])
+        rig = find_rig(first, folder / "rig.toml" if there["rig.toml"] else None)
+        vehicle = find_vehicle(first, folder / "vehicle.toml" if there["vehicle.toml"] else None)
+        (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version
+        study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
+        try:
+            work = self.desk.work(study, teller.tell)
+            version = work.record({}, "base model")
+        except BaseException:  # half a study would stand in the way of the next attempt
+            (folder / "study.json").unlink(missing_ok=True)
+            for name, before in there.items():
+                if not before:
+                    (folder / name).unlink(missing_ok=True)
+            raise
+        return self._shown(work, version.number, teller)
+
+    def decode(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Make a run of a raw capture in the study's folder of captures."""
+        name = str(args.get("file", ""))
+        raw = self.desk.folder / RAW / Path(name).name
+        if not raw.is_file():
+            raise UsageError(f"there is no capture '{name}' in {RAW}")
+        out = self.desk.folder / FOLDER / f"{raw.stem}.mcap"
+        if out.exists() and not args.get("again"):
+            raise UsageError(f"{out.name} is there already")
+        out.parent.mkdir(exist_ok=True)
+        return decode_log(raw, out, tell=lambda what, part: teller.tell(f"{what}, {int(100 * part)} of 100 %"))
+
+    # -- looking ------------------------------------------------------------------------------------------------------
+
+    def compare(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
+        """A version against its runs."""
+        return self.desk.compare(_number(args), teller.tell).payload
+
+    def where(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
+        """Where a version fails."""
+        found = self.desk.where(_number(args), teller.tell)
+        self.desk.compare(found.version.number, teller.tell)
+        return self.desk.found_where(found.version.number)[1]
+
+    def diagnose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Rank what is missing; with `auto` add the best until nothing is."""
+        study = self.desk.study
+        if study.draws < LEAST_DRAWS:
+            raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
+        work = self.desk.work(study, teller.tell)
+        auto = bool(args.get("auto"))
+        steps: list[dict[str, Any]] = []
+        added: list[dict[str, Any]] = []
+        while True:
+            diagnosis = work.diagnose(_floor(teller))
+            self.desk.keep_diagnosis(work.study.current, work.study, diagnosis)
+            steps.append(diagnosis_result(diagnosis))
+            if not auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
+                break
+            before = work.study.version()
+            after = work.add(diagnosis.best.key, diagnosis.best.shape)
+            added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+        self.desk.compare(work.study.current, teller.tell)
+        return {**steps[-1], "version": work.study.current, "auto": auto, "added": added, "steps": steps}
+
+    def next(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Which run to drive next."""
+        study = self.desk.study
+        work = self.desk.work(study, teller.tell)
+        diagnosis = self.desk.diagnosis(study.current)
+        if diagnosis is None:
+            diagnosis = work.diagnose(_floor(teller))
+            self.desk.keep_diagnosis(study.current, study, diagnosis)
+        found = recommend(work, diagnosis, _names(args, "effects"), without=_names(args, "without"), tell=teller.tell)
+        return {"next": next_result(found) if found else None}
+
+    def report(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Write the report into the study's folder."""
+        file = self.desk.folder / REPORT
+        write_report(self.desk.work(self.desk.study, teller.tell), file, teller.tell)
+        return {"report": REPORT, "bytes": file.stat().st_size}
+
+    # -- the model ----------------------------------------------------------------------------------------------------
+
+    def add(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Add an effect to the present version."""
+        key = _effect(args)
+        shape = args.get("shape")
+        if shape is not None and not (
+            isinstance(shape, dict) and all(isinstance(v, int | float) for v in shape.values())
+        ):
+            raise UsageError("shape: numbers by name")
+        return self._changed(key, teller, lambda work: work.add(key, shape or None))
+
+    def remove(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+        """Take an effect out of the present version."""
+        key = _effect(args)
+        return self._changed(key, teller, lambda work: work.remove(key))
+
+    def _changed(self, key: str, teller: Teller, change: Any) -> dict[str, Any]:
+        study = self.desk.study
+        work = self.desk.work(study, teller.tell)
+        before = study.version()
+        after = change(work)
+        item = fall(key, before.result["rows"], after.result["rows"])
+        self._shown(work, after.number, teller)
+        return {"version": after.number, **item}
+
+    def undo(self, args: Mapping[str, Any], teller: Teller) -> dict[str, object]:
+        """Go back to the version the present one was made from."""
+        study = self.desk.study
+        parent = study.version().parent
+        if parent < 1:
+            raise UsageError("the present version is the first: there is nothing to undo")
+        return study_result(study.go_to(parent))
+
+    def goto(self, args: Mapping[str, Any], teller: Teller) -> dict[str, object]:
+        """Make another version the present one."""
+        number = _number(args)
+        if number is None:
+            raise UsageError("name a version")
+        return study_result(self.desk.study.go_to(number))
+
+    def _shown(self, work: Work, number: int, teller: Teller) -> dict[str, Any]:
+        """The new version's comparison is made at once: the page will ask for it, and the work is done."""
+        self.desk.compare(number, teller.tell)
+        return {"version": number, "warnings": list(work.loaded.warnings)}
+
+
+def _floor(teller: Teller) -> Any:
+    def progress(done: int, total: int) -> None:
+        teller.tell(f"simulating the noise floor: {done} of {total}")
+
+    return progress
+
+
+def _names(args: Mapping[str, Any], key: str) -> Sequence[str]:
+    found = args.get(key) or []
+    if not isinstance(found, list) or not all(isinstance(name, str) for name in found):
+        raise UsageError(f"{key}: a list of names")
+    return found
+
+
+def _number(args: Mapping[str, Any]) -> int | None:
+    found = args.get("version")
+    if found is not None and (not isinstance(found, int) or isinstance(found, bool)):
+        raise UsageError("version: a whole number")
+    return found
+
+
+def _effect(args: Mapping[str, Any]) -> str:
+    found = args.get("effect")
+    if not isinstance(found, str) or not found:
+        raise UsageError("effect: name one of the catalogue or of the study's own")
+    return found
+
+
+def _named(paths: Sequence[Path]) -> str:
+    return ", ".join(path.stem for path in paths)

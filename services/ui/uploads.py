@@ -1,0 +1,147 @@
+"""Files from the browser into the study's folder: bounded, whole or not at all, never over another file."""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+import time
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import ClientDisconnect
+
+from daq.errors import LacetError, UsageError
+from daq.log import LogReader
+from daq.rig import Rig
+from daq.vehicle import Vehicle
+from services.ui.desk import Desk
+from services.ui.refusals import DiskFull, InTheWay, TooLarge
+from services.ui.run_files import FOLDER, KINDS, RAW
+
+MOST = 4_000_000_000
+"""Bytes an upload may have unless another number is given."""
+SPARE = 50_000_000
+"""Bytes that an upload leaves free on the disk, for the study itself."""
+_PIECE = 1 << 20
+_DAY = 86400.0
+_TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
+
+
+def safe_name(name: str) -> str:
+    """A file name from the browser, as it may be used. Raises UsageError for what could leave the folder."""
+    bad = not name or name != Path(name).name or name.startswith(".") or len(name.encode()) > 200
+    if bad or "\\" in name or any(ord(c) < 32 or c in ':*?"<>|' for c in name):
+        raise UsageError(f"'{name[:80]}' cannot be the name of a file here: letters, digits, - and _ are safe")
+    if name not in _TOML and Path(name).suffix.lower() not in KINDS:
+        raise UsageError(f"'{name}' is no run: give {', '.join(KINDS)}, or rig.toml, vehicle.toml")
+    return name
+
+
+async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[bytes], most: int) -> dict[str, Any]:
+    """Store an upload; `length` as announced [bytes].
+
+    Returns its file, and whether it is a raw capture that has to be decoded. Raises Refusal or UsageError, and leaves
+    nothing behind then.
+    """
+    name = safe_name(name)
+    if length is not None and length > most:
+        raise TooLarge(f"{name} has {length:,} bytes, more than the {most:,} that are taken (--most-upload)")
+    folder = desk.folder if name in _TOML else desk.folder / FOLDER
+    _refuse_there(folder / name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if length is not None and length + SPARE > free(folder):
+            raise DiskFull(f"{name} has {length:,} bytes, the disk has room for {max(0, free(folder) - SPARE):,}")
+    except OSError as error:
+        raise UsageError(f"{folder}: {error.strerror}") from None
+    part = folder / f".{secrets.token_hex(8)}.part{Path(name).suffix}"
+    try:
+        await _written(part, name, body, most)
+        return await run_in_threadpool(_placed, desk, part, folder / name)
+    except ClientDisconnect:
+        raise UsageError(f"{name} did not come to its end: drop it again") from None
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            raise DiskFull(f"the disk is full: {name} was not kept; make room and drop it again") from None
+        raise UsageError(f"{name} cannot be written: {error.strerror}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+async def _written(part: Path, name: str, body: AsyncIterator[bytes], most: int) -> None:
+    count, waiting = 0, bytearray()
+    with part.open("xb") as file:
+        async for chunk in body:
+            count += len(chunk)
+            if count > most:
+                raise TooLarge(f"{name} has more than the {most:,} bytes that are taken (--most-upload)")
+            waiting += chunk
+            if len(waiting) >= _PIECE:
+                await run_in_threadpool(write, file, bytes(waiting))
+                waiting.clear()
+        await run_in_threadpool(write, file, bytes(waiting))
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def sweep(desk: Desk) -> None:
+    """Remove what uploads left behind when the machine went down, a day ago or longer."""
+    for folder in (desk.folder, desk.folder / FOLDER):
+        for part in folder.glob(".*.part*"):
+            with suppress(OSError):
+                if time.time() - part.stat().st_mtime > _DAY:
+                    part.unlink()
+
+
+def write(file: Any, data: bytes) -> None:
+    """Write a piece (a place where tests let the disk be full)."""
+    file.write(data)
+
+
+def free(folder: Path) -> int:
+    """Bytes free where a folder is."""
+    found = os.statvfs(folder)
+    return found.f_bavail * found.f_frsize
+
+
+def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
+    raw = False
+    if target.name in _TOML:
+        try:
+            _TOML[target.name](part)
+        except LacetError as error:
+            raise UsageError(str(error).replace(str(part), target.name)) from None
+    elif target.suffix.lower() == ".mcap":
+        try:
+            log = LogReader(part)
+            raw = bool(log.sources()) and not log.channels()
+        except LacetError:
+            pass  # kept: the list of runs says what is wrong with it
+    if raw:
+        target = desk.folder / RAW / target.name
+        target.parent.mkdir(exist_ok=True)
+    _move(part, target)
+    return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
+
+
+def _move(part: Path, target: Path) -> None:
+    """Give a file its name, unless another has it: a link fails then, where a rename would replace it."""
+    try:
+        os.link(part, target)
+    except FileExistsError:
+        _refuse_there(target)
+        raise
+    except OSError as error:
+        if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.EXDEV, errno.EMLINK):
+            raise
+        _refuse_there(target)
+        part.rename(target)
+
+
+def _refuse_there(target: Path) -> None:
+    if target.exists():
+        raise InTheWay(f"{target.name} is there already and is never replaced: give the file another name")

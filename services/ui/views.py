@@ -1,0 +1,191 @@
+"""What the page shows, as plain data and arrays: the study, series, the residual map, the car."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from daq.channels import CHANNELS, CORNERS
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from identify.residual_map import BIN, residual_map
+from identify.rows import ROWS, row_unit
+from identify.study import Study, Version
+from services.fitting import overall
+from services.result import plain
+from services.ui.binary import packed
+from services.ui.desk import Compared, Desk
+from services.ui.refusals import NotThere
+
+MOST_CELLS = 1200
+"""Cells of the residual map along one run."""
+
+
+def study_payload(desk: Desk, busy: dict[str, Any] | None) -> dict[str, Any]:
+    """The study, its versions and the present one's diagnosis; little of it while there is no study yet."""
+    folder = desk.folder
+    head = {
+        "folder": str(folder.resolve()), "name": folder.resolve().name, "exists": desk.exists, "busy": busy,
+        "other_writer": (folder / ".writing").exists() and (busy is None),
+    }  # fmt: skip
+    vehicle, rig = folder / "vehicle.toml", folder / "rig.toml"
+    head["vehicle"] = Vehicle.load(vehicle).name if vehicle.is_file() else None
+    sensors = Rig.load(rig) if rig.is_file() else None
+    head |= {"rig": sensors.name if sensors else None, "reference": sensors.wheel_reference if sensors else None}
+    if not desk.exists:
+        none: dict[str, Any] = {"used": [], "held": [], "current": 0, "draws": None, "versions": [], "diagnosis": None}
+        return {**head, **none, "warnings": []}
+    study = desk.study
+    versions = study.versions()
+    present = next((v for v in versions if v.number == study.current), None)
+    return plain(
+        {
+            **head,
+            "used": study.used,
+            "held": study.held,
+            "current": study.current,
+            "draws": study.draws,
+            "reference": present.result["wheel_reference"] if present else head["reference"],
+            "versions": [version_payload(study, v) for v in versions],
+            "diagnosis": study.diagnosis(),
+            "warnings": present.result.get("warnings", []) if present else [],
+        }
+    )
+
+
+def version_payload(study: Study, version: Version) -> dict[str, Any]:
+    """A version with its errors; `runs_differ` where they are of other runs than the study's present ones."""
+    rows = version.result["rows"]
+    used, held = study.runs_of(version)
+    return {
+        "version": version.number, "parent": version.parent, "note": version.note, "effects": version.effects,
+        "used_error": overall(rows["used"]), "held_error": overall(rows["held"]), "rows": rows, "used": used,
+        "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
+        "not_judged": version.result.get("not_judged", []),
+    }  # fmt: skip
+
+
+def series_body(found: Compared, run: str, row: str) -> bytes:
+    """Measured, modelled and each effect's share of a row."""
+    part, shares = found.part(run)
+    if row not in part.measured:
+        raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
+    score = part.scores[row]
+    arrays = {"t": part.t[row], "measured": part.measured[row], "modelled": part.modelled[row]}
+    arrays |= {f"effect:{key}": series for key, series in shares.effects[row].items()}
+    arrays["zeros"] = shares.zeros[row]
+    return packed(
+        arrays, version=found.version.number, run=run, row=row, unit=score.unit, floor=score.floor, used=part.used,
+        rms=score.rms, ratio=score.ratio,
+    )  # fmt: skip
+
+
+def channel_body(run: Run, name: str) -> bytes:
+    """A measured channel; samples that cannot be used are NaN."""
+    if name not in run.signals:
+        raise NotThere(f"run {run.name} has no channel {name}: {', '.join(run.signals)}")
+    s, about = run.signals[name], CHANNELS[name]
+    values = np.where(s.usable[:, None], s.values, np.nan)
+    arrays = {"t": s.t} | {part: values[:, k] for k, part in enumerate(about.components or ("value",))}
+    return packed(arrays, run=run.name, channel=name, unit=about.unit, about=about.about)
+
+
+def map_payload(found: Compared) -> dict[str, Any]:
+    """Residual RMS ÷ floor, row × time, of every run; null where a row has no sample."""
+    longest = max(float(t[-1] - t[0]) for part in found.parts for t in part.t.values())
+    cell = BIN * max(1, math.ceil(longest / (BIN * MOST_CELLS)))
+    runs: list[dict[str, Any]] = []
+    for part, phases in zip(found.parts, found.phases, strict=True):
+        one = residual_map(part, cell)
+        runs.append(
+            {
+                "name": part.name, "used": part.used, "t0": float(one.edges[0]), "cells": one.edges.size - 1,
+                "rows": {row: [None if not np.isfinite(x) else round(float(x), 4) for x in line]
+                         for row, line in zip(one.rows, one.ratio, strict=True)},
+                "phases": [{"phase": i.phase, "start": i.start, "stop": i.stop} for i in phases.intervals],
+            }
+        )  # fmt: skip
+    rows = [row for row in ROWS if any(row in run["rows"] for run in runs)]
+    return plain({"version": found.version.number, "cell": cell, "rows": rows, "runs": runs})
+
+
+def car_payload(vehicle: Vehicle, rig: Rig) -> dict[str, Any]:
+    """The car from above: corners, sensors and where each row of the equations is; body axes [m]."""
+    corners = vehicle.corners
+    front, rear = ("fl", "fr"), ("rl", "rr")
+    x = {name: corner.position[0] for name, corner in corners.items()}
+    y = {name: corner.position[1] for name, corner in corners.items()}
+    sensors: list[dict[str, Any]] = []
+    for sensor in rig.sensors:
+        for channel in sensor.channels:
+            about = CHANNELS[channel]
+            place = next((part for part in channel.split(".") if part in CORNERS), "")
+            at = sensor.position.get(place) or sensor.position.get("")
+            if at is None and place:
+                own = corners[place].position
+                offset = sensor.from_wheel_centre or (0.0, 0.0, 0.0)
+                at = tuple(a + b for a, b in zip(own, offset, strict=True))
+            where = {axis: float(value) for axis, value in zip("xyz", at or (), strict=False)}
+            sensors.append(
+                {"channel": channel, "sensor": sensor.name, "corner": place or None, "unit": about.unit,
+                 "about": about.about, "latency": sensor.latency, "placed": bool(at),
+                 **{axis: where.get(axis, 0.0) for axis in "xyz"}}
+            )  # fmt: skip
+    return plain(
+        {
+            "wheelbase": float(np.mean([x[f] - x[r] for f, r in zip(front, rear, strict=True)])),
+            "track": {"front": y["fl"] - y["fr"], "rear": y["rl"] - y["rr"]},
+            "corners": {
+                name: {"x": x[name], "y": y[name], "radius": corner.tyre_radius, "driven": corner.driven}
+                for name, corner in corners.items()
+            },
+            "sensors": sensors,
+            "rows": [
+                {"row": row, "unit": row_unit(row), "place": row.split(".")[1] if row[:7] != "chassis" else "chassis"}
+                for row in ROWS
+            ],
+        }
+    )
+
+
+def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
+    """A version's parameters with their a-priori values and what earlier versions found."""
+    version = study.version(number)
+    apriori = study.vehicle.apriori
+    before: dict[str, list[dict[str, Any]]] = {}
+    line = ancestors(study, version)
+    for older in line[:-1]:
+        for p in older.result["parameters"]:
+            before.setdefault(p["name"], []).append(
+                {"version": older.number, "value": p["value"], "half95": p["half95"]}
+            )
+    return plain(
+        {
+            "version": version.number,
+            "parameters": [
+                {
+                    **p,
+                    "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
+                    "apriori_source": apriori[p["name"]].source if p["name"] in apriori else None,
+                    "before": before.get(p["name"], []),
+                }
+                for p in version.result["parameters"]
+            ],
+            "not_identifiable": version.result["not_identifiable"],
+            "derived": version.result.get("derived", []),
+            "whole_vehicle": version.result.get("whole_vehicle"),
+            "damper_curves": version.result.get("damper_curves", {}),
+        }
+    )
+
+
+def ancestors(study: Study, version: Version) -> list[Version]:
+    """The versions a version was made from, the first first, itself last."""
+    by_number = {v.number: v for v in study.versions()}
+    out = [version]
+    while (parent := by_number.get(out[0].parent)) is not None and parent.number < out[0].number:
+        out.insert(0, parent)
+    return out

@@ -1,0 +1,162 @@
+"""The server as it is started: its address, news over a real connection, the live car, and its end by Ctrl-C."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from fastapi.testclient import TestClient
+
+from daq.blocks import Block
+from daq.bus import open_session
+from daq.bus_publisher import RunPublisher
+from daq.channels import CHANNELS
+from daq.spool import Spool
+from daq.wire import StartRecord, block_to_bytes
+from services.cli import main
+from services.fitting import LEAST_DRAWS
+from services.ui.events import WAITING, Events
+from services.ui.server import Settings, address, create_app, is_loopback
+from tests.support.processes import Command, commands
+from tests.support.rig import T0, free_port, rig_text, samples
+
+HERE = "http://127.0.0.1:8765"
+
+
+def news(lines: Iterator[str], event: str) -> dict[str, object]:
+    """The next news of a kind."""
+    for line in lines:
+        if line == f"event: {event}":
+            return json.loads(next(lines).removeprefix("data: "))
+    raise AssertionError(f"no news of {event}")
+
+
+def test_started_heard_and_ended(made: Path):
+    with commands() as running:
+        server = Command("ui", made, "--port", "0", cwd=made)
+        running.append(server)
+        server.wait_for("Ctrl-C ends it", 120.0)
+        url = server.text().split("open ")[1].split()[0]
+        assert url.startswith("http://127.0.0.1:")
+        with (
+            httpx.Client(base_url=url, trust_env=False, timeout=60.0) as client,
+            client.stream("GET", "/api/events") as stream,
+        ):
+            assert stream.headers["content-type"].startswith("text/event-stream")
+            lines = stream.iter_lines()
+            assert news(lines, "hello") == {"pages": 1}
+            number = client.post("/api/jobs", json={"do": "undo", "args": {}}).json()["id"]
+            found = news(lines, "job")
+            while found["state"] != "failed":
+                found = news(lines, "job")
+            assert (found["id"], "nothing to undo" in str(found["error"])) == (number, True)
+            (made / "effects" / "lines.txt").write_text("# nothing yet\n", encoding="utf-8")
+            assert news(lines, "study") == {"changed": ["effects"]}
+            (made / "effects" / "lines.txt").unlink()
+            # Ended while a page listens: its stream ends, and the server does not wait for it.
+            began = time.monotonic()
+            server.process.send_signal(signal.SIGINT)
+            for _ in lines:
+                pass
+        assert server.wait(20.0) == 0
+        assert time.monotonic() - began < 15.0
+        assert "Traceback" not in server.text()
+
+
+def test_the_live_car(tmp_path: Path):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router, spool = open_session(listen=(endpoint,)), Spool()
+    publisher = RunPublisher(router, "my rig", StartRecord("run-1", T0, "", rig_text(), manoeuvre="sinus"), spool)
+    try:
+        app = create_app(Settings(tmp_path / "new", connect=endpoint))
+        with TestClient(app, base_url=HERE) as client:
+            until(lambda: client.get("/api/live").json()["connected"])
+            whole = samples(CHANNELS["imu.accel"], 4.0, 100.0)
+            for i in range(40):
+                part = slice(10 * i, 10 * i + 10)
+                block = Block("imu.accel", whole.t_ns[part], whole.values[part], whole.flags[part])
+                publisher.put_block("imu.accel", block_to_bytes(block, i, "sensor"), 10)
+                time.sleep(0.005)
+            until(lambda: sum(c["samples"] for c in client.get("/api/live").json()["channels"]) == 400)
+            publisher.put_ledger({"losses": {"can0": {"bus": 2}}, "down": ["udp0"], "seconds": 4.0})
+            until(lambda: client.get("/api/live").json()["losses"] == {"can0": {"bus": 2}})
+            found = client.get("/api/live").json()
+            assert found["down"] == ["udp0"]
+            assert (found["run"], found["rig"], found["recording"]) == ("run-1", "my_rig", True)
+            assert found["manoeuvre"] == "sinus"
+            channel = next(c for c in found["channels"] if c["samples"])
+            silent = next(c for c in found["channels"] if c["name"] == "wheel.fl.force")  # promised by the rig
+            assert (silent["age"], silent["rate"], silent["samples"]) == (None, None, 0)
+            assert channel["rate"] == pytest.approx(100.0, rel=0.05)
+            assert (channel["name"], channel["unit"], channel["expected"]) == ("imu.accel", "m/s²", 200.0)
+            assert (channel["losses"], channel["flagged"]) == (0, 0)
+            assert channel["age"] < 10.0
+    finally:
+        publisher.close()
+        router.close()
+        spool.close()
+
+
+def test_without_a_recorder_it_says_so(tmp_path: Path):
+    app = create_app(Settings(tmp_path / "new", connect=f"tcp/127.0.0.1:{free_port()}"))
+    with TestClient(app, base_url=HERE) as client:
+        until(lambda: client.get("/api/live").json()["why"])
+        assert client.get("/api/live").json()["connected"] is False
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        assert client.get("/api/live").json()["endpoint"] is None
+
+
+def until(true: object, seconds: float = 20.0) -> None:
+    """Wait for something to come true."""
+    assert callable(true)
+    end = time.monotonic() + seconds
+    while not true():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@pytest.mark.anyio
+@pytest.mark.parametrize("anyio_backend", ["asyncio"])
+async def test_a_slow_page_loses_old_news_and_is_told(anyio_backend: str):
+    events = Events()
+    stream = events.stream()
+    assert await anext(stream) == "retry: 1000\n\n"
+    for number in range(WAITING + 20):
+        events.publish("job", number)
+    await asyncio.sleep(0.05)
+    found = [await anext(stream) for _ in range(WAITING)]
+    assert any('"missed": true' in text for text in found)
+    events.close()
+    assert [text async for text in stream] == []
+
+
+def test_addresses():
+    folder = Path("x")
+    assert address(Settings(folder), 80) == "http://127.0.0.1:80/"
+    assert address(Settings(folder, host="::1"), 80) == "http://[::1]:80/"
+    assert address(Settings(folder, host="0.0.0.0", token="abc"), 80).endswith(":80/?token=abc")
+    assert [is_loopback(h) for h in ("127.0.0.1", "127.0.0.9", "::1", "localhost", "0.0.0.0", "10.0.0.1")] == [
+        True, True, True, True, False, False,
+    ]  # fmt: skip
+
+
+def test_what_cannot_be_served_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / "file"
+    file.touch()
+    assert main(["ui", str(file)]) == 2
+    assert main(["ui", str(tmp_path), "--port", "70000"]) == 2
+    assert main(["ui", str(tmp_path), "--draws", str(LEAST_DRAWS - 1)]) == 2
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        assert main(["ui", str(tmp_path / "new"), "--port", str(taken.getsockname()[1])]) == 2
+    text = capsys.readouterr().err
+    for part in ("is a file", "0 to 65535", "--port 0"):
+        assert part in text
