@@ -9,7 +9,8 @@ floor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import itertools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 
 from identify.assembly import Piece
 from identify.fit import Fit
-from identify.floor import Progress
 from identify.layout import Layout
+from identify.news import Progress
 from identify.partialling import Partialled, at_gain
 from identify.trial_sums import TrialSums, at_zeros, columns_of
 from identify.vectors import Array
@@ -54,16 +55,16 @@ class ColumnNoise:
         cls, fitted: Fit, space: Partialled, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
         progress: Progress | None = None,
     ) -> ColumnNoise:  # fmt: skip
-        """Draw it, weighted by the rows' `sigma`."""
+        """Draw it, weighted by the rows' `sigma`; `progress` is told how many draws are done."""
         layout = space.sums.layout
         w, places = layout.width, [trial.place for trial in layout.trials]
         totals = {row: np.zeros((w, w)) for row in sigma}
         chosen, share = _chosen(fitted)
-        for done, (run, pieces) in enumerate(chosen.items(), start=1):
-            for row, products in _of_run(fitted, space.sums, sigma, run, pieces, pairs).items():
+        done, total = itertools.count(1), pairs * sum(len(pieces) for pieces in chosen.values())
+        drawn = (lambda: None) if progress is None else (lambda: progress(next(done), total))
+        for run, pieces in chosen.items():
+            for row, products in _of_run(fitted, space.sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
-            if progress is not None:
-                progress(done, len(chosen))
         left = {row: at_gain(total, space.taken, space.gain) for row, total in totals.items()}
         return cls(
             column_labels(fitted, layout),
@@ -117,8 +118,9 @@ def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
 
 
 def _of_run(
-    fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int
-) -> dict[str, Array]:
+    fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int,
+    drawn: Callable[[], None],
+) -> dict[str, Array]:  # fmt: skip
     """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w = len(priors), layout.width
@@ -130,13 +132,15 @@ def _of_run(
     further[:, layout.right] -= values * sums.temper / priors
     whole: dict[str, Array] = {}
     for piece in (piece for k, piece in enumerate(fitted.assembly.pieces_of(run)) if k in chosen):
-        for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs).items():
+        for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs, drawn).items():
             there = whole.setdefault(row, np.zeros((z + w, z + w)))
             there[np.ix_(places, places)] += products
     return {row: at_zeros(side.T @ products @ side, further) for row, products in whole.items()}
 
 
-def _of_piece(fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int) -> _Products:
+def _of_piece(
+    fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int, drawn: Callable[[], None]
+) -> _Products:
     """Row → places (a,) of the columns that are not empty and their products (a, a), zeros first, the residual last."""
     values = fitted.zeros[piece.run][2]
     z, p = len(values), layout.model
@@ -164,6 +168,7 @@ def _of_piece(fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Pi
                 products[:z, z:] += across
                 products[z:, :z] += across.T
             noisy.forget_motion()
+        drawn()
     piece.drive.forget_noisy(loads=True)
     return out
 

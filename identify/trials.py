@@ -111,7 +111,7 @@ class TrialSpace:
             tell("the noise in what they follow")
             noise = ColumnNoise.of(
                 fitted, self.partialled, floor.sigma,
-                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} runs"),
+                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
             )  # fmt: skip
         self.noise = noise
         for row, louder in self.louder.items():

@@ -145,3 +145,16 @@ def test_a_locale_that_no_browser_knows(opened: Opened) -> None:
     watch = opened(locale="en-US@posix")
     _settled(watch, "compare")
     assert watch.at("chart-measured").locator("canvas").first.is_visible()
+
+
+def test_the_report_is_one_file_that_needs_nothing_else(opened: Opened, tmp_path: Path) -> None:
+    watch = opened()
+    _settled(watch, "falls")
+    with watch.page.expect_download(timeout=2 * LONG) as download:
+        watch.at("export-report").click()
+        watch.expect(watch.at("job-bar")).to_contain_text("Writing the report")
+    download.value.save_as(tmp_path / "report.html")
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "suspension.fl" in report
+    assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", report)
+    watch.expect(watch.at("export-report")).to_be_enabled()

@@ -61,7 +61,7 @@ def floor(fitted: Fit) -> NoiseFloor:
 def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
     """The ranking without the correction for noise in the columns."""
 
-    def none(fitted: Fit, space: Partialled, sigma: Mapping[str, float]) -> ColumnNoise:
+    def none(fitted: Fit, space: Partialled, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
         layout = space.sums.layout
         widths = [t.place.stop - t.place.start for t in layout.trials]
         return ColumnNoise(

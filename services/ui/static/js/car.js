@@ -31,7 +31,12 @@ export function level(ratio) {
  * @returns {{update: () => Promise<void>}}
  */
 export function createCar(root, app) {
-  const svg = s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "car", role: "group", "aria-label": "the car from above, front at the top" });
+  const svg = s("svg", {
+    viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+    class: "car",
+    role: "group",
+    "aria-label": "the car from above, front at the top",
+  });
   const said = document.createElement("p");
   said.className = "car-says";
   root.replaceChildren(svg, said);
@@ -40,7 +45,11 @@ export function createCar(root, app) {
 
   function say(text) {
     const { study } = app.state;
-    said.textContent = text || (study?.exists ? "Error ÷ noise floor, worst run. ! is above 1.2." : "Sensors and rows show once there are runs.");
+    said.textContent =
+      text ||
+      (study?.exists
+        ? "Error ÷ noise floor, worst run. ! is above 1.2."
+        : "Sensors and rows show once there are runs.");
   }
 
   async function update() {
@@ -62,7 +71,8 @@ export function createCar(root, app) {
     const focused = document.activeElement?.getAttribute?.("data-testid");
     const at = layout(car);
     svg.replaceChildren(body(at), ...CORNERS.flatMap((c) => corner(c, at, rows)), chassis(at, rows), ...sensors(at));
-    if (focused && svg.querySelector(`[data-testid="${focused}"]`)) svg.querySelector(`[data-testid="${focused}"]`).focus();
+    if (focused && svg.querySelector(`[data-testid="${focused}"]`))
+      svg.querySelector(`[data-testid="${focused}"]`).focus();
     say("");
   }
 
@@ -74,22 +84,39 @@ export function createCar(root, app) {
     const choose = () => app.set({ row });
     const number = found ? times(found.ratio) : "–";
     const fails = found?.fails ? " !" : "";
-    const group = s("g", {
-      class: `chip level${lv}${chosen ? " chosen" : ""}`, role: "button", tabindex: "0", "data-testid": `car-${row}`,
-      "aria-label": text, "aria-pressed": String(chosen), transform: `translate(${x} ${y})`, onclick: choose,
-      onkeydown: (e) => {
-        if (e.key !== "Enter" && e.key !== " ") return;
-        choose();
-        e.preventDefault();
+    const group = s(
+      "g",
+      {
+        class: `chip level${lv}${chosen ? " chosen" : ""}`,
+        role: "button",
+        tabindex: "0",
+        "data-testid": `car-${row}`,
+        "aria-label": text,
+        "aria-pressed": String(chosen),
+        transform: `translate(${x} ${y})`,
+        onclick: choose,
+        onkeydown: (e) => {
+          if (e.key !== "Enter" && e.key !== " ") return;
+          choose();
+          e.preventDefault();
+        },
+        onpointerenter: () => say(text),
+        onfocus: () => say(text),
+        onpointerleave: () => say(""),
+        onblur: () => say(""),
       },
-      onpointerenter: () => say(text), onfocus: () => say(text), onpointerleave: () => say(""), onblur: () => say(""),
-    }, s("rect", { width: w, height: tall, rx: 3 }));
+      s("rect", { width: w, height: tall, rx: 3 }),
+    );
     if (tall > 24) {
-      group.append(s("text", { x: w / 2, y: 11, class: "chip-label", "text-anchor": "middle", text: `${label}${fails}` }),
-        s("text", { x: w / 2, y: tall - 5, class: "chip-number", "text-anchor": "middle", text: number }));
+      group.append(
+        s("text", { x: w / 2, y: 11, class: "chip-label", "text-anchor": "middle", text: `${label}${fails}` }),
+        s("text", { x: w / 2, y: tall - 5, class: "chip-number", "text-anchor": "middle", text: number }),
+      );
     } else {
-      group.append(s("text", { x: 4, y: tall - 6, class: "chip-label", text: label }),
-        s("text", { x: w - 4, y: tall - 6, class: "chip-number", "text-anchor": "end", text: `${number}${fails}` }));
+      group.append(
+        s("text", { x: 4, y: tall - 6, class: "chip-label", text: label }),
+        s("text", { x: w - 4, y: tall - 6, class: "chip-number", "text-anchor": "end", text: `${number}${fails}` }),
+      );
     }
     return group;
   }
@@ -97,7 +124,10 @@ export function createCar(root, app) {
   function corner(c, at, rows) {
     const { x, y } = at.corners[c];
     const own = ["suspension", "tyre", "spin"].map((kind) => `${kind}.${c}`);
-    const worst = own.map((r) => rows.get(r)).filter(Boolean).reduce((a, b) => (!a || b.ratio > a.ratio ? b : a), null);
+    const worst = own
+      .map((r) => rows.get(r))
+      .filter(Boolean)
+      .reduce((a, b) => (!a || b.ratio > a.ratio ? b : a), null);
     const left = c[1] === "l";
     const w = 77;
     const cx = left ? 0 : WIDTH - w;
@@ -117,17 +147,39 @@ export function createCar(root, app) {
     const w = (at.body.w - 16) / 2; // the gap leaves room for sensors on the middle plane, where most inertial units are
     const high = 30;
     // a band is left free where the inertial unit is, so that its mark hides no number
-    const unit = (car?.sensors ?? []).find((q) => q.channel.startsWith("imu") && q.placed !== false && Number.isFinite(q.x));
+    const unit = (car?.sensors ?? []).find(
+      (q) => q.channel.startsWith("imu") && q.placed !== false && Number.isFinite(q.x),
+    );
     const mark = unit ? at.place(unit.x, unit.y)[1] : null;
     const tops = [];
     for (let y = at.middle - 54; tops.length < 3; y += high + 2) {
       if (mark !== null && y < mark + 8 && y + high > mark - 8) y = mark + 8;
       tops.push(y);
     }
-    const parts = [["fx", "Fx", "longitudinal force"], ["mx", "Mx", "roll moment"], ["fy", "Fy", "lateral force"],
-      ["my", "My", "pitch moment"], ["fz", "Fz", "vertical force"], ["mz", "Mz", "yaw moment"]];
-    return s("g", null, parts.map(([key, label, about], k) => chip(`chassis.${key}`, at.body.x + 2 + (k % 2) * (w + 12),
-      tops[Math.floor(k / 2)], w, high, rows, label, `chassis, ${about}`)));
+    const parts = [
+      ["fx", "Fx", "longitudinal force"],
+      ["mx", "Mx", "roll moment"],
+      ["fy", "Fy", "lateral force"],
+      ["my", "My", "pitch moment"],
+      ["fz", "Fz", "vertical force"],
+      ["mz", "Mz", "yaw moment"],
+    ];
+    return s(
+      "g",
+      null,
+      parts.map(([key, label, about], k) =>
+        chip(
+          `chassis.${key}`,
+          at.body.x + 2 + (k % 2) * (w + 12),
+          tops[Math.floor(k / 2)],
+          w,
+          high,
+          rows,
+          label,
+          `chassis, ${about}`,
+        ),
+      ),
+    );
   }
 
   function sensors(at) {
@@ -142,11 +194,20 @@ export function createCar(root, app) {
     return [...places.values()].map(({ kind, x: forward, y: aside, says }) => {
       const [x, y] = at.place(forward, aside);
       const text = says.join(", ");
-      const mark = kind === "imu" ? s("path", { d: `M${x} ${y - 5}l5 5-5 5-5-5z` })
-        : kind === "laser" ? s("path", { d: `M${x - 4} ${y + 3.5}h8l-4-7.5z` })
-        : kind === "camera" ? s("rect", { x: x - 3.5, y: y - 3.5, width: 7, height: 7 })
-        : s("circle", { cx: x, cy: y, r: 3.5 });
-      return s("g", { class: `sensor ${kind}`, onpointerenter: () => say(text), onpointerleave: () => say("") }, s("title", { text }), mark);
+      const mark =
+        kind === "imu"
+          ? s("path", { d: `M${x} ${y - 5}l5 5-5 5-5-5z` })
+          : kind === "laser"
+            ? s("path", { d: `M${x - 4} ${y + 3.5}h8l-4-7.5z` })
+            : kind === "camera"
+              ? s("rect", { x: x - 3.5, y: y - 3.5, width: 7, height: 7 })
+              : s("circle", { cx: x, cy: y, r: 3.5 });
+      return s(
+        "g",
+        { class: `sensor ${kind}`, onpointerenter: () => say(text), onpointerleave: () => say("") },
+        s("title", { text }),
+        mark,
+      );
     });
   }
 
@@ -167,7 +228,8 @@ function layout(car) {
   const corners = {};
   for (const c of CORNERS) {
     const half = (c[0] === "f" ? track.front : track.rear) / 2;
-    const [x, y] = known ? place(given[c].x, given[c].y)
+    const [x, y] = known
+      ? place(given[c].x, given[c].y)
       : [WIDTH / 2 + (c[1] === "l" ? -1 : 1) * half * scale, middle + ((c[0] === "f" ? -1 : 1) * LENGTH) / 2];
     corners[c] = { x, y };
   }
@@ -180,9 +242,14 @@ function body({ body: { x, w }, middle }) {
   const end = middle + LENGTH / 2 + OVERHANG - 6;
   const l = x - 4;
   const r = x + w + 4;
-  return s("g", { class: "body", "aria-hidden": "true" },
-    s("path", { d: `M${l + 14} ${top}Q${WIDTH / 2} ${top - 12} ${r - 14} ${top}Q${r} ${top + 6} ${r} ${top + 30}V${end - 22}Q${r} ${end} ${r - 14} ${end}H${l + 14}Q${l} ${end} ${l} ${end - 22}V${top + 30}Q${l} ${top + 6} ${l + 14} ${top}Z` }),
+  return s(
+    "g",
+    { class: "body", "aria-hidden": "true" },
+    s("path", {
+      d: `M${l + 14} ${top}Q${WIDTH / 2} ${top - 12} ${r - 14} ${top}Q${r} ${top + 6} ${r} ${top + 30}V${end - 22}Q${r} ${end} ${r - 14} ${end}H${l + 14}Q${l} ${end} ${l} ${end - 22}V${top + 30}Q${l} ${top + 6} ${l + 14} ${top}Z`,
+    }),
     s("path", { class: "glass", d: `M${l + 8} ${middle - 58}Q${WIDTH / 2} ${middle - 74} ${r - 8} ${middle - 58}` }),
     s("path", { class: "glass", d: `M${l + 8} ${middle + 58}Q${WIDTH / 2} ${middle + 70} ${r - 8} ${middle + 58}` }),
-    s("text", { x: WIDTH / 2, y: top + 14, "text-anchor": "middle", text: "front" }));
+    s("text", { x: WIDTH / 2, y: top + 14, "text-anchor": "middle", text: "front" }),
+  );
 }

@@ -21,15 +21,27 @@ const KEYS = [
  * @param {() => string} view the view shown
  */
 export function installKeys(app, button, view) {
-  const dialog = h("dialog", { class: "keys", "aria-labelledby": "keys-title" },
+  const dialog = h(
+    "dialog",
+    { class: "keys", "aria-labelledby": "keys-title" },
     h("h2", { id: "keys-title", text: "Keys" }),
-    h("table", null, h("tbody", null, KEYS.map(([key, does]) =>
-      h("tr", null, h("th", { scope: "row" }, h("kbd", { text: key })), h("td", { text: does }))))),
-    h("form", { method: "dialog" }, h("button", { class: "primary", autofocus: true, text: "Close" })));
+    h(
+      "table",
+      null,
+      h(
+        "tbody",
+        null,
+        KEYS.map(([key, does]) =>
+          h("tr", null, h("th", { scope: "row" }, h("kbd", { text: key })), h("td", { text: does })),
+        ),
+      ),
+    ),
+    h("form", { method: "dialog" }, h("button", { class: "primary", autofocus: true, text: "Close" })),
+  );
   document.body.append(dialog);
   button.addEventListener("click", () => dialog.showModal());
 
-  const step = (list, now, by) => list.length ? list[(list.indexOf(now) + by + list.length) % list.length] : null;
+  const step = (list, now, by) => (list.length ? list[(list.indexOf(now) + by + list.length) % list.length] : null);
 
   function act(key) {
     const { state } = app;
@@ -72,8 +84,16 @@ export function installKeys(app, button, view) {
     }
     const arrow = event.key.startsWith("Arrow");
     // what uses the keys itself keeps them: fields always, radio buttons, sliders and scrolled boxes for the arrows
-    if (at.isContentEditable || at.matches?.("textarea, select, input:not([type=radio], [type=checkbox], [type=button])")) return;
-    if (arrow && (event.shiftKey || at.matches?.("input, [role=slider], [role=grid], [data-own-arrows], [data-own-arrows] *"))) return;
+    if (
+      at.isContentEditable ||
+      at.matches?.("textarea, select, input:not([type=radio], [type=checkbox], [type=button])")
+    )
+      return;
+    if (
+      arrow &&
+      (event.shiftKey || at.matches?.("input, [role=slider], [role=grid], [data-own-arrows], [data-own-arrows] *"))
+    )
+      return;
     if (act(event.key)) event.preventDefault();
   });
 }

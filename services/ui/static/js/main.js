@@ -39,9 +39,23 @@ const toast = createToasts(document.getElementById("toasts"), bar.say);
 
 /** What the views are given. */
 const app = {
-  api: { get: api.get, post: api.post, remove: api.remove, binary: api.binary, upload: api.upload, run: jobs.run,
-         follow: jobs.follow, cancel: jobs.cancel },
-  state, set: choose, on, go, toast, palette, complain,
+  api: {
+    get: api.get,
+    post: api.post,
+    remove: api.remove,
+    binary: api.binary,
+    upload: api.upload,
+    run: jobs.run,
+    follow: jobs.follow,
+    cancel: jobs.cancel,
+  },
+  state,
+  set: choose,
+  on,
+  go,
+  toast,
+  palette,
+  complain,
   refresh: readStudy,
   rows: () => rowsOf(state.study, state.version),
   runs: () => runsOf(state.study),
@@ -141,9 +155,21 @@ async function route() {
 function links() {
   const tabs = document.getElementById("tabs");
   if (!tabs.childElementCount) {
-    tabs.append(...NAMES.map((name, k) => h("a", {
-      href: `#/${name}`, "data-testid": `nav-${name}`, "aria-keyshortcuts": String(k + 1), data: { view: name },
-    }, h("span", { class: "key", "aria-hidden": "true", text: String(k + 1) }), VIEWS[name].title)));
+    tabs.append(
+      ...NAMES.map((name, k) =>
+        h(
+          "a",
+          {
+            href: `#/${name}`,
+            "data-testid": `nav-${name}`,
+            "aria-keyshortcuts": String(k + 1),
+            data: { view: name },
+          },
+          h("span", { class: "key", "aria-hidden": "true", text: String(k + 1) }),
+          VIEWS[name].title,
+        ),
+      ),
+    );
   }
   for (const link of tabs.children) {
     link.href = writeHash(link.dataset.view, state);
@@ -160,7 +186,9 @@ function heading() {
   const added = Object.keys(version?.effects ?? {});
   const list = Array.isArray(version?.effects) ? version.effects : added;
   const named = list.length > 1 ? `${list.length} effects` : list[0];
-  const text = version ? `Version ${version.version} of ${study.versions.length}: base model${named ? ` + ${named}` : ""}` : "no model yet";
+  const text = version
+    ? `Version ${version.version} of ${study.versions.length}: base model${named ? ` + ${named}` : ""}`
+    : "no model yet";
   const place = document.getElementById("version");
   place.textContent = text;
   place.title = list.join(" + ");
@@ -175,9 +203,16 @@ function palette() {
   const style = getComputedStyle(document.documentElement);
   const colour = (name) => style.getPropertyValue(`--${name}`).trim();
   return {
-    measured: colour("measured"), modelled: colour("modelled"), residual: colour("residual"), floor: colour("floor"),
+    measured: colour("measured"),
+    modelled: colour("modelled"),
+    residual: colour("residual"),
+    floor: colour("floor"),
     effect: [0, 1, 2, 3, 4, 5, 6, 7].map((k) => colour(`effect-${k}`)),
-    ink: colour("ink"), muted: colour("muted"), line: colour("line"), panel: colour("panel"), accent: colour("accent"),
+    ink: colour("ink"),
+    muted: colour("muted"),
+    line: colour("line"),
+    panel: colour("panel"),
+    accent: colour("accent"),
     ramp: [0, 1, 2, 3, 4].map((k) => colour(`ramp-${k}`)),
   };
 }
@@ -199,8 +234,9 @@ function theme(name, keep) {
 
 function start() {
   theme(document.documentElement.dataset.theme, false);
-  document.getElementById("theme-button").addEventListener("click", () =>
-    theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark", true));
+  document
+    .getElementById("theme-button")
+    .addEventListener("click", () => theme(document.documentElement.dataset.theme === "dark" ? "light" : "dark", true));
   createRail(document.getElementById("rail"), document.getElementById("car-button"), app);
   installKeys(app, document.getElementById("keys-button"), () => shown.view);
   window.addEventListener("hashchange", () => void route());

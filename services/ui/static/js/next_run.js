@@ -9,8 +9,18 @@ import { short } from "./format.js";
 export function createNextRun(app) {
   const effect = h("select", { "aria-label": "to tell apart or to show" });
   const go = h("button", { type: "button", "data-testid": "next-run-go", disabled: true, text: "Find the run" });
-  const says = h("div", { class: "next-says", role: "status", text: "Which run would tell tied effects apart, or show one that these runs cannot." });
-  const element = h("section", { class: "panel next", "data-testid": "next-run", "aria-label": "Recommended next run" }, h("h2", { text: "Which run to drive next" }), h("div", { class: "bar" }, effect, go), says);
+  const says = h("div", {
+    class: "next-says",
+    role: "status",
+    text: "Which run would tell tied effects apart, or show one that these runs cannot.",
+  });
+  const element = h(
+    "section",
+    { class: "panel next", "data-testid": "next-run", "aria-label": "Recommended next run" },
+    h("h2", { text: "Which run to drive next" }),
+    h("div", { class: "bar" }, effect, go),
+    says,
+  );
   let may = false;
   let of = "";
 
@@ -19,9 +29,20 @@ export function createNextRun(app) {
     go.disabled = true;
     says.replaceChildren(h("p", { class: "muted", text: "Simulating the runs of the library …" }));
     try {
-      const result = await app.api.run("next", { effects: effect.value ? [effect.value] : [] }, { onProgress: (job) => {
-        says.replaceChildren(h("p", { class: "muted", text: `${job.text || "Simulating the runs of the library"}${job.total ? `: ${job.done} of ${job.total}` : ""} …` }));
-      } });
+      const result = await app.api.run(
+        "next",
+        { effects: effect.value ? [effect.value] : [] },
+        {
+          onProgress: (job) => {
+            says.replaceChildren(
+              h("p", {
+                class: "muted",
+                text: `${job.text || "Simulating the runs of the library"}${job.total ? `: ${job.done} of ${job.total}` : ""} …`,
+              }),
+            );
+          },
+        },
+      );
       show(result && "next" in result ? result.next : result);
     } catch (cause) {
       says.replaceChildren(h("p", { class: "muted", text: cause.message }));
@@ -32,15 +53,57 @@ export function createNextRun(app) {
 
   function show(found) {
     if (!found) {
-      says.replaceChildren(h("p", { text: "Nothing is tied with the best candidate: no run is needed to tell them apart. Choose an effect to see which run would show it." }));
+      says.replaceChildren(
+        h("p", {
+          text: "Nothing is tied with the best candidate: no run is needed to tell them apart. Choose an effect to see which run would show it.",
+        }),
+      );
       return;
     }
-    says.replaceChildren(h("p", { text: found.says }), found.runs?.length ? h("table", null,
-      h("thead", null, h("tr", null, h("th", { scope: "col", text: "Run" }), h("th", { scope: "col", class: "num", text: "now" }), h("th", { scope: "col", class: "num", text: "then" }), h("th", { scope: "col", class: "num", text: "at least" }))),
-      h("tbody", null, found.runs.slice(0, 4).map((r) => h("tr", null, h("th", { scope: "row", text: r.run }), h("td", { class: "num", text: short(found.now, 2) }), h("td", { class: "num", text: short(r.after, 2) }),
-        h("td", { class: "num", text: r.seconds ? `${r.seconds.toFixed(0)} s` : "–" }))))) : null,
-      found.runs?.length ? h("p", { class: "sub muted", text: `${found.quantity === "size" ? "How far it would stand out of its noise" : "Separation"}; ${short(found.needed, 2)} is needed.` }) : null,
-      (found.warnings ?? []).map((w) => h("p", { class: "sub warn", text: w })));
+    says.replaceChildren(
+      h("p", { text: found.says }),
+      found.runs?.length
+        ? h(
+            "table",
+            null,
+            h(
+              "thead",
+              null,
+              h(
+                "tr",
+                null,
+                h("th", { scope: "col", text: "Run" }),
+                h("th", { scope: "col", class: "num", text: "now" }),
+                h("th", { scope: "col", class: "num", text: "then" }),
+                h("th", { scope: "col", class: "num", text: "at least" }),
+              ),
+            ),
+            h(
+              "tbody",
+              null,
+              found.runs
+                .slice(0, 4)
+                .map((r) =>
+                  h(
+                    "tr",
+                    null,
+                    h("th", { scope: "row", text: r.run }),
+                    h("td", { class: "num", text: short(found.now, 2) }),
+                    h("td", { class: "num", text: short(r.after, 2) }),
+                    h("td", { class: "num", text: r.seconds ? `${r.seconds.toFixed(0)} s` : "–" }),
+                  ),
+                ),
+            ),
+          )
+        : null,
+      found.runs?.length
+        ? h("p", {
+            class: "sub muted",
+            text: `${found.quantity === "size" ? "How far it would stand out of its noise" : "Separation"}; ${short(found.needed, 2)} is needed.`,
+          })
+        : null,
+      (found.warnings ?? []).map((w) => h("p", { class: "sub warn", text: w })),
+    );
   }
 
   go.addEventListener("click", () => void ask());
@@ -52,8 +115,17 @@ export function createNextRun(app) {
       const key = JSON.stringify((diagnosis?.candidates ?? []).map((c) => [c.effect, c.answer]));
       if (key === of) return;
       of = key;
-      const list = (diagnosis?.candidates ?? []).filter((c) => c.answer === "not testable").map((c) => c.effect).sort();
-      effect.replaceChildren(h("option", { value: "", text: diagnosis ? "the best and those tied with it" : "look for what is missing first" }), ...list.map((key) => h("option", { value: key, text: key })));
+      const list = (diagnosis?.candidates ?? [])
+        .filter((c) => c.answer === "not testable")
+        .map((c) => c.effect)
+        .sort();
+      effect.replaceChildren(
+        h("option", {
+          value: "",
+          text: diagnosis ? "the best and those tied with it" : "look for what is missing first",
+        }),
+        ...list.map((key) => h("option", { value: key, text: key })),
+      );
       effect.disabled = !diagnosis;
     },
   };

@@ -12,15 +12,41 @@ const EXAMPLE = "bump = suspension: p * travel**2 * sign(rate)";
  */
 export function createOwnLine(app, act) {
   const line = h("input", {
-    type: "text", class: "code own-input", "data-testid": "own-line", spellcheck: "false", autocomplete: "off", autocapitalize: "off",
-    placeholder: EXAMPLE, "aria-label": "an effect of your own, in one line", "aria-describedby": "own-says",
+    type: "text",
+    class: "code own-input",
+    "data-testid": "own-line",
+    spellcheck: "false",
+    autocomplete: "off",
+    autocapitalize: "off",
+    placeholder: EXAMPLE,
+    "aria-label": "an effect of your own, in one line",
+    "aria-describedby": "own-says",
   });
   const says = h("div", { class: "own-says", id: "own-says", "data-testid": "own-check", role: "status" });
-  const add = h("button", { type: "button", class: "primary", "data-testid": "own-add", disabled: true, text: "Keep and add" });
-  const keep = h("button", { type: "button", "data-testid": "own-keep", disabled: true, text: "Keep only", title: "Keep the line in the study; the next search tries it with the others" });
+  const add = h("button", {
+    type: "button",
+    class: "primary",
+    "data-testid": "own-add",
+    disabled: true,
+    text: "Keep and add",
+  });
+  const keep = h("button", {
+    type: "button",
+    "data-testid": "own-keep",
+    disabled: true,
+    text: "Keep only",
+    title: "Keep the line in the study; the next search tries it with the others",
+  });
   const variants = h("div", { class: "bar own-variants" });
-  const element = h("section", { class: "panel own", "aria-label": "An effect of your own" },
-    h("h2", null, "An effect of your own", h("span", { class: "muted" }, h("kbd", { text: "/" }))), line, says, h("div", { class: "bar" }, add, keep), variants);
+  const element = h(
+    "section",
+    { class: "panel own", "aria-label": "An effect of your own" },
+    h("h2", null, "An effect of your own", h("span", { class: "muted" }, h("kbd", { text: "/" }))),
+    line,
+    says,
+    h("div", { class: "bar" }, add, keep),
+    variants,
+  );
   let good = false;
   let may = false;
   let turn = 0;
@@ -52,7 +78,13 @@ export function createOwnLine(app, act) {
 
   function hint() {
     says.className = "own-says";
-    says.replaceChildren(h("span", { class: "muted", text: "NAME = WHERE: LAW. Units follow from the law and are checked as you write, for instance " }), h("code", { text: EXAMPLE }));
+    says.replaceChildren(
+      h("span", {
+        class: "muted",
+        text: "NAME = WHERE: LAW. Units follow from the law and are checked as you write, for instance ",
+      }),
+      h("code", { text: EXAMPLE }),
+    );
     buttons();
   }
 
@@ -61,13 +93,30 @@ export function createOwnLine(app, act) {
     line.setAttribute("aria-invalid", String(!answer.ok));
     if (answer.ok) {
       const units = (answer.parameters ?? []).map((p) => `${p.name} [${unitText(p.unit) || "no unit"}]`).join(", ");
-      says.replaceChildren(h("b", { class: "good", text: "✓ The units agree. " }), [answer.says ?? "", units ? `To be found: ${units}.` : "",
-        answer.rows?.length ? ` In ${answer.rows.map((r) => (typeof r === "string" ? r : r.row)).join(", ")}.` : ""].join(" "));
+      says.replaceChildren(
+        h("b", { class: "good", text: "✓ The units agree. " }),
+        [
+          answer.says ?? "",
+          units ? `To be found: ${units}.` : "",
+          answer.rows?.length ? ` In ${answer.rows.map((r) => (typeof r === "string" ? r : r.row)).join(", ")}.` : "",
+        ].join(" "),
+      );
     } else {
       const at = Number.isInteger(answer.at) ? answer.at : null;
       const until = Math.max(at + 1, answer.until ?? 0);
-      says.replaceChildren(h("b", { class: "bad", text: "✕ " }), answer.error ?? answer.says ?? "this line cannot be read",
-        at !== null && at <= text.length ? h("code", { class: "own-at" }, text.slice(0, at), h("mark", { text: text.slice(at, until) || "␣" }), text.slice(until)) : null);
+      says.replaceChildren(
+        h("b", { class: "bad", text: "✕ " }),
+        answer.error ?? answer.says ?? "this line cannot be read",
+        at !== null && at <= text.length
+          ? h(
+              "code",
+              { class: "own-at" },
+              text.slice(0, at),
+              h("mark", { text: text.slice(at, until) || "␣" }),
+              text.slice(until),
+            )
+          : null,
+      );
     }
   }
 
@@ -95,8 +144,18 @@ export function createOwnLine(app, act) {
 
   /** A line that holds for several places makes an effect for each: which one goes into the model is the engineer's choice. */
   function offer(made) {
-    variants.replaceChildren(...(made.length ? [h("span", { class: "muted", text: "Add:" })] : []), ...made.map((key) =>
-      h("button", { type: "button", class: "small", "data-testid": `own-variant-${key}`, text: key, onclick: () => void act.add(key) })));
+    variants.replaceChildren(
+      ...(made.length ? [h("span", { class: "muted", text: "Add:" })] : []),
+      ...made.map((key) =>
+        h("button", {
+          type: "button",
+          class: "small",
+          "data-testid": `own-variant-${key}`,
+          text: key,
+          onclick: () => void act.add(key),
+        }),
+      ),
+    );
   }
 
   line.addEventListener("input", () => {

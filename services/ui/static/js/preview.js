@@ -15,7 +15,14 @@ export function createPreview(app, about) {
   const figure = h("div", { class: "preview-chart", "data-testid": "preview" });
   const numbers = h("p", { class: "preview-numbers", role: "status" });
   const why = h("div", { class: "preview-why" });
-  const element = h("section", { class: "panel preview", "aria-label": "What the chosen effect would do" }, title, numbers, figure, why);
+  const element = h(
+    "section",
+    { class: "panel preview", "aria-label": "What the chosen effect would do" },
+    title,
+    numbers,
+    figure,
+    why,
+  );
   const kept = new Map();
   let chart = null;
   let candidate = null;
@@ -27,19 +34,24 @@ export function createPreview(app, about) {
   function words() {
     if (!candidate) {
       title.textContent = "What it would do";
-      why.replaceChildren(h("p", { class: "muted", text: "Point at an effect of the ranking to see what it would do to the chosen row." }));
+      numbers.textContent = "Point at an effect of the ranking to see what it would do to the chosen row.";
+      why.replaceChildren();
       return;
     }
     const record = about.effects.get(candidate.effect);
     title.textContent = candidate.effect;
-    why.replaceChildren(h("p", { text: candidate.why }), record ? h("p", { class: "muted", text: `${record.about}. ${record.shown_by ? `Shown by: ${record.shown_by}.` : ""}` }) : "");
+    why.replaceChildren(
+      h("p", { text: candidate.why }),
+      record
+        ? h("p", { class: "muted", text: `${record.about}. ${record.shown_by ? `Shown by: ${record.shown_by}.` : ""}` })
+        : "",
+    );
   }
 
   async function fetchIt() {
     const { version, run, row } = app.state;
     asked?.abort();
     if (!candidate || !run || !row || !app.state.study?.diagnosis) {
-      numbers.textContent = candidate ? "" : "";
       return;
     }
     if (candidate.answer === "not testable") {
@@ -85,11 +97,19 @@ export function createPreview(app, about) {
   async function draw({ meta, arrays }, row, run) {
     const { rms_now: now, rms_after: after, unit } = meta;
     const part = now > 0 ? (now - after) / now : 0;
-    numbers.replaceChildren(h("b", { text: row }), ` in ${run}: ${short(now)} → `, h("b", { text: `${short(after)} ${unit}` }), ` RMS residual, `,
-      Math.abs(part) < 0.005 ? "no change" : `${Math.abs(100 * part).toFixed(0)} % ${part > 0 ? "less" : "more"}`);
+    numbers.replaceChildren(
+      h("b", { text: row }),
+      ` in ${run}: ${short(now)} → `,
+      h("b", { text: `${short(after)} ${unit}` }),
+      ` RMS residual, `,
+      Math.abs(part) < 0.005 ? "no change" : `${Math.abs(100 * part).toFixed(0)} % ${part > 0 ? "less" : "more"}`,
+    );
     library ??= await import("./chart.js");
     const colours = app.palette();
-    const series = [{ name: "now", values: arrays.now, colour: colours.residual, width: 1 }, { name: "with it", values: arrays.after, colour: colours.modelled, width: 1.3 }];
+    const series = [
+      { name: "now", values: arrays.now, colour: colours.residual, width: 1 },
+      { name: "with it", values: arrays.after, colour: colours.modelled, width: 1.3 },
+    ];
     if (chart) chart.update({ t: arrays.t, series, unit });
     else chart = library.timeChart(figure, { t: arrays.t, series, unit, height: HEIGHT });
   }
@@ -99,8 +119,8 @@ export function createPreview(app, about) {
     element,
     show(c) {
       candidate = c;
-      words();
       if (!c) blank("");
+      words();
       load();
     },
     refresh: load,
@@ -117,4 +137,3 @@ export function createPreview(app, about) {
     },
   };
 }
-

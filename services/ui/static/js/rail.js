@@ -14,11 +14,23 @@ import { rowsOf, runsOf } from "./state.js";
 export function createRail(root, button, app) {
   const picture = h("div", { class: "car-box" });
   const runSelect = h("select", { "aria-label": "run", "data-testid": "run-select" });
-  const list = h("ul", { class: "row-list", role: "listbox", "aria-label": "rows and their error ÷ noise floor, in this run and in the worst", tabindex: "0", "data-own-arrows": "" });
+  const list = h("ul", {
+    class: "row-list",
+    role: "listbox",
+    "aria-label": "rows and their error ÷ noise floor, in this run and in the worst",
+    tabindex: "0",
+    "data-own-arrows": "",
+  });
   root.append(
     picture,
     h("label", { class: "rail-run" }, h("span", { text: "Run" }), runSelect),
-    h("div", { class: "rail-head" }, h("span", { text: "Row" }), h("span", { text: "error ÷ floor: this run" }), h("span", { text: "worst" })),
+    h(
+      "div",
+      { class: "rail-head" },
+      h("span", { text: "Row" }),
+      h("span", { text: "error ÷ floor: this run" }),
+      h("span", { text: "worst" }),
+    ),
     list,
   );
   const car = createCar(picture, app);
@@ -51,18 +63,35 @@ export function createRail(root, button, app) {
     const label = (name, k) => `${name} (${k < used ? "used" : "held out"})`;
     if (runSelect.dataset.of !== JSON.stringify([runs, used])) {
       runSelect.dataset.of = JSON.stringify([runs, used]);
-      runSelect.replaceChildren(...(runs.length ? runs.map((n, k) => h("option", { value: n, text: label(n, k) })) : [h("option", { value: "", text: "no runs chosen" })]));
+      runSelect.replaceChildren(
+        ...(runs.length
+          ? runs.map((n, k) => h("option", { value: n, text: label(n, k) }))
+          : [h("option", { value: "", text: "no runs chosen" })]),
+      );
     }
     runSelect.disabled = !runs.length;
     if (run) runSelect.value = run;
     const here = new Map(rowsOf(study, app.state.version, run).map((r) => [r.row, r]));
-    list.replaceChildren(...app.rows().map((r) => h("li", {
-      role: "option", id: `rail-${r.row}`, "aria-selected": String(r.row === row), class: r.fails ? "fails" : "",
-      data: { row: r.row }, title: `${r.row}: ${times(r.ratio)} times its noise floor, at most, in ${r.run}`,
-      onclick: () => app.set({ row: r.row }),
-    }, h("span", { class: "mark", "aria-hidden": "true", text: r.fails ? "!" : "" }), h("span", { class: "name", text: r.row }),
-      h("span", { class: `num${here.get(r.row)?.fails ? " ill" : ""}`, text: times(here.get(r.row)?.ratio) }),
-      h("span", { class: `num${r.fails ? " ill" : ""}`, text: times(r.ratio) }))));
+    list.replaceChildren(
+      ...app.rows().map((r) =>
+        h(
+          "li",
+          {
+            role: "option",
+            id: `rail-${r.row}`,
+            "aria-selected": String(r.row === row),
+            class: r.fails ? "fails" : "",
+            data: { row: r.row },
+            title: `${r.row}: ${times(r.ratio)} times its noise floor, at most, in ${r.run}`,
+            onclick: () => app.set({ row: r.row }),
+          },
+          h("span", { class: "mark", "aria-hidden": "true", text: r.fails ? "!" : "" }),
+          h("span", { class: "name", text: r.row }),
+          h("span", { class: `num${here.get(r.row)?.fails ? " ill" : ""}`, text: times(here.get(r.row)?.ratio) }),
+          h("span", { class: `num${r.fails ? " ill" : ""}`, text: times(r.ratio) }),
+        ),
+      ),
+    );
     if (!list.childElementCount) list.append(h("li", { class: "empty", text: "Rows appear once there is a model." }));
     if (row) list.setAttribute("aria-activedescendant", `rail-${row}`);
     list.querySelector("[aria-selected=true]")?.scrollIntoView({ block: "nearest" });

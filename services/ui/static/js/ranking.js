@@ -5,8 +5,10 @@ import { number, percent, short, unitText } from "./format.js";
 
 const FEW = 10;
 const ANSWERS = {
-  missing: { mark: "!", kind: "warn" }, undecided: { mark: "?", kind: "" },
-  "not needed": { mark: "–", kind: "muted" }, "not testable": { mark: "·", kind: "muted" },
+  missing: { mark: "!", kind: "warn" },
+  undecided: { mark: "?", kind: "" },
+  "not needed": { mark: "–", kind: "muted" },
+  "not testable": { mark: "·", kind: "muted" },
 };
 
 /**
@@ -16,14 +18,64 @@ const ANSWERS = {
  */
 export function createRanking(app, about, act) {
   const body = h("tbody");
-  const filter = h("input", { type: "search", placeholder: "filter by name or row", "aria-label": "filter the effects", class: "filter" });
-  const which = h("select", { "aria-label": "which answers" }, ["all answers", "missing", "undecided", "not needed", "not testable"].map((t) => h("option", { value: t, text: t })));
+  const filter = h("input", {
+    type: "search",
+    placeholder: "filter by name or row",
+    "aria-label": "filter the effects",
+    class: "filter",
+  });
+  const which = h(
+    "select",
+    { "aria-label": "which answers" },
+    ["all answers", "missing", "undecided", "not needed", "not testable"].map((t) =>
+      h("option", { value: t, text: t }),
+    ),
+  );
   const more = h("button", { type: "button", class: "small", text: "Show all" });
-  const head = [["Effect and its estimate", "", "estimate with half of its 95 % interval and the sign physics expects; ties: what cannot be told apart from it on these runs"], ["Answer", ""], ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to"], ["Gain %", "num", "part of its rows' weighted residual it takes away"],
-    ["p", "num", "family-wise probability of such a fall by chance"], ["Blocks", "num", "coverage: number of 2 s blocks it acts in"], ["", ""]];
-  const element = h("section", { class: "panel flush ranking", "aria-label": "Ranked effects" },
-    h("div", { class: "bar inset" }, h("h2", { text: "Ranked" }), filter, which, h("span", { class: "end muted count" }), more),
-    h("div", { class: "scroll rank-scroll" }, h("table", { class: "rank-table" }, h("thead", null, h("tr", null, head.map(([text, kind, title]) => h("th", { scope: "col", class: kind, title, text })))), body)));
+  const head = [
+    [
+      "Effect and its estimate",
+      "",
+      "estimate with half of its 95 % interval and the sign physics expects; ties: what cannot be told apart from it on these runs",
+    ],
+    ["Answer", ""],
+    ["Gain", "num", "RMS it takes away in its rows, in parts of the runs it was not fitted to"],
+    ["Gain %", "num", "part of its rows' weighted residual it takes away"],
+    ["p", "num", "family-wise probability of such a fall by chance"],
+    ["Blocks", "num", "coverage: number of 2 s blocks it acts in"],
+    ["", ""],
+  ];
+  const element = h(
+    "section",
+    { class: "panel flush ranking", "aria-label": "Ranked effects" },
+    h(
+      "div",
+      { class: "bar inset" },
+      h("h2", { text: "Ranked" }),
+      filter,
+      which,
+      h("span", { class: "end muted count" }),
+      more,
+    ),
+    h(
+      "div",
+      { class: "scroll rank-scroll" },
+      h(
+        "table",
+        { class: "rank-table" },
+        h(
+          "thead",
+          null,
+          h(
+            "tr",
+            null,
+            head.map(([text, kind, title]) => h("th", { scope: "col", class: kind, title, text })),
+          ),
+        ),
+        body,
+      ),
+    ),
+  );
   let diagnosis = null;
   let ready = false;
   let all = false;
@@ -32,8 +84,11 @@ export function createRanking(app, about, act) {
 
   const wanted = () => {
     const text = filter.value.trim().toLowerCase();
-    return (diagnosis?.candidates ?? []).filter((c) => (which.value === "all answers" || c.answer === which.value)
-      && (!text || c.effect.toLowerCase().includes(text) || c.rows.some((r) => r.includes(text))));
+    return (diagnosis?.candidates ?? []).filter(
+      (c) =>
+        (which.value === "all answers" || c.answer === which.value) &&
+        (!text || c.effect.toLowerCase().includes(text) || c.rows.some((r) => r.includes(text))),
+    );
   };
 
   function draw() {
@@ -43,8 +98,20 @@ export function createRanking(app, about, act) {
     more.disabled = few.length === found.length && !all;
     more.textContent = all ? "Show few" : "Show all";
     body.replaceChildren(...few.map(line));
-    if (!diagnosis) body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "The ranking shows here once it was looked for what is missing." })));
-    else if (!few.length) body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "No effect fits this filter." })));
+    if (!diagnosis)
+      body.append(
+        h(
+          "tr",
+          null,
+          h("td", {
+            colspan: 7,
+            class: "empty",
+            text: "The ranking shows here once it was looked for what is missing.",
+          }),
+        ),
+      );
+    else if (!few.length)
+      body.append(h("tr", null, h("td", { colspan: 7, class: "empty", text: "No effect fits this filter." })));
   }
 
   function line(c) {
@@ -52,29 +119,68 @@ export function createRanking(app, about, act) {
     const unit = /^(suspension|tyre|chassis\.f)/.test(c.rows[0] ?? "") ? "N" : "N·m";
     const point = () => choose(c);
     const tested = c.answer !== "not testable";
-    return h("tr", {
-      "data-testid": `candidate-${c.effect}`, tabindex: "0", class: chosen === c.effect ? "chosen" : "", "aria-label": `${c.effect}: ${c.answer}. ${c.why}`,
-      onpointerenter: (e) => e.pointerType === "mouse" && point(), onfocus: point, onclick: point,
-      onkeydown: (e) => {
-        if (e.key === "Enter" && e.target === e.currentTarget && ready) act.add(c);
-        const to = e.key === "ArrowDown" ? e.currentTarget.nextElementSibling : e.key === "ArrowUp" ? e.currentTarget.previousElementSibling : null;
-        if (e.target === e.currentTarget && e.key.startsWith("Arrow") && (e.key === "ArrowDown" || e.key === "ArrowUp")) {
-          to?.focus();
-          e.preventDefault();
-        }
+    return h(
+      "tr",
+      {
+        "data-testid": `candidate-${c.effect}`,
+        tabindex: "0",
+        class: chosen === c.effect ? "chosen" : "",
+        "aria-label": `${c.effect}: ${c.answer}. ${c.why}`,
+        onpointerenter: (e) => e.pointerType === "mouse" && point(),
+        onfocus: point,
+        onclick: point,
+        onkeydown: (e) => {
+          if (e.key === "Enter" && e.target === e.currentTarget && ready) act.add(c);
+          const to =
+            e.key === "ArrowDown"
+              ? e.currentTarget.nextElementSibling
+              : e.key === "ArrowUp"
+                ? e.currentTarget.previousElementSibling
+                : null;
+          if (
+            e.target === e.currentTarget &&
+            e.key.startsWith("Arrow") &&
+            (e.key === "ArrowDown" || e.key === "ArrowUp")
+          ) {
+            to?.focus();
+            e.preventDefault();
+          }
+        },
       },
-    },
-    h("th", { scope: "row", class: "code" }, c.effect, h("div", { class: "more", text: estimates(c).join(", ") }),
-      c.ties?.length ? h("div", { class: "more", text: `ties with ${c.ties.map((t) => `${t.effect} (${t.correlation.toFixed(2)})`).join(", ")}` }) : null),
-    h("td", { class: answer.kind }, h("span", { "aria-hidden": "true", text: `${answer.mark} ` }), c.answer),
-    h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${unit}` : "–" }),
-    h("td", { class: "num", text: tested ? percent(c.gain) : "–" }),
-    h("td", { class: "num", text: tested && Number.isFinite(c.p) ? short(c.p, 2) : "–" }),
-    h("td", { class: "num", text: Number.isFinite(c.coverage) ? short(c.coverage, 2) : "–" }),
-    h("td", { class: "act" }, h("button", { type: "button", class: "small", "data-testid": `add-${c.effect}`, disabled: !ready, text: "Add", "aria-label": `Add ${c.effect}`, onclick: (e) => {
-      e.stopPropagation();
-      act.add(c);
-    } })));
+      h(
+        "th",
+        { scope: "row", class: "code" },
+        c.effect,
+        h("div", { class: "more", text: estimates(c).join(", ") }),
+        c.ties?.length
+          ? h("div", {
+              class: "more",
+              text: `ties with ${c.ties.map((t) => `${t.effect} (${t.correlation.toFixed(2)})`).join(", ")}`,
+            })
+          : null,
+      ),
+      h("td", { class: answer.kind }, h("span", { "aria-hidden": "true", text: `${answer.mark} ` }), c.answer),
+      h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${unit}` : "–" }),
+      h("td", { class: "num", text: tested ? percent(c.gain) : "–" }),
+      h("td", { class: "num", text: tested && Number.isFinite(c.p) ? short(c.p, 2) : "–" }),
+      h("td", { class: "num", text: Number.isFinite(c.coverage) ? short(c.coverage, 2) : "–" }),
+      h(
+        "td",
+        { class: "act" },
+        h("button", {
+          type: "button",
+          class: "small",
+          "data-testid": `add-${c.effect}`,
+          disabled: !ready,
+          text: "Add",
+          "aria-label": `Add ${c.effect}`,
+          onclick: (e) => {
+            e.stopPropagation();
+            act.add(c);
+          },
+        }),
+      ),
+    );
   }
 
   /** `k = 19 800 ± 80 N·m/rad`, with a word where the sign is not the one physics expects. */
@@ -82,7 +188,12 @@ export function createRanking(app, about, act) {
     const parameters = about.effects.get(c.effect)?.parameters ?? [];
     const shown = c.values.slice(0, 2).map((value, k) => {
       const p = parameters[k];
-      const sign = !p || p.expect === "any" ? "" : (value > 0) === (p.expect === "positive") ? ", sign ✓" : `, ! ${p.expect} expected`;
+      const sign =
+        !p || p.expect === "any"
+          ? ""
+          : value > 0 === (p.expect === "positive")
+            ? ", sign ✓"
+            : `, ! ${p.expect} expected`;
       return `${number(value, c.half95?.[k])} ± ${number(c.half95?.[k], c.half95?.[k])} ${unitText(p?.unit)}${sign}`;
     });
     return c.values.length > 2 ? [...shown, `and ${c.values.length - 2} more`] : shown.length ? shown : ["–"];

@@ -3,9 +3,17 @@
 import { h } from "./dom.js";
 
 const DOING = {
-  choose: "Making the model", compare: "Comparing model and measurement", where: "Looking where it fails",
-  diagnose: "Looking for what is missing", add: "Adding an effect", remove: "Taking an effect out", undo: "Going back",
-  goto: "Going to a version", next: "Looking for the next run", report: "Writing the report", decode: "Decoding a capture",
+  choose: "Making the model",
+  compare: "Comparing model and measurement",
+  where: "Looking where it fails",
+  diagnose: "Looking for what is missing",
+  add: "Adding an effect",
+  remove: "Taking an effect out",
+  undo: "Going back",
+  goto: "Going to a version",
+  next: "Looking for the next run",
+  report: "Writing the report",
+  decode: "Decoding a capture",
 };
 
 /**
@@ -28,7 +36,13 @@ export function createJobBar(root, { cancel }) {
   const text = h("span", { class: "job-text", role: "status", text: "Nothing is running." });
   const time = h("span", { class: "job-time num" });
   const meter = h("progress", { class: "job-meter", max: "1", value: 0, "aria-label": "progress of the work" });
-  const button = h("button", { type: "button", class: "small", "data-testid": "job-cancel", disabled: true, text: "Cancel" });
+  const button = h("button", {
+    type: "button",
+    class: "small",
+    "data-testid": "job-cancel",
+    disabled: true,
+    text: "Cancel",
+  });
   const state = h("span", { class: "job-state", role: "status", "aria-live": "polite" });
   const note = h("span", { class: "job-note" });
   root.setAttribute("data-testid", "job-bar");
@@ -80,7 +94,7 @@ export function createJobBar(root, { cancel }) {
         text.textContent = said;
       } else if (last) {
         state.textContent = `${doing(last)}: ${{ done: "done", failed: "failed", cancelled: "cancelled" }[last.state]}`;
-        text.textContent = last.state === "failed" ? last.error ?? "" : "";
+        text.textContent = last.state === "failed" ? (last.error ?? "") : "";
       } else {
         state.textContent = "Ready";
         text.textContent = "Nothing is running.";
@@ -89,7 +103,11 @@ export function createJobBar(root, { cancel }) {
     text.title = text.textContent;
     const warning = !up
       ? "No answer from the server: trying again. Is lacet ui still running?"
-      : other ? "Another program is writing to this study." : warnings.length ? warnings.join("; ") : "";
+      : other
+        ? "Another program is writing to this study."
+        : warnings.length
+          ? warnings.join("; ")
+          : "";
     note.textContent = warning;
     note.title = warning;
     note.classList.toggle("bad", !up || other);
@@ -141,7 +159,13 @@ export function createToasts(root, say) {
       return;
     }
     if ([...root.children].some((t) => t.dataset.text === text)) return;
-    const close = h("button", { type: "button", class: "small quiet", "aria-label": "Close this message", text: "Close", onclick: () => box.remove() });
+    const close = h("button", {
+      type: "button",
+      class: "small quiet",
+      "aria-label": "Close this message",
+      text: "Close",
+      onclick: () => box.remove(),
+    });
     const box = h("div", { class: "toast error", role: "alert", data: { text } }, h("span", { text }), close);
     root.append(box);
   };

@@ -85,7 +85,12 @@ export function rowsOf(study, number, run = null) {
         const known = found.get(row);
         if (known && known.ratio >= score.ratio) continue;
         found.set(row, {
-          row, unit: score.unit, ratio: score.ratio, run: name, fails: failing(score), colour: score.colour ?? "",
+          row,
+          unit: score.unit,
+          ratio: score.ratio,
+          run: name,
+          fails: failing(score),
+          colour: score.colour ?? "",
         });
       }
     }

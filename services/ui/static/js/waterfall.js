@@ -15,7 +15,13 @@ const TICKS = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
  * @returns {{element: SVGElement, update: (versions: Array<Object>, current: number|null, busy: boolean) => void}}
  */
 export function createWaterfall(choose) {
-  const element = s("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "waterfall", "data-testid": "waterfall", role: "group", "aria-label": "error ÷ noise floor by version; the floor is 1" });
+  const element = s("svg", {
+    viewBox: `0 0 ${WIDTH} ${HEIGHT}`,
+    class: "waterfall",
+    "data-testid": "waterfall",
+    role: "group",
+    "aria-label": "error ÷ noise floor by version; the floor is 1",
+  });
 
   function update(versions, current, busy) {
     const errors = versions.flatMap((v) => [v.used_error, v.held_error]).filter((e) => Number.isFinite(e) && e > 0);
@@ -24,14 +30,38 @@ export function createWaterfall(choose) {
     const base = HEIGHT - FOOT;
     // the floor is the foot of the bars and the scale is logarithmic: twice as high is the square, and 1 is nothing to see
     const y = (ratio) => base - ((Math.log(ratio) - Math.log(low)) / (Math.log(top) - Math.log(low))) * (base - TOP);
-    const grid = TICKS.filter((t) => t < top).filter((t, k, all) => k === 0 || y(all[k - 1]) - y(t) > 13 || t === 2 || t === 10).map((t) => s("g", null,
-      s("line", { class: t === 1 ? "floor" : "grid", x1: LEFT, x2: WIDTH - 4, y1: y(t), y2: y(t) }),
-      s("text", { class: "axis", x: LEFT - 6, y: y(t) + 4, "text-anchor": "end", text: t === 1 ? "floor 1" : String(t) })));
+    const grid = TICKS.filter((t) => t < top)
+      .filter((t, k, all) => k === 0 || y(all[k - 1]) - y(t) > 13 || t === 2 || t === 10)
+      .map((t) =>
+        s(
+          "g",
+          null,
+          s("line", { class: t === 1 ? "floor" : "grid", x1: LEFT, x2: WIDTH - 4, y1: y(t), y2: y(t) }),
+          s("text", {
+            class: "axis",
+            x: LEFT - 6,
+            y: y(t) + 4,
+            "text-anchor": "end",
+            text: t === 1 ? "floor 1" : String(t),
+          }),
+        ),
+      );
     const step = Math.min(120, (WIDTH - LEFT - 8) / Math.max(1, versions.length));
     const line = ancestry(versions, current);
-    const bars = versions.map((v, k) => column(v, LEFT + 4 + k * step, step, y, base, { current, busy, on: line.has(v.version) }));
+    const bars = versions.map((v, k) =>
+      column(v, LEFT + 4 + k * step, step, y, base, { current, busy, on: line.has(v.version) }),
+    );
     element.replaceChildren(pattern(), ...grid, ...bars);
-    if (!versions.length) element.append(s("text", { class: "axis", x: WIDTH / 2, y: HEIGHT / 2, "text-anchor": "middle", text: "The first bar shows once there is a model." }));
+    if (!versions.length)
+      element.append(
+        s("text", {
+          class: "axis",
+          x: WIDTH / 2,
+          y: HEIGHT / 2,
+          "text-anchor": "middle",
+          text: "The first bar shows once there is a model.",
+        }),
+      );
   }
 
   function column(v, x, step, y, base, { current, busy, on }) {
@@ -39,24 +69,48 @@ export function createWaterfall(choose) {
     const mid = x + step / 2;
     const present = v.version === current;
     const words = `Version ${v.version}, ${v.note}: ${times(v.used_error)} on the runs used, ${times(v.held_error)} on those held out${v.runs_differ ? ", on other runs" : ""}${present ? "; the present version" : "; press to go there"}`;
-    const group = s("g", {
-      class: `column${present ? " present" : ""}${on ? "" : " aside"}${v.runs_differ ? " other" : ""}`, role: "button", tabindex: "0", "aria-label": words, "aria-disabled": String(busy || present),
-      "data-testid": `column-${v.version}`, onclick: () => choose(v.version), onkeydown: (e) => {
-        if (e.key !== "Enter" && e.key !== " ") return;
-        choose(v.version);
-        e.preventDefault();
+    const group = s(
+      "g",
+      {
+        class: `column${present ? " present" : ""}${on ? "" : " aside"}${v.runs_differ ? " other" : ""}`,
+        role: "button",
+        tabindex: "0",
+        "aria-label": words,
+        "aria-disabled": String(busy || present),
+        "data-testid": `column-${v.version}`,
+        onclick: () => choose(v.version),
+        onkeydown: (e) => {
+          if (e.key !== "Enter" && e.key !== " ") return;
+          choose(v.version);
+          e.preventDefault();
+        },
       },
-    }, s("title", { text: words }), s("rect", { class: "hit", x: x + 2, y: TOP - 18, width: step - 4, height: HEIGHT - TOP + 16, rx: 4 }));
+      s("title", { text: words }),
+      s("rect", { class: "hit", x: x + 2, y: TOP - 18, width: step - 4, height: HEIGHT - TOP + 16, rx: 4 }),
+    );
     const bar = (ratio, at, kind) => {
       if (!Number.isFinite(ratio) || ratio <= 0) return;
       const from = Math.min(y(1), y(ratio));
       const tall = Math.max(2, Math.abs(y(1) - y(ratio)));
-      group.append(s("rect", { class: kind, x: at, y: from, width: w, height: tall }), s("text", { class: "value", x: at + w / 2, y: from - 4, "text-anchor": "middle", text: times(ratio) }));
+      group.append(
+        s("rect", { class: kind, x: at, y: from, width: w, height: tall }),
+        s("text", { class: "value", x: at + w / 2, y: from - 4, "text-anchor": "middle", text: times(ratio) }),
+      );
     };
     bar(v.used_error, mid - w - 1, "used");
     bar(v.held_error, mid + 1, "held");
-    group.append(s("text", { class: "number", x: mid, y: base + 16, "text-anchor": "middle", text: present ? `${v.version} present` : String(v.version) }),
-      ...lines(v.note, Math.floor(step / 6.2)).map((text, k) => s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text })));
+    group.append(
+      s("text", {
+        class: "number",
+        x: mid,
+        y: base + 16,
+        "text-anchor": "middle",
+        text: present ? `${v.version} present` : String(v.version),
+      }),
+      ...lines(v.note, Math.floor(step / 6.2)).map((text, k) =>
+        s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text }),
+      ),
+    );
     return group;
   }
 
@@ -65,7 +119,9 @@ export function createWaterfall(choose) {
 
 /** What was done, in two lines of so many letters: `+ anti_roll_bar`, `.front`. */
 function lines(note, fits) {
-  const text = String(note ?? "").replace(/^added /, "+ ").replace(/^removed /, "− ");
+  const text = String(note ?? "")
+    .replace(/^added /, "+ ")
+    .replace(/^removed /, "− ");
   const cut = (part) => (part.length > fits ? `${part.slice(0, Math.max(1, fits - 1))}…` : part);
   if (text.length <= fits) return [text];
   const dot = text.indexOf(".");
@@ -75,14 +131,32 @@ function lines(note, fits) {
 
 /** The two kinds of bars, to be read beside the title. */
 export function legend() {
-  const key = (kind, text) => h("span", { class: "key-entry" }, s("svg", { class: "waterfall key", viewBox: "0 0 16 12", "aria-hidden": "true" }, s("rect", { class: kind, x: 1, y: 1, width: 14, height: 10 })), text);
+  const key = (kind, text) =>
+    h(
+      "span",
+      { class: "key-entry" },
+      s(
+        "svg",
+        { class: "waterfall key", viewBox: "0 0 16 12", "aria-hidden": "true" },
+        s("rect", { class: kind, x: 1, y: 1, width: 14, height: 10 }),
+      ),
+      text,
+    );
   return [key("used", "runs used"), key("held", "runs held out")];
 }
 
 /** Held out differs from used by stripes too, for eyes and screens that show little colour. */
 function pattern() {
-  return s("defs", null, s("pattern", { id: "stripes", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
-    s("rect", { class: "stripe-ground", width: 6, height: 6 }), s("rect", { class: "stripe", width: 2.6, height: 6 })));
+  return s(
+    "defs",
+    null,
+    s(
+      "pattern",
+      { id: "stripes", width: 6, height: 6, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+      s("rect", { class: "stripe-ground", width: 6, height: 6 }),
+      s("rect", { class: "stripe", width: 2.6, height: 6 }),
+    ),
+  );
 }
 
 /** The versions the present one was made from: the others were left behind and stand pale. */

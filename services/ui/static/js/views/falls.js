@@ -18,24 +18,98 @@ export async function show(root, app) {
   const versions = h("tbody");
   const body = h("tbody");
   const heads = h("tr");
-  const filter = h("input", { type: "search", placeholder: "filter by name, effect or unit", "aria-label": "filter the parameters", class: "filter", "data-testid": "parameter-filter" });
+  const filter = h("input", {
+    type: "search",
+    placeholder: "filter by name, effect or unit",
+    "aria-label": "filter the parameters",
+    class: "filter",
+    "data-testid": "parameter-filter",
+  });
   const sheet = h("input", { type: "checkbox", id: "with-sheet" });
   const changes = h("input", { type: "checkbox", id: "with-changes", checked: true });
   const said = h("p", { class: "muted sub", role: "status" });
-  const report = h("button", { type: "button", "data-testid": "export-report", text: "Report (HTML)", onclick: () => void takeReport() });
-  const take = (what, text, id) => h("a", { class: "button", href: `api/export/${what}`, download: what, "data-testid": id, text });
-  const tools = [report, take("parameters.csv", "Parameters (CSV)", "export-csv"), take("versions.csv", "Versions (CSV)", "export-versions"), take("study.json", "Study (JSON)", "export-json")];
+  const report = h("button", {
+    type: "button",
+    "data-testid": "export-report",
+    text: "Report (HTML)",
+    onclick: () => void takeReport(),
+  });
+  const take = (what, text, id) =>
+    h("a", { class: "button", href: `api/export/${what}`, download: what, "data-testid": id, text });
+  const tools = [
+    report,
+    take("parameters.csv", "Parameters (CSV)", "export-csv"),
+    take("versions.csv", "Versions (CSV)", "export-versions"),
+    take("study.json", "Study (JSON)", "export-json"),
+  ];
   const left = h("details", { class: "left-open" });
   root.append(
-    h("div", { class: "falls-head" }, h("h1", { text: "The error falls" }), h("div", { class: "bar exports" }, h("span", { class: "muted", text: "Take away:" }), tools)),
-    h("div", { class: "falls-top" },
-      h("section", { class: "panel" }, h("h2", { title: "a version chosen becomes the present one" }, "Error ÷ noise floor by version", h("span", { class: "muted legend" }, legend())), waterfall.element),
-      h("section", { class: "panel flush versions" }, h("div", { class: "scroll versions-scroll" }, h("table", null,
-        h("thead", null, h("tr", null, ["Version", "What was done"].map((t) => h("th", { scope: "col", text: t })), ["used", "held out"].map((t) => h("th", { scope: "col", class: "num", text: t })), h("th", { scope: "col" }, h("span", { class: "sr", text: "go there" })))), versions)))),
-    h("section", { class: "panel flush" },
-      h("div", { class: "bar inset" }, h("h2", { text: "Parameters" }), filter,
-        h("label", { class: "check" }, changes, h("span", { text: "earlier versions" })), h("label", { class: "check" }, sheet, h("span", { text: "intervals with the sensor sheet" })), h("span", { class: "end muted count" })),
-      h("div", { class: "scroll parameters-scroll" }, h("table", { class: "parameters", "data-testid": "parameters" }, h("thead", null, heads), body)), left, said));
+    h(
+      "div",
+      { class: "falls-head" },
+      h("h1", { text: "The error falls" }),
+      h("div", { class: "bar exports" }, h("span", { class: "muted", text: "Take away:" }), tools),
+    ),
+    h(
+      "div",
+      { class: "falls-top" },
+      h(
+        "section",
+        { class: "panel" },
+        h(
+          "h2",
+          { title: "a version chosen becomes the present one" },
+          "Error ÷ noise floor by version",
+          h("span", { class: "muted legend" }, legend()),
+        ),
+        waterfall.element,
+      ),
+      h(
+        "section",
+        { class: "panel flush versions" },
+        h(
+          "div",
+          { class: "scroll versions-scroll" },
+          h(
+            "table",
+            null,
+            h(
+              "thead",
+              null,
+              h(
+                "tr",
+                null,
+                ["Version", "What was done"].map((t) => h("th", { scope: "col", text: t })),
+                ["used", "held out"].map((t) => h("th", { scope: "col", class: "num", text: t })),
+                h("th", { scope: "col" }, h("span", { class: "sr", text: "go there" })),
+              ),
+            ),
+            versions,
+          ),
+        ),
+      ),
+    ),
+    h(
+      "section",
+      { class: "panel flush" },
+      h(
+        "div",
+        { class: "bar inset" },
+        h("h2", { text: "Parameters" }),
+        filter,
+        h("label", { class: "check" }, changes, h("span", { text: "earlier versions" })),
+        h("label", { class: "check" }, sheet, h("span", { text: "intervals with the sensor sheet" })),
+        h("span", { class: "end muted count" }),
+      ),
+      h(
+        "div",
+        { class: "scroll parameters-scroll" },
+        h("table", { class: "parameters", "data-testid": "parameters" }, h("thead", null, heads), body),
+      ),
+      left,
+      said,
+    ),
+  );
 
   async function go(version) {
     if (busy || version === app.state.study?.current) return;
@@ -72,13 +146,48 @@ export async function show(root, app) {
     const { study } = app.state;
     const list = study?.versions ?? [];
     waterfall.update(list, study?.current ?? null, busy);
-    versions.replaceChildren(...list.map((v) => h("tr", { class: v.version === study.current ? "present" : "", "data-testid": `version-${v.version}` },
-      h("th", { scope: "row", text: String(v.version) }),
-      h("td", null, v.note, v.parent ? h("span", { class: "muted", text: ` (from ${v.parent})` }) : "", v.runs_differ ? h("div", { class: "sub warn", text: "! on other runs: its errors do not compare with the present ones" }) : null),
-      h("td", { class: "num", text: times(v.used_error) }), h("td", { class: "num", text: times(v.held_error) }),
-      h("td", { class: "act" }, v.version === study.current ? h("span", { class: "present-mark", text: "present" })
-        : h("button", { type: "button", class: "small", disabled: busy, text: "Go to", "aria-label": `Go to version ${v.version}`, "data-testid": `goto-${v.version}`, onclick: () => void go(v.version) })))));
-    if (!list.length) versions.append(h("tr", null, h("td", { colspan: 5, class: "empty", text: "No version yet: choose runs first." })));
+    versions.replaceChildren(
+      ...list.map((v) =>
+        h(
+          "tr",
+          { class: v.version === study.current ? "present" : "", "data-testid": `version-${v.version}` },
+          h("th", { scope: "row", text: String(v.version) }),
+          h(
+            "td",
+            null,
+            v.note,
+            v.parent ? h("span", { class: "muted", text: ` (from ${v.parent})` }) : "",
+            v.runs_differ
+              ? h("div", {
+                  class: "sub warn",
+                  text: "! on other runs: its errors do not compare with the present ones",
+                })
+              : null,
+          ),
+          h("td", { class: "num", text: times(v.used_error) }),
+          h("td", { class: "num", text: times(v.held_error) }),
+          h(
+            "td",
+            { class: "act" },
+            v.version === study.current
+              ? h("span", { class: "present-mark", text: "present" })
+              : h("button", {
+                  type: "button",
+                  class: "small",
+                  disabled: busy,
+                  text: "Go to",
+                  "aria-label": `Go to version ${v.version}`,
+                  "data-testid": `goto-${v.version}`,
+                  onclick: () => void go(v.version),
+                }),
+          ),
+        ),
+      ),
+    );
+    if (!list.length)
+      versions.append(
+        h("tr", null, h("td", { colspan: 5, class: "empty", text: "No version yet: choose runs first." })),
+      );
     for (const tool of tools) {
       if (tool === report) tool.disabled = !study?.exists;
       else if (study?.exists) tool.removeAttribute("aria-disabled");
@@ -112,22 +221,77 @@ export async function show(root, app) {
   function table() {
     const back = changes.checked ? older() : [];
     const column = (text, title) => h("th", { scope: "col", class: "num", text, title });
-    heads.replaceChildren(h("th", { scope: "col", text: "Parameter" }), h("th", { scope: "col", class: "of-effect", text: "Effect" }), column(`Value${found ? `, version ${found.version}` : ""}`), column("± 95 %", "half of the 95 % interval: noise and zeros"),
-      ...(sheet.checked ? [column("± with sheet", "the same with the sensor sheet's gains and latencies")] : []), h("th", { scope: "col", text: "Unit" }), column("A priori", "what the vehicle file says"), ...back.map((n) => column(`version ${n}`)));
+    heads.replaceChildren(
+      h("th", { scope: "col", text: "Parameter" }),
+      h("th", { scope: "col", class: "of-effect", text: "Effect" }),
+      column(`Value${found ? `, version ${found.version}` : ""}`),
+      column("± 95 %", "half of the 95 % interval: noise and zeros"),
+      ...(sheet.checked ? [column("± with sheet", "the same with the sensor sheet's gains and latencies")] : []),
+      h("th", { scope: "col", text: "Unit" }),
+      column("A priori", "what the vehicle file says"),
+      ...back.map((n) => column(`version ${n}`)),
+    );
     const words = filter.value.trim().toLowerCase().split(/\s+/).filter(Boolean);
-    const fits = (p) => words.every((w) => `${p.name} ${p.effect} ${p.unit} ${p.group ?? ""}`.toLowerCase().includes(w));
+    const fits = (p) =>
+      words.every((w) => `${p.name} ${p.effect} ${p.unit} ${p.group ?? ""}`.toLowerCase().includes(w));
     const list = (found?.parameters ?? []).filter(fits);
     root.querySelector(".panel .count").textContent = found ? `${list.length} of ${found.parameters.length}` : "";
-    body.replaceChildren(...list.map((p) => h("tr", { "data-testid": `parameter-${p.name}` },
-      h("th", { scope: "row", class: "code", text: p.name, title: p.group && p.group !== p.name ? `stands for ${p.group}` : null }),
-      h("td", { class: "muted of-effect", text: p.effect }), h("td", { class: "num strong", text: number(p.value, p.half95) }), h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
-      sheet.checked ? h("td", { class: "num", text: `± ${number(p.half95_sheet, p.half95_sheet)}` }) : null,
-      h("td", { text: unitText(p.unit) || "–" }), h("td", { class: "num muted", title: p.apriori_source || null, text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, p.half95) }),
-      back.map((n) => change(p, p.before.find((b) => b.version === n))))));
-    if (!list.length) body.append(h("tr", null, h("td", { colspan: 9, class: "empty", text: found ? "No parameter fits this filter." : app.state.study?.exists ? "Reading the parameters …" : "Parameters show once there is a model." })));
+    body.replaceChildren(
+      ...list.map((p) =>
+        h(
+          "tr",
+          { "data-testid": `parameter-${p.name}` },
+          h("th", {
+            scope: "row",
+            class: "code",
+            text: p.name,
+            title: p.group && p.group !== p.name ? `stands for ${p.group}` : null,
+          }),
+          h("td", { class: "muted of-effect", text: p.effect }),
+          h("td", { class: "num strong", text: number(p.value, p.half95) }),
+          h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
+          sheet.checked ? h("td", { class: "num", text: `± ${number(p.half95_sheet, p.half95_sheet)}` }) : null,
+          h("td", { text: unitText(p.unit) || "–" }),
+          h("td", {
+            class: "num muted",
+            title: p.apriori_source || null,
+            text: p.apriori === null || p.apriori === undefined ? "–" : number(p.apriori, p.half95),
+          }),
+          back.map((n) =>
+            change(
+              p,
+              p.before.find((b) => b.version === n),
+            ),
+          ),
+        ),
+      ),
+    );
+    if (!list.length)
+      body.append(
+        h(
+          "tr",
+          null,
+          h("td", {
+            colspan: 9,
+            class: "empty",
+            text: found
+              ? "No parameter fits this filter."
+              : app.state.study?.exists
+                ? "Reading the parameters …"
+                : "Parameters show once there is a model.",
+          }),
+        ),
+      );
     const open = (found?.not_identifiable ?? []).filter(fits);
     left.hidden = !open.length;
-    left.replaceChildren(h("summary", { text: `${open.length} without a value: these runs do not determine them` }), h("ul", null, open.map((p) => h("li", null, h("code", { text: p.name }), `: ${p.why}`))));
+    left.replaceChildren(
+      h("summary", { text: `${open.length} without a value: these runs do not determine them` }),
+      h(
+        "ul",
+        null,
+        open.map((p) => h("li", null, h("code", { text: p.name }), `: ${p.why}`)),
+      ),
+    );
   }
 
   /** An earlier value; marked where the change is more than both intervals leave open. */
@@ -135,9 +299,21 @@ export async function show(root, app) {
     if (!before) return h("td", { class: "num muted", text: "–" });
     const moved = Math.abs(p.value - before.value) > Math.hypot(p.half95 ?? 0, before.half95 ?? 0);
     const part = before.value ? (p.value - before.value) / Math.abs(before.value) : 0;
-    const text = moved && Math.abs(part) >= 0.0005 && Math.abs(part) < 10 ? `${part > 0 ? "↑" : "↓"} ${short(100 * Math.abs(part), 2)} %` : moved ? "↕" : "";
-    return h("td", { class: "num", title: moved ? "changed since by more than the two intervals leave open" : "the same within the intervals" },
-      number(before.value, before.half95), h("span", { class: "moved", text }));
+    const text =
+      moved && Math.abs(part) >= 0.0005 && Math.abs(part) < 10
+        ? `${part > 0 ? "↑" : "↓"} ${short(100 * Math.abs(part), 2)} %`
+        : moved
+          ? "↕"
+          : "";
+    return h(
+      "td",
+      {
+        class: "num",
+        title: moved ? "changed since by more than the two intervals leave open" : "the same within the intervals",
+      },
+      number(before.value, before.half95),
+      h("span", { class: "moved", text }),
+    );
   }
 
   filter.addEventListener("input", table);

@@ -22,12 +22,33 @@ const VERDICTS = {
 export async function show(root, app) {
   let busy = false;
   const verdict = h("div", { class: "verdict-text" });
-  const look = h("button", { type: "button", class: "primary", "data-testid": "diagnose", text: "Look for what is missing", onclick: () => void work("diagnose", {}) });
-  const auto = h("button", { type: "button", "data-testid": "diagnose-auto", text: "Add until nothing is missing", title: "Look, add the best, fit again, and so on", onclick: () => void work("diagnose", { auto: true }) });
-  const undo = h("button", { type: "button", "data-testid": "undo", text: "Undo", onclick: () => void work("undo", {}) });
+  const look = h("button", {
+    type: "button",
+    class: "primary",
+    "data-testid": "diagnose",
+    text: "Look for what is missing",
+    onclick: () => void work("diagnose", {}),
+  });
+  const auto = h("button", {
+    type: "button",
+    "data-testid": "diagnose-auto",
+    text: "Add until nothing is missing",
+    title: "Look, add the best, fit again, and so on",
+    onclick: () => void work("diagnose", { auto: true }),
+  });
+  const undo = h("button", {
+    type: "button",
+    "data-testid": "undo",
+    text: "Undo",
+    onclick: () => void work("undo", {}),
+  });
   const model = h("ul", { class: "effects" });
-  const lead = h("section", { class: "panel verdict", "data-testid": "verdict", "aria-live": "polite" }, verdict,
-    h("div", { class: "bar verdict-acts" }, look, auto));
+  const lead = h(
+    "section",
+    { class: "panel verdict", "data-testid": "verdict", "aria-live": "polite" },
+    verdict,
+    h("div", { class: "bar verdict-acts" }, look, auto),
+  );
   const about = { effects: new Map() };
 
   const preview = createPreview(app, about);
@@ -39,12 +60,26 @@ export async function show(root, app) {
   const next = createNextRun(app);
   root.append(
     h("h1", { class: "sr", text: "What is missing" }),
-    h("div", { class: "missing" },
+    h(
+      "div",
+      { class: "missing" },
       h("div", { class: "missing-main" }, lead, ranking.element),
-      h("div", { class: "missing-side" }, preview.element,
-        h("section", { class: "panel" }, h("h2", null, "Effects in the model", h("span", { class: "muted", text: "on top of the base model" })),
-          model, h("div", { class: "bar" }, undo, h("span", { class: "muted undo-says" }))),
-        own.element, next.element)));
+      h(
+        "div",
+        { class: "missing-side" },
+        preview.element,
+        h(
+          "section",
+          { class: "panel" },
+          h("h2", { text: "Effects added to the base model" }),
+          model,
+          h("div", { class: "bar" }, undo, h("span", { class: "muted undo-says" })),
+        ),
+        own.element,
+        next.element,
+      ),
+    ),
+  );
 
   /** One job at a time from here; its words are shown where the verdict will be. */
   async function work(name, args) {
@@ -72,8 +107,12 @@ export async function show(root, app) {
   function progress(job) {
     if (job.do !== "diagnose") return;
     const count = job.total ? `: ${job.done} of ${job.total}` : "";
-    verdict.replaceChildren(h("p", { class: "verdict-big muted", text: "Looking for what is missing" }),
-      h("p", { text: `${job.text || "at work"}${job.text?.includes(" of ") ? "" : count}. It can be cancelled below.` }));
+    verdict.replaceChildren(
+      h("p", { class: "verdict-big muted", text: "Looking for what is missing" }),
+      h("p", {
+        text: `${job.text || "at work"}${job.text?.includes(" of ") ? "" : count}. It can be cancelled below.`,
+      }),
+    );
   }
 
   function present() {
@@ -83,10 +122,22 @@ export async function show(root, app) {
 
   function told(name, args, before, after) {
     if (!before || !after || before.version === after.version) return;
-    const fall = (key) => (Number.isFinite(before[key]) && Number.isFinite(after[key]) ? `${times(before[key])} → ${times(after[key])}` : null);
+    const fall = (key) =>
+      Number.isFinite(before[key]) && Number.isFinite(after[key])
+        ? `${times(before[key])} → ${times(after[key])}`
+        : null;
     const held = fall("held_error");
-    const what = { add: `Added ${args.effect}`, remove: `Took out ${args.effect}`, undo: `Back to version ${after.version}`, diagnose: "Done" }[name] ?? name;
-    app.toast(`${what}: error ÷ floor ${fall("used_error")} on the runs used${held ? `, ${held} on those held out` : ""}.`, "good");
+    const what =
+      {
+        add: `Added ${args.effect}`,
+        remove: `Took out ${args.effect}`,
+        undo: `Back to version ${after.version}`,
+        diagnose: "Done",
+      }[name] ?? name;
+    app.toast(
+      `${what}: error ÷ floor ${fall("used_error")} on the runs used${held ? `, ${held} on those held out` : ""}.`,
+      "good",
+    );
   }
 
   function draw() {
@@ -95,12 +146,29 @@ export async function show(root, app) {
     const ready = Boolean(study?.exists) && !busy;
     for (const button of [look, auto]) button.disabled = !ready;
     undo.disabled = !ready || !now?.parent;
-    root.querySelector(".undo-says").textContent = now?.parent ? `back to version ${now.parent}` : "this is the first version";
+    root.querySelector(".undo-says").textContent = now?.parent
+      ? `back to version ${now.parent}`
+      : "this is the first version";
     const effects = Array.isArray(now?.effects) ? now.effects : Object.keys(now?.effects ?? {});
-    model.replaceChildren(...effects.map((key) => h("li", null, h("span", { class: "code", text: key }),
-      h("button", { type: "button", class: "small", "data-testid": `remove-${key}`, disabled: !ready, text: "Remove",
-        "aria-label": `Remove ${key}`, onclick: () => void work("remove", { effect: key }) }))));
-    if (!effects.length) model.append(h("li", { class: "muted", text: study?.exists ? "none: the base model alone" : "no model yet" }));
+    model.replaceChildren(
+      ...effects.map((key) =>
+        h(
+          "li",
+          null,
+          h("span", { class: "code", text: key }),
+          h("button", {
+            type: "button",
+            class: "small",
+            "data-testid": `remove-${key}`,
+            disabled: !ready,
+            text: "Remove",
+            "aria-label": `Remove ${key}`,
+            onclick: () => void work("remove", { effect: key }),
+          }),
+        ),
+      ),
+    );
+    if (!effects.length) model.append(h("li", { class: "muted", text: study?.exists ? "none" : "no model yet" }));
     if (!busy) say(study, now);
     preview.element.classList.toggle("nothing", !study?.diagnosis);
     ranking.update(study?.diagnosis ?? null, ready);
@@ -111,37 +179,69 @@ export async function show(root, app) {
   function say(study, now) {
     lead.dataset.kind = "";
     if (!study?.exists) {
-      verdict.replaceChildren(h("p", { class: "verdict-big", text: "There is no model yet" }), h("p", { text: "Choose the runs to fit it on in the view Runs." }));
+      verdict.replaceChildren(
+        h("p", { class: "verdict-big", text: "There is no model yet" }),
+        h("p", { text: "Choose the runs to fit it on in the view Runs." }),
+      );
       return;
     }
     const d = study.diagnosis;
     if (!d) {
       const error = `Error ÷ floor: ${times(now?.used_error)} on the runs used`;
-      verdict.replaceChildren(h("p", { class: "verdict-big", text: `Not looked for yet in version ${study.current}` }),
-        h("p", { text: `${error}${Number.isFinite(now?.held_error) ? `, ${times(now.held_error)} on those held out` : ""}. Every effect of the catalogue and every sensor fault is tried, against ${study.draws} simulated runs that lack nothing.` }));
+      verdict.replaceChildren(
+        h("p", { class: "verdict-big", text: `Not looked for yet in version ${study.current}` }),
+        h("p", {
+          text: `${error}${Number.isFinite(now?.held_error) ? `, ${times(now.held_error)} on those held out` : ""}. Every effect of the catalogue and every sensor fault is tried, against ${study.draws} simulated runs that lack nothing.`,
+        }),
+      );
       return;
     }
     const known = VERDICTS[d.verdict] ?? { mark: "?", kind: "", text: () => d.verdict };
     lead.dataset.kind = known.kind;
     verdict.replaceChildren(
-      h("p", { class: `verdict-big ${known.kind}` }, h("span", { class: "verdict-mark", "aria-hidden": "true", text: known.mark }), known.text(d.best ?? "")),
+      h(
+        "p",
+        { class: `verdict-big ${known.kind}` },
+        h("span", { class: "verdict-mark", "aria-hidden": "true", text: known.mark }),
+        known.text(d.best ?? ""),
+      ),
       h("p", { text: d.says }),
-      h("p", { class: "muted sub", text: `Version ${study.current}; ${d.draws} simulations, so p is at least ${short(1 / (d.draws + 1), 2)}. Held-out runs were not looked at.` }),
-      formulas(d));
+      h("p", {
+        class: "muted sub",
+        text: `Version ${study.current}; ${d.draws} simulations, so p is at least ${short(1 / (d.draws + 1), 2)}. Held-out runs were not looked at.`,
+      }),
+      formulas(d),
+    );
   }
 
   function formulas(d) {
     if (!d.formulas?.length) return "";
-    return h("div", { class: "formulas" }, h("p", { text: "Laws the residual follows; one can be taken as an effect of your own:" }), h("ul", null, d.formulas.map((f) =>
-      h("li", null, h("button", { type: "button", class: "small", onclick: () => own.propose(f.text), text: "Take" }), " ",
-        h("code", { text: f.text }), h("span", { class: "muted", text: ` ${short(f.gain_rms)} N, p ${short(f.p, 2)}` })))));
+    return h(
+      "div",
+      { class: "formulas" },
+      h("p", { text: "Laws the residual follows; one can be taken as an effect of your own:" }),
+      h(
+        "ul",
+        null,
+        d.formulas.map((f) =>
+          h(
+            "li",
+            null,
+            h("button", { type: "button", class: "small", onclick: () => own.propose(f.text), text: "Take" }),
+            " ",
+            h("code", { text: f.text }),
+            h("span", { class: "muted", text: ` ${short(f.gain_rms)} N, p ${short(f.p, 2)}` }),
+          ),
+        ),
+      ),
+    );
   }
 
   async function readEffects() {
     if (!app.state.study?.exists) return;
     try {
       const list = await app.api.get("api/effects");
-      about.effects = new Map((Array.isArray(list) ? list : list.effects ?? []).map((e) => [e.effect, e]));
+      about.effects = new Map((Array.isArray(list) ? list : (list.effects ?? [])).map((e) => [e.effect, e]));
     } catch {
       about.effects = new Map(); // signs and texts are then left out; before there are runs there is no catalogue
     }

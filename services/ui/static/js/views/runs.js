@@ -4,7 +4,11 @@ import { h } from "../dom.js";
 import { duration, short, size, unitText } from "../format.js";
 import { jobId } from "../jobs.js";
 
-const ROLES = [["used", "used"], ["held", "held out"], ["unused", "not used"]];
+const ROLES = [
+  ["used", "used"],
+  ["held", "held out"],
+  ["unused", "not used"],
+];
 const ACCEPT = ".mcap,.parquet,.csv,.toml";
 
 /**
@@ -20,55 +24,157 @@ export async function show(root, app) {
   let making = false;
   let closed = false;
 
-  const files = h("input", { type: "file", multiple: true, accept: ACCEPT, class: "sr", id: "files", "data-testid": "file-input", tabindex: "-1", "aria-hidden": "true" });
+  const files = h("input", {
+    type: "file",
+    multiple: true,
+    accept: ACCEPT,
+    class: "sr",
+    id: "files",
+    "data-testid": "file-input",
+    tabindex: "-1",
+    "aria-hidden": "true",
+  });
   const sent = h("ul", { class: "sent", "aria-live": "polite" });
-  const drop = h("div", { class: "drop", "data-testid": "drop-zone" },
-    h("div", null, h("b", { text: "Drop logs here" }), h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; also rig.toml and vehicle.toml" })),
-    h("button", { type: "button", text: "Choose files …", "data-testid": "choose-files", onclick: () => files.click() }), files);
+  const drop = h(
+    "div",
+    { class: "drop", "data-testid": "drop-zone" },
+    h(
+      "div",
+      null,
+      h("b", { text: "Drop logs here" }),
+      h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; also rig.toml and vehicle.toml" }),
+    ),
+    h("button", {
+      type: "button",
+      text: "Choose files …",
+      "data-testid": "choose-files",
+      onclick: () => files.click(),
+    }),
+    files,
+  );
   const body = h("tbody");
-  const table = h("table", { class: "runs-table" },
-    h("thead", null, h("tr", null, ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses"].map((text, k) =>
-      h("th", { scope: "col", class: k > 2 && k < 6 ? "num" : "", text })))), body);
+  const table = h(
+    "table",
+    { class: "runs-table" },
+    h(
+      "thead",
+      null,
+      h(
+        "tr",
+        null,
+        ["Run", "Used for the fit", "Manoeuvre", "Length", "Size", "Channels", "Quality", "Losses"].map((text, k) =>
+          h("th", { scope: "col", class: k > 2 && k < 6 ? "num" : "", text }),
+        ),
+      ),
+    ),
+    body,
+  );
   const says = h("p", { class: "choice-says", role: "status" });
-  const make = h("button", { type: "button", class: "primary", "data-testid": "make-study", disabled: true, text: "Make the study", onclick: () => void makeStudy() });
+  const make = h("button", {
+    type: "button",
+    class: "primary",
+    "data-testid": "make-study",
+    disabled: true,
+    text: "Make the study",
+    onclick: () => void makeStudy(),
+  });
   const detail = h("section", { class: "panel detail", hidden: true, "aria-label": "Channels of a run" });
   root.append(
-    h("header", { class: "view-head" }, h("h1", { text: "Runs" }),
-      h("p", { class: "muted", text: "Fit the model on some runs and hold others out: an error that falls on runs the fit has never seen is a real one." })),
-    drop, sent,
-    h("section", { class: "panel flush" }, h("div", { class: "scroll runs-scroll" }, table), h("div", { class: "bar choice" }, says, make)),
-    detail);
+    h(
+      "header",
+      { class: "view-head" },
+      h("h1", { text: "Runs" }),
+      h("p", {
+        class: "muted",
+        text: "Fit the model on some runs and hold others out: an error that falls on runs the fit has never seen is a real one.",
+      }),
+    ),
+    drop,
+    sent,
+    h(
+      "section",
+      { class: "panel flush" },
+      h("div", { class: "scroll runs-scroll" }, table),
+      h("div", { class: "bar choice" }, says, make),
+    ),
+    detail,
+  );
 
   const role = (run) => picked.get(run.name) ?? run.role;
 
   function draw() {
     body.replaceChildren(...runs.map(line));
-    if (!runs.length) body.append(h("tr", null, h("td", { colspan: 8, class: "empty", text: "No runs yet. Drop at least two logs above: one to fit the model on, one to hold out." })));
+    if (!runs.length)
+      body.append(
+        h(
+          "tr",
+          null,
+          h("td", {
+            colspan: 8,
+            class: "empty",
+            text: "No runs yet. Drop at least two logs above: one to fit the model on, one to hold out.",
+          }),
+        ),
+      );
     choice();
   }
 
   function line(run) {
     const unreadable = run.quality === "cannot be read";
-    const radios = h("div", { class: "roles", role: "radiogroup", "aria-label": `what ${run.name} is used for` },
-      ROLES.map(([value, text]) => h("label", { class: "role" }, h("input", {
-        type: "radio", name: `role-${run.name}`, value, checked: role(run) === value, disabled: unreadable && value !== "unused",
-        "data-testid": `role-${run.name}-${value}`, onchange: () => {
-          picked.set(run.name, value);
-          choice();
-        },
-      }), h("span", { text }))));
+    const radios = h(
+      "div",
+      { class: "roles", role: "radiogroup", "aria-label": `what ${run.name} is used for` },
+      ROLES.map(([value, text]) =>
+        h(
+          "label",
+          { class: "role" },
+          h("input", {
+            type: "radio",
+            name: `role-${run.name}`,
+            value,
+            checked: role(run) === value,
+            disabled: unreadable && value !== "unused",
+            "data-testid": `role-${run.name}-${value}`,
+            onchange: () => {
+              picked.set(run.name, value);
+              choice();
+            },
+          }),
+          h("span", { text }),
+        ),
+      ),
+    );
     const problems = (run.says ?? []).join("\n");
-    return h("tr", { "data-testid": `run-row-${run.name}`, class: open === run.name ? "open" : "" },
-      h("th", { scope: "row" }, h("b", { text: run.name }), h("div", { class: "sub muted", text: [run.format, run.vehicle].filter(Boolean).join(" · ") })),
+    return h(
+      "tr",
+      { "data-testid": `run-row-${run.name}`, class: open === run.name ? "open" : "" },
+      h(
+        "th",
+        { scope: "row" },
+        h("b", { text: run.name }),
+        h("div", { class: "sub muted", text: [run.format, run.vehicle].filter(Boolean).join(" · ") }),
+      ),
       h("td", null, radios),
       h("td", { text: run.manoeuvre || "–" }),
       h("td", { class: "num", text: duration(run.seconds) }),
       h("td", { class: "num", text: size(run.bytes) }),
-      h("td", { class: "num" }, h("button", {
-        type: "button", class: "small", "aria-expanded": String(open === run.name), "data-testid": `channels-${run.name}`, disabled: unreadable,
-        "aria-label": `channels of ${run.name}`, onclick: () => void channels(run.name), text: count(run.channels) })),
+      h(
+        "td",
+        { class: "num" },
+        h("button", {
+          type: "button",
+          class: "small",
+          "aria-expanded": String(open === run.name),
+          "data-testid": `channels-${run.name}`,
+          disabled: unreadable,
+          "aria-label": `channels of ${run.name}`,
+          onclick: () => void channels(run.name),
+          text: count(run.channels),
+        }),
+      ),
       h("td", null, quality(run), problems ? h("div", { class: "sub", text: problems }) : null),
-      h("td", { class: lost(run.losses) ? "warn" : "", text: losses(run.losses) }));
+      h("td", { class: lost(run.losses) ? "warn" : "", text: losses(run.losses) }),
+    );
   }
 
   function choice() {
@@ -82,8 +188,10 @@ export async function show(root, app) {
     if (making) says.textContent = `${text}. The model is being fitted; the bar below says how far it is.`;
     else if (!runs.length) says.textContent = "";
     else if (!names.used.length) says.textContent = "Choose at least one run to fit the model on.";
-    else if (study?.exists && !changed) says.textContent = `${text}: the model stands on these runs. Choose otherwise to fit anew.`;
-    else says.textContent = `${text}.${names.held.length ? "" : " Without a run held out nothing checks the fit."}${study?.exists ? " A new version with the same effects is made; the old ones stay." : ""}`;
+    else if (study?.exists && !changed)
+      says.textContent = `${text}: the model stands on these runs. Choose otherwise to fit anew.`;
+    else
+      says.textContent = `${text}.${names.held.length ? "" : " Without a run held out nothing checks the fit."}${study?.exists ? " A new version with the same effects is made; the old ones stay." : ""}`;
   }
 
   async function makeStudy() {
@@ -97,7 +205,10 @@ export async function show(root, app) {
       await app.api.follow(job);
       picked.clear();
       await app.refresh();
-      app.toast(first ? "The study is made: see where the model fails." : "The model is fitted to the new choice of runs.", "good");
+      app.toast(
+        first ? "The study is made: see where the model fails." : "The model is fitted to the new choice of runs.",
+        "good",
+      );
     } catch (cause) {
       app.complain(cause);
     }
@@ -114,22 +225,65 @@ export async function show(root, app) {
     }
     open = name;
     detail.hidden = false;
-    detail.replaceChildren(h("h2", { text: `Channels of ${name}` }), h("p", { class: "waiting", text: "Reading the log …" }));
+    detail.replaceChildren(
+      h("h2", { text: `Channels of ${name}` }),
+      h("p", { class: "waiting", text: "Reading the log …" }),
+    );
     draw();
     body.querySelector(`[data-testid="channels-${name}"]`)?.focus();
     try {
       const run = await app.api.get(`api/runs/${encodeURIComponent(name)}`);
       if (open !== name || closed) return;
-      detail.replaceChildren(h("h2", null, `Channels of ${name}`, h("span", { class: "muted", text: `${run.vehicle || "vehicle not named"}, ${run.rig || "rig not named"}` })),
-        h("div", { class: "scroll channels" }, h("table", null,
-          h("thead", null, h("tr", null, h("th", { scope: "col", text: "Channel" }), h("th", { scope: "col", text: "Components" }), h("th", { scope: "col", text: "Unit" }),
-            ["Rate", "Samples", "Flagged"].map((text) => h("th", { scope: "col", class: "num", text })))),
-          h("tbody", null, (run.channels ?? []).map((c) => h("tr", null,
-            h("th", { scope: "row", class: "code", text: c.name }), h("td", { text: [c.components ?? []].flat().join(", ") || "1" }),
-            h("td", { text: [c.unit ?? ""].flat().map(unitText).join(", ") || "–" }), h("td", { class: "num", text: c.rate ? `${short(c.rate, 3)} Hz` : "–" }),
-            h("td", { class: "num", text: String(c.samples ?? "–") }), h("td", { class: c.flagged ? "num warn" : "num", text: flagged(c) })))))));
+      detail.replaceChildren(
+        h(
+          "h2",
+          null,
+          `Channels of ${name}`,
+          h("span", { class: "muted", text: `${run.vehicle || "vehicle not named"}, ${run.rig || "rig not named"}` }),
+        ),
+        h(
+          "div",
+          { class: "scroll channels" },
+          h(
+            "table",
+            null,
+            h(
+              "thead",
+              null,
+              h(
+                "tr",
+                null,
+                h("th", { scope: "col", text: "Channel" }),
+                h("th", { scope: "col", text: "Components" }),
+                h("th", { scope: "col", text: "Unit" }),
+                ["Rate", "Samples", "Flagged"].map((text) => h("th", { scope: "col", class: "num", text })),
+              ),
+            ),
+            h(
+              "tbody",
+              null,
+              (run.channels ?? []).map((c) =>
+                h(
+                  "tr",
+                  null,
+                  h("th", { scope: "row", class: "code", text: c.name }),
+                  h("td", { text: [c.components ?? []].flat().join(", ") || "1" }),
+                  h("td", { text: [c.unit ?? ""].flat().map(unitText).join(", ") || "–" }),
+                  h("td", { class: "num", text: c.rate ? `${short(c.rate, 3)} Hz` : "–" }),
+                  h("td", { class: "num", text: String(c.samples ?? "–") }),
+                  h("td", { class: c.flagged ? "num warn" : "num", text: flagged(c) }),
+                ),
+              ),
+            ),
+          ),
+        ),
+      );
     } catch (cause) {
-      if (open === name && !closed) detail.replaceChildren(h("h2", { text: `Channels of ${name}` }), h("p", { class: "notice bad", text: cause.message }));
+      if (open === name && !closed)
+        detail.replaceChildren(
+          h("h2", { text: `Channels of ${name}` }),
+          h("p", { class: "notice bad", text: cause.message }),
+        );
     }
   }
 
@@ -222,8 +376,19 @@ function losses(value) {
   if (value === null || value === undefined) return "not known";
   if (!lost(value)) return "none";
   if (typeof value === "number") return String(value);
-  return Object.entries(value).filter(([, v]) => lost(v)).map(([name, v]) =>
-    `${name}: ${typeof v === "number" ? v : Object.entries(v).map(([cause, n]) => `${n} ${cause}`).join(", ")}`).join("; ");
+  return Object.entries(value)
+    .filter(([, v]) => lost(v))
+    .map(
+      ([name, v]) =>
+        `${name}: ${
+          typeof v === "number"
+            ? v
+            : Object.entries(v)
+                .map(([cause, n]) => `${n} ${cause}`)
+                .join(", ")
+        }`,
+    )
+    .join("; ");
 }
 
 function flagged(channel) {
