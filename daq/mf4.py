@@ -207,16 +207,23 @@ def _known_unit(unit: str) -> tuple[float, str]:
     return to_si(1.0, text)
 
 
+def map_beside(file: Path) -> Path | None:
+    """The channel map that an MDF file is read with, or None."""
+    return next((f for f in (file.with_suffix(".toml"), file.with_name(SHARED_MAP)) if f.is_file()), None)
+
+
 def _map_of(file: Path) -> tuple[dict[str, _Source], dict[str, str]]:
-    """Column → source, and what the map says of the run. Raises RunError with every fault of the map."""
-    beside = next((f for f in (file.with_suffix(".toml"), file.with_name(SHARED_MAP)) if f.is_file()), None)
-    if beside is None:
-        return {}, {}
+    beside = map_beside(file)
+    return read_map(beside) if beside else ({}, {})
+
+
+def read_map(path: Path) -> tuple[dict[str, _Source], dict[str, str]]:
+    """Column → source, and what a map says of the run. Raises RunError with every fault of the map."""
     try:
-        text = beside.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:
-        raise RunError(beside, [f"cannot be read: {cause}"]) from None
-    reader = Reader(text, str(beside), RunError, FORMAT)
+        raise RunError(path, [f"cannot be read: {cause}"]) from None
+    reader = Reader(text, str(path), RunError, FORMAT)
     root = reader.root
     reader.known(root, ("format", "run", "channels"), "")
     run = reader.table(root, "run", "", required=False)

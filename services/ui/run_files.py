@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from daq import exchange, mf4
 from daq.channels import CHANNELS
 from daq.errors import LacetError, RunError, UsageError, nearest
-from daq.exchange import SUFFIXES
 from daq.log import LogReader
 from daq.run import Run
 from identify.rows import ROWS, needs
@@ -21,7 +21,7 @@ from identify.study import Study
 from services.result import plain
 from services.ui.desk import Desk, one_stamp
 
-KINDS = (".mcap", *sorted(SUFFIXES))
+KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
 """Endings of files that can be runs."""
 FOLDER = "runs"
 RAW = "raw"
@@ -79,8 +79,7 @@ class RunFiles:
         with self._lock:
             for name, path in paths.items():
                 try:
-                    place, changed, size = one_stamp(path)
-                    key = f"{Path(place).name}|{changed}|{size}"
+                    key = "|".join(_state(file) for file in (path, *beside(path)))
                     if key not in self._known:
                         self._known[key], fresh = summary(path), True
                     found = self._known[key]
@@ -104,6 +103,20 @@ class RunFiles:
             part.replace(self._file)
         except OSError:
             part.unlink(missing_ok=True)
+
+
+def beside(path: Path) -> list[Path]:
+    """Files that a run is read with: an MDF file's channel map, what is told of a CSV table."""
+    if path.suffix.lower() in mf4.SUFFIXES:
+        found = mf4.map_beside(path)
+        return [found] if found else []
+    told = path.with_suffix(".json")
+    return [told] if path.suffix.lower() == ".csv" and told.is_file() else []
+
+
+def _state(path: Path) -> str:
+    place, changed, size = one_stamp(path)
+    return f"{Path(place).name}|{changed}|{size}"
 
 
 def _roles(study: Study) -> dict[Path, str]:

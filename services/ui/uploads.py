@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import secrets
 import time
@@ -15,7 +16,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from daq.errors import LacetError, UsageError
+from daq.exchange import METADATA_KEYS
 from daq.log import LogReader
+from daq.mf4 import read_map
 from daq.rig import Rig
 from daq.vehicle import Vehicle
 from services.ui.desk import Desk
@@ -29,6 +32,8 @@ SPARE = 50_000_000
 _PIECE = 1 << 20
 _DAY = 86400.0
 _TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
+_BESIDE = (".toml", ".json")
+"""Endings of a channel map beside an MDF file, and of what is told of a CSV table."""
 
 
 def safe_name(name: str) -> str:
@@ -36,8 +41,11 @@ def safe_name(name: str) -> str:
     bad = not name or name != Path(name).name or name.startswith(".") or len(name.encode()) > 200
     if bad or "\\" in name or any(ord(c) < 32 or c in ':*?"<>|' for c in name):
         raise UsageError(f"'{name[:80]}' cannot be the name of a file here: letters, digits, - and _ are safe")
-    if name not in _TOML and Path(name).suffix.lower() not in KINDS:
-        raise UsageError(f"'{name}' is no run: give {', '.join(KINDS)}, or rig.toml, vehicle.toml")
+    if name not in _TOML and Path(name).suffix.lower() not in (*KINDS, *_BESIDE):
+        raise UsageError(
+            f"'{name}' is no run: give {', '.join(KINDS)}, what stands beside one ({', '.join(_BESIDE)}), "
+            "or rig.toml, vehicle.toml"
+        )
     return name
 
 
@@ -110,9 +118,9 @@ def free(folder: Path) -> int:
 
 def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
     raw = False
-    if target.name in _TOML:
+    if target.suffix in _BESIDE:
         try:
-            _TOML[target.name](part)
+            _TOML.get(target.name, read_map if target.suffix == ".toml" else _read_told)(part)
         except LacetError as error:
             raise UsageError(str(error).replace(str(part), target.name)) from None
     elif target.suffix.lower() == ".mcap":
@@ -126,6 +134,17 @@ def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
         target.parent.mkdir(exist_ok=True)
     _move(part, target)
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
+
+
+def _read_told(path: Path) -> None:
+    """Look whether a file is what is told of a CSV table. Raises UsageError."""
+    try:
+        told = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, OSError) as error:
+        raise UsageError(f"{path}: is no JSON: {error}") from None
+    unknown = [key for key in told if key not in METADATA_KEYS] if isinstance(told, dict) else ["no object"]
+    if unknown:
+        raise UsageError(f"{path}: {', '.join(unknown)}: known are {', '.join(METADATA_KEYS)}")
 
 
 def _move(part: Path, target: Path) -> None:

@@ -9,7 +9,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from asammdf import MDF
+from asammdf import Signal as MdfSignal
 from bench_page import Page
 from fastapi.testclient import TestClient
 
@@ -137,6 +140,35 @@ def test_rig_and_vehicle_are_read_before_they_are_kept(empty: TestClient, tmp_pa
     assert "rig.toml" in answer.json()["error"]
     assert ".part" not in answer.json()["error"]
     assert not (tmp_path / "new" / "rig.toml").exists()
+
+
+def test_a_map_may_come_after_its_file(tmp_path: Path):
+    """An MDF file says what it lacks, and is read as soon as its map is there; so is what is told of a CSV table."""
+    t = np.arange(500) / 250.0
+    mdf = MDF(version="4.10")
+    mdf.append([MdfSignal(0.3 + 0.01 * np.sin(t), t, name="Laser4", unit="m")])
+    mdf.save(tmp_path / "drive.mf4", overwrite=True)
+    mdf.close()
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        content = (tmp_path / "drive.mf4").read_bytes()
+        assert client.put("/api/runs/drive.mf4", content=content).json()["name"] == "drive"
+        (before,) = client.get("/api/runs").json()
+        assert before["quality"] == "cannot be read"
+        assert "mf4.toml" in before["says"][0]
+        wrong = client.put(
+            "/api/runs/mf4.toml", content=b'format = "lacet-mf4 1"\n[channels]\nlaser.rr.hob = "Laser4"\n'
+        )
+        assert wrong.status_code == 400
+        assert "laser.rr.hub" in wrong.json()["error"]
+        right = b'format = "lacet-mf4 1"\n[channels]\nlaser.rr.hub = "Laser4"\n'
+        assert client.put("/api/runs/mf4.toml", content=right).status_code == 200
+        (after,) = client.get("/api/runs").json()
+        assert (after["format"], after["channels"]) == ("mf4", 1)
+        assert client.put("/api/runs/table.csv", content=b"t,laser.rr.hub\n0,0.3\n0.004,0.3\n").status_code == 200
+        assert client.put("/api/runs/table.json", content=b'{"manoeuver": "slalom"}').status_code == 400
+        assert client.get("/api/runs/table").json()["manoeuvre"] == ""
+        assert client.put("/api/runs/table.json", content=b'{"manoeuvre": "slalom"}').status_code == 200
+        assert client.get("/api/runs/table").json()["manoeuvre"] == "slalom"
 
 
 def test_a_raw_capture_is_decoded(tmp_path: Path):
