@@ -9,7 +9,7 @@ const ROLES = [
   ["held", "held out"],
   ["unused", "not used"],
 ];
-const ACCEPT = ".mcap,.parquet,.csv,.toml";
+const ACCEPT = ".mcap,.parquet,.csv,.mf4,.mdf,.toml,.json";
 
 /**
  * Show the view.
@@ -42,7 +42,7 @@ export async function show(root, app) {
       "div",
       null,
       h("b", { text: "Drop logs here" }),
-      h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; also rig.toml and vehicle.toml" }),
+      h("span", { class: "muted", text: " MCAP, decoded or raw; Parquet; CSV; MF4; also rig.toml and vehicle.toml" }),
     ),
     h("button", {
       type: "button",
