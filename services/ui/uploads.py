@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import filecmp
 import json
 import os
 import secrets
@@ -132,7 +133,9 @@ def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
     if raw:
         target = desk.folder / RAW / target.name
         target.parent.mkdir(exist_ok=True)
-    _move(part, target)
+    # A capture that is there, and no run (else it had been refused): its decoding was broken off, and is done again.
+    if not (raw and target.is_file() and filecmp.cmp(part, target, shallow=False)):
+        _move(part, target)
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
 
 
@@ -163,4 +166,5 @@ def _move(part: Path, target: Path) -> None:
 
 def _refuse_there(target: Path) -> None:
     if target.exists():
-        raise InTheWay(f"{target.name} is there already and is never replaced: give the file another name")
+        place = target.parent.name
+        raise InTheWay(f"there is one in {place}/ already, and nothing is ever replaced: give the file another name")
