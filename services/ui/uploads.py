@@ -66,7 +66,7 @@ async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[by
         if length is not None and length + SPARE > free(folder):
             raise DiskFull(f"{name} has {length:,} bytes, the disk has room for {max(0, free(folder) - SPARE):,}")
     except OSError as error:
-        raise UsageError(f"{folder}: {error.strerror}") from None
+        raise UsageError(f"{folder}: {error.strerror}; start lacet ui with a folder that can be written to") from None
     part = folder / f".{secrets.token_hex(8)}.part{Path(name).suffix}"
     try:
         await _written(part, name, body, most)
