@@ -118,7 +118,7 @@ class Study:
                 int(data["current"]), _runs(data.get("before")),
             )  # fmt: skip
         except (ValueError, KeyError, TypeError) as cause:
-            raise UsageError(f"{path} cannot be read: {cause}") from None
+            raise _broken(path, cause) from None
 
     @property
     def rig(self) -> Rig:
@@ -216,9 +216,19 @@ class Study:
         _write(self.folder / "diagnoses" / f"{self.current:03d}.json", {"format": FORMAT, **result})
 
     def diagnosis(self) -> Mapping[str, Any] | None:
-        """The last diagnosis of the current version, or None."""
+        """The last diagnosis of the current version, or None. Raises UsageError when its file cannot be read."""
         file = self.folder / "diagnoses" / f"{self.current:03d}.json"
-        return cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8"))) if file.is_file() else None
+        if not file.is_file():
+            return None
+        try:
+            found: Any = json.loads(file.read_text(encoding="utf-8"))
+            if not isinstance(found, dict):
+                raise ValueError("not an object")
+        except ValueError as cause:
+            raise UsageError(
+                f"{file} cannot be read: {cause}; remove it and look again for what is missing (lacet diagnose)"
+            ) from None
+        return cast(dict[str, Any], found)
 
     @contextmanager
     def _only_writer(self) -> Generator[None]:
@@ -247,13 +257,21 @@ class Study:
 
 def _version(file: Path) -> Version:
     try:
-        data = cast(dict[str, Any], json.loads(file.read_text(encoding="utf-8")))
+        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        if not isinstance(data, dict):
+            raise ValueError("not an object")
+        data = cast(dict[str, Any], data)
         number = int(data["version"])
         parent = int(data.get("parent", number - 1))
         runs = _runs(data if "used" in data else None)
         return Version(number, data["effects"], str(data["note"]), data["result"], parent, runs)
     except (ValueError, KeyError, TypeError) as cause:
-        raise UsageError(f"{file} cannot be read: {cause}") from None
+        raise _broken(file, cause) from None
+
+
+def _broken(file: Path, cause: Exception) -> UsageError:
+    why = f"it has no {cause}" if isinstance(cause, KeyError) else str(cause)
+    return UsageError(f"{file} cannot be read: {why}; lacet writes it whole, so put a good copy back")
 
 
 def _runs(data: Mapping[str, Any] | None) -> Runs | None:

@@ -47,14 +47,16 @@ def implausible(c: Candidate, parameters: Sequence[Parameter]) -> str:
     """Which of its parameters would lie outside what is plausible on any car, by more than its interval; or nothing."""
     for q, value, half in zip(parameters, c.values, c.interval, strict=True):
         if value + half < q.low or value - half > q.high:
-            return f"{_last(q)} would be {value:.3g} ± {half:.1g} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+            return (
+                f"{_last(q)} would be {value:.3g} ± {_two_digits(half)} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+            )
     return ""
 
 
 def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
     """Its parameters with 95 % intervals, and its shape constants."""
     parts = [
-        f"{_last(q)} = {_rounded(value, half)} ± {half:.2g} {q.unit}"
+        f"{_last(q)} = {_rounded(value, half)} ± {_two_digits(half)} {q.unit}"
         for q, value, half in zip(parameters, c.values, c.interval, strict=True)
     ]
     unusual = [
@@ -78,6 +80,11 @@ def _listed(rows: Sequence[str], most: int = 4) -> str:
 
 def _last(q: Parameter) -> str:
     return q.name.rsplit(".", 1)[-1]
+
+
+def _two_digits(half: float) -> str:
+    """An interval with two digits, without a power of ten up to a million."""
+    return f"{float(f'{half:.2g}'):g}"
 
 
 def _rounded(value: float, half: float) -> str:

@@ -19,7 +19,7 @@ from services.ui.jobs import Job, Jobs
 from services.ui.live import Live
 from services.ui.looking import against_payload, preview_body, spectrum_payload
 from services.ui.refusals import NotThere
-from services.ui.run_files import RunFiles, find_run
+from services.ui.run_files import RunFiles, find_run, undecoded, undecoded_record
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]
@@ -63,7 +63,9 @@ def choose(request: Request, body: _JSON) -> Any:
 @api.get("/runs")
 def runs(request: Request) -> Any:
     """Every run."""
-    return bench(request).files.all()
+    b = bench(request)
+    waiting = [path for path in undecoded(b.desk) if _decoding(b, path.name) is None]
+    return [*b.files.all(), *map(undecoded_record, waiting)]
 
 
 @api.get("/runs/{name}")
@@ -80,7 +82,8 @@ async def upload(request: Request, filename: str) -> Any:
     announced = int(length) if length and length.isdigit() else None
     found = await uploads.take(b.desk, filename, announced, request.stream(), b.most_upload)
     if found["raw"]:
-        found["job"] = b.jobs.submit("decode", {"file": found["file"]}).told()
+        at_work = _decoding(b, found["file"])
+        found["job"] = (at_work or b.jobs.submit("decode", {"file": found["file"]})).told()
     b.events.publish("study", {"changed": ["runs"]})
     return found
 
@@ -243,6 +246,11 @@ def nothing(rest: str) -> JSONResponse:
 def _submitted(b: Bench, do: str, args: dict[str, Any]) -> dict[str, Any]:
     made: Job = b.jobs.submit(do, args)
     return {"job": made.told(), "id": made.id}
+
+
+def _decoding(b: Bench, file: str) -> Job | None:
+    """The job that is to decode a capture, or does."""
+    return next((j for j in b.jobs.all() if (j.do, j.args) == ("decode", {"file": file}) and not j.over), None)
 
 
 def _job(b: Bench, number: int) -> Job:

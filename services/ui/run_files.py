@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import threading
@@ -26,6 +27,8 @@ KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
 FOLDER = "runs"
 RAW = "raw"
 """Folders of the study for runs, and for captures that were decoded into runs."""
+_KEPT_BACK = ("channel_list", "samples_hash")
+"""What the list of runs does not tell."""
 
 
 def run_paths(desk: Desk) -> dict[str, Path]:
@@ -51,6 +54,19 @@ def find_run(desk: Desk, name: str) -> Path:
     return paths.get(name) or by_file[name]
 
 
+def undecoded(desk: Desk) -> list[Path]:
+    """Raw captures that no run was made of: decoding was cancelled or failed, or the machine went down."""
+    made = {p.stem for p in (desk.folder / FOLDER).glob("*.mcap")}
+    return sorted(p for p in (desk.folder / RAW).glob("*.mcap") if p.stem not in made)
+
+
+def undecoded_record(path: Path) -> dict[str, Any]:
+    """A capture that no run was made of, as it stands in the list of runs."""
+    says = ["a raw capture that was not decoded: drop it here again, which decodes it"]
+    head = {"name": path.name, "file": path.name, "path": str(path), "role": "unused"}
+    return {k: v for k, v in {**head, **_unreadable(path, says)}.items() if k not in _KEPT_BACK}
+
+
 class RunFiles:
     """Summaries of runs, made once for each state of a file and kept in the study's ``.cache``."""
 
@@ -63,13 +79,26 @@ class RunFiles:
 
     def all(self) -> list[dict[str, Any]]:
         """Every run, without its channels."""
-        return [{k: v for k, v in run.items() if k != "channel_list"} for run in self._summaries()]
+        return [{k: v for k, v in run.items() if k not in _KEPT_BACK} for run in self._summaries()]
 
     def one(self, name: str) -> dict[str, Any]:
         """One run with its channels. Raises UsageError."""
         path = find_run(self._desk, name)
         found = next(run for run in self._summaries() if Path(run["path"]) == path)
-        return {**{k: v for k, v in found.items() if k != "channel_list"}, "channels": found["channel_list"]}
+        return {**{k: v for k, v in found.items() if k not in _KEPT_BACK}, "channels": found["channel_list"]}
+
+    def twins(self, used: list[Path], held: list[Path]) -> tuple[str, str] | None:
+        """Names of two runs, of which one at least is used, that hold the same samples."""
+        first: dict[str, tuple[str, Path]] = {}
+        chosen = [*used, *held]
+        for run in sorted(self._summaries(), key=lambda run: Path(run["path"]) not in used):
+            path, same = Path(run["path"]), run.get("samples_hash")
+            if path not in chosen or not same:
+                continue
+            name, other = first.setdefault(same, (run["name"], path))
+            if other != path and other in used:
+                return name, run["name"]
+        return None
 
     def _summaries(self) -> list[dict[str, Any]]:
         paths = run_paths(self._desk)
@@ -80,7 +109,7 @@ class RunFiles:
             for name, path in paths.items():
                 try:
                     key = "|".join(_state(file) for file in (path, *beside(path)))
-                    if key not in self._known:
+                    if "samples_hash" not in self._known.get(key, {}):
                         self._known[key], fresh = summary(path), True
                     found = self._known[key]
                 except LacetError as error:
@@ -91,7 +120,7 @@ class RunFiles:
                 )  # fmt: skip
             if fresh:
                 self._save()
-        return out
+        return _with_twins(out)
 
     def _save(self) -> None:
         """Keep the summaries; a folder that cannot be written to costs time, and nothing else."""
@@ -103,6 +132,19 @@ class RunFiles:
             part.replace(self._file)
         except OSError:
             part.unlink(missing_ok=True)
+
+
+def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Tell where two files hold the same samples."""
+    names: dict[str, list[str]] = {}
+    for run in runs:
+        names.setdefault(run.get("samples_hash") or run["path"], []).append(run["name"])
+    out: list[dict[str, Any]] = []
+    for run in runs:
+        others = [name for name in names[run.get("samples_hash") or run["path"]] if name != run["name"]]
+        says = [*run["says"], f"the same samples as {', '.join(others)}"] if others else run["says"]
+        out.append({**run, "says": says, "quality": "flagged" if others else run["quality"]})
+    return out
 
 
 def beside(path: Path) -> list[Path]:
@@ -128,7 +170,7 @@ def _unreadable(path: Path, says: list[str]) -> dict[str, Any]:
     return {
         "format": path.suffix.lower().removeprefix("."), "bytes": path.stat().st_size if path.is_file() else 0,
         "seconds": None, "manoeuvre": "", "vehicle": "", "rig": "", "channels": 0, "losses": 0, "rows": [],
-        "quality": "cannot be read", "says": says, "channel_list": [],
+        "quality": "cannot be read", "says": says, "channel_list": [], "samples_hash": "",
     }  # fmt: skip
 
 
@@ -168,8 +210,19 @@ def summary(path: Path) -> dict[str, Any]:
             "losses": losses, "rows": [row for row, c in absent.items() if not c], "brakes": run.brakes,
             "wheel_reference": run.wheel_reference, "quality": "flagged" if bad else "good", "says": says,
             "channel_list": channels,
+            "samples_hash": _hash(run),
         }
     )  # fmt: skip
+
+
+def _hash(run: Run) -> str:
+    """The same for two files with the same samples, whatever their names and formats."""
+    found = hashlib.sha256()
+    for name, s in sorted(run.signals.items()):
+        found.update(name.encode())
+        found.update(np.ascontiguousarray(s.t - s.t[0] if len(s.t) else s.t).round(7).tobytes())
+        found.update(np.ascontiguousarray(s.values, np.float32).tobytes())
+    return found.hexdigest()
 
 
 def _channel(name: str, run: Run) -> dict[str, Any]:

@@ -28,7 +28,7 @@ from services.ui.jobs import Jobs
 from services.ui.live import Live
 from services.ui.refusals import DiskFull, Refusal
 from services.ui.routes import Bench, api
-from services.ui.run_files import RunFiles
+from services.ui.run_files import RunFiles, undecoded
 from services.ui.tasks import Tasks
 from services.ui.uploads import MOST, sweep
 from services.ui.watch import Watch
@@ -69,9 +69,12 @@ def create_app(settings: Settings) -> FastAPI:
         events = Events()
         desk = Desk(settings.folder)
         sweep(desk)
-        jobs = Jobs(Tasks(desk, settings.draws).by_name(), events)
+        files = RunFiles(desk)
+        jobs = Jobs(Tasks(desk, files, settings.draws).by_name(), events)
+        for capture in undecoded(desk):  # its decoding was broken off when the server was
+            jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events), Watch(settings.folder, events)
-        app.state.bench = Bench(desk, jobs, events, RunFiles(desk), live, settings.most_upload)
+        app.state.bench = Bench(desk, jobs, events, files, live, settings.most_upload)
         try:
             yield
         finally:
@@ -88,6 +91,7 @@ def create_app(settings: Settings) -> FastAPI:
     app.add_exception_handler(OSError, _failed)
     app.add_exception_handler(RequestValidationError, _misread)
     app.add_exception_handler(HTTPException, _plain)
+    app.add_exception_handler(Exception, _bug)
     return app
 
 
@@ -111,6 +115,11 @@ def _misread(_: Request, error: Exception) -> JSONResponse:
 def _plain(_: Request, error: Exception) -> JSONResponse:
     status, text = (error.status_code, error.detail) if isinstance(error, HTTPException) else (500, str(error))
     return JSONResponse({"error": str(text)}, status)
+
+
+def _bug(_: Request, error: Exception) -> JSONResponse:
+    """A bug is told like a fault; the terminal has the whole of it."""
+    return JSONResponse({"error": f"an error of lacet itself: {type(error).__name__}: {error}"}, 500)
 
 
 class _Server(uvicorn.Server):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from daq.errors import UsageError
 from daq.run import Run
@@ -20,16 +20,17 @@ from services.report import write_report
 from services.result import plain
 from services.ui.desk import Desk
 from services.ui.jobs import Do, Teller
-from services.ui.run_files import FOLDER, RAW, find_run
+from services.ui.run_files import FOLDER, RAW, RunFiles, find_run
 
 REPORT = "report.html"
+Found = TypeVar("Found")
 
 
 class Tasks:
     """What each job does on the study of a desk; `draws` of the noise floor for a study that is made here."""
 
-    def __init__(self, desk: Desk, draws: int):
-        self.desk, self.draws = desk, draws
+    def __init__(self, desk: Desk, files: RunFiles, draws: int):
+        self.desk, self.files, self.draws = desk, files, draws
 
     def by_name(self) -> dict[str, Do]:
         """Every job by its name."""
@@ -55,6 +56,12 @@ class Tasks:
         held = [find_run(self.desk, name) for name in _names(args, "held")]
         if not used:
             raise UsageError("choose at least one run to identify with")
+        if twice := self.files.twins(used, held):
+            one, other = twice
+            raise UsageError(
+                f"{one} and {other} hold the same samples: a run held out would be one the fit has seen, or one run "
+                "would count twice. Leave one of them out"
+            )
         if not self.desk.exists:
             return self._make(used, held, teller)
         study = self.desk.study
@@ -67,8 +74,8 @@ class Tasks:
         folder = self.desk.folder
         there = {name: (folder / name).is_file() for name in ("rig.toml", "vehicle.toml")}
         first = Run.open(used[0])
-        rig = find_rig(first, folder / "rig.toml" if there["rig.toml"] else None)
-        vehicle = find_vehicle(first, folder / "vehicle.toml" if there["vehicle.toml"] else None)
+        rig = _dropped(find_rig, first, folder / "rig.toml")
+        vehicle = _dropped(find_vehicle, first, folder / "vehicle.toml")
         (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version
         study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
         try:
@@ -189,6 +196,14 @@ class Tasks:
         """The new version's comparison is made at once: the page will ask for it, and the work is done."""
         self.desk.compare(number, teller.tell)
         return {"version": number, "warnings": list(work.loaded.warnings)}
+
+
+def _dropped(find: Callable[[Run, Path | None], Found], run: Run, file: Path) -> Found:
+    """A rig or vehicle, from the file that was dropped on the page where there is one."""
+    try:
+        return find(run, file if file.is_file() else None)
+    except UsageError as error:  # the page has no options to give
+        raise UsageError(str(error).replace(f"give --{file.stem} FILE", f"drop its {file.name} here")) from None
 
 
 def _floor(teller: Teller) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import filecmp
 import json
 import os
 import secrets
@@ -65,7 +66,7 @@ async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[by
         if length is not None and length + SPARE > free(folder):
             raise DiskFull(f"{name} has {length:,} bytes, the disk has room for {max(0, free(folder) - SPARE):,}")
     except OSError as error:
-        raise UsageError(f"{folder}: {error.strerror}") from None
+        raise UsageError(f"{folder}: {error.strerror}; start lacet ui with a folder that can be written to") from None
     part = folder / f".{secrets.token_hex(8)}.part{Path(name).suffix}"
     try:
         await _written(part, name, body, most)
@@ -132,7 +133,9 @@ def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
     if raw:
         target = desk.folder / RAW / target.name
         target.parent.mkdir(exist_ok=True)
-    _move(part, target)
+    # A capture that is there, and no run (else it had been refused): its decoding was broken off, and is done again.
+    if not (raw and target.is_file() and filecmp.cmp(part, target, shallow=False)):
+        _move(part, target)
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
 
 
@@ -163,4 +166,5 @@ def _move(part: Path, target: Path) -> None:
 
 def _refuse_there(target: Path) -> None:
     if target.exists():
-        raise InTheWay(f"{target.name} is there already and is never replaced: give the file another name")
+        place = target.parent.name
+        raise InTheWay(f"there is one in {place}/ already, and nothing is ever replaced: give the file another name")

@@ -161,6 +161,9 @@ def _own_effect(watch: Watch, bench: Bench) -> None:
     watch.expect(line).to_have_attribute("aria-invalid", "true")
     watch.expect(watch.at("own-add")).to_be_disabled()
     watch.picture("4-own-wrong-unit")
+    line.fill("anti_roll_bar = suspension: p * travel")
+    taken = "✕ there is another effect 'anti_roll_bar' already: give this one another name"
+    watch.expect(watch.at("own-check")).to_have_text(taken)
     line.fill(RIGHT)
     watch.expect(watch.at("own-check")).to_contain_text("units agree")
     watch.expect(watch.at("own-check")).to_contain_text("N/m²")

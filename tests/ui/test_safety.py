@@ -130,7 +130,7 @@ def test_what_was_broken_off_is_swept_up(tmp_path: Path):
 def test_nothing_is_replaced(page: Page):
     before = (page.folder / "runs" / "sine.parquet").read_bytes()
     for name in ("runs/sine.parquet", "runs/rig.toml"):
-        assert "never replaced" in page.client.put(f"/api/{name}", content=b"x").json()["error"]
+        assert "nothing is ever replaced" in page.client.put(f"/api/{name}", content=b"x").json()["error"]
     assert (page.folder / "runs" / "sine.parquet").read_bytes() == before
 
 
@@ -183,6 +183,29 @@ def test_a_raw_capture_is_decoded(tmp_path: Path):
         assert (run["file"], run["role"], run["format"]) == ("raw.mcap", "unused", "mcap")
         assert run["channels"] > 10
     assert (tmp_path / "new" / "raw" / "raw.mcap").read_bytes() == (tmp_path / "raw.mcap").read_bytes()
+
+
+def test_a_capture_whose_decoding_was_broken_off_is_no_dead_end(tmp_path: Path):
+    """Killed while decoding: the next server decodes it. Decoding cancelled: it is listed, and dropped in again."""
+    new = tmp_path / "new"
+    (new / "raw").mkdir(parents=True)
+    make_capture(new / "raw" / "raw.mcap", 1.0, 47110)
+    content = (new / "raw" / "raw.mcap").read_bytes()
+    with TestClient(create_app(Settings(new)), base_url=HERE) as client:
+        page = Page(client)
+        (job,) = page.get("jobs")
+        assert page.until_over(job["id"])["state"] == "done"
+        assert [r["quality"] for r in page.get("runs")] == ["good"]
+        assert client.put("/api/runs/raw.mcap", content=content).status_code == 409  # decoded: nothing to do again
+        (new / "runs" / "raw.mcap").unlink()
+        (run,) = page.get("runs")
+        assert (run["name"], run["quality"]) == ("raw.mcap", "cannot be read")
+        assert "drop it here again" in run["says"][0]
+        assert client.put("/api/runs/raw.mcap", content=content[:-9000]).status_code == 409  # another: not replaced
+        answer = client.put("/api/runs/raw.mcap", content=content).json()
+        assert page.until_over(answer["job"]["id"])["state"] == "done"
+        assert [r["name"] for r in page.get("runs")] == ["raw"]
+    assert (new / "raw" / "raw.mcap").read_bytes() == content
 
 
 @pytest.mark.parametrize(("line", "word"), [

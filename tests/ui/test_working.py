@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from bench_page import Page
 from fastapi.testclient import TestClient
 
 from daq.errors import UsageError
+from daq.run import Run
 from identify.study import Study
 from services.cli import main
 from services.fitting import Work
@@ -78,7 +80,9 @@ def test_a_study_is_made_from_files_dropped_in(tmp_path: Path):
         assert page.get("runs") == []
         assert client.put("/api/runs/sine.parquet", content=run.read_bytes()).json()["name"] == "sine"
         job = page.until_over(page.post("study/runs", {"used": ["sine"], "held": []})["id"])
-        assert "rig" in job["error"]  # a table does not bring its rig along, and nothing half made stays behind
+        assert (
+            "drop its rig.toml here" in job["error"]
+        )  # a table does not bring its rig along, and nothing half made stays behind
         assert page.get("study")["exists"] is False
         for name in ("rig.toml", "vehicle.toml"):
             assert client.put(f"/api/runs/{name}", content=(CAR / name).read_bytes()).status_code == 200
@@ -87,6 +91,33 @@ def test_a_study_is_made_from_files_dropped_in(tmp_path: Path):
         found = page.get("study")
         assert (found["current"], found["used"]) == (1, ["runs/sine.parquet"])
     assert main(["study", str(tmp_path / "new")]) == 0
+
+
+def test_the_same_samples_under_two_names_do_not_check_each_other(page: Page, folder: Path):
+    """A copy held out would be a run the fit has seen, and its error no check."""
+    run = Run.open(folder / "runs" / "sine.parquet")
+    written(replace(run, manoeuvre="another"), folder / "runs" / "copy.csv")
+    found = {r["name"]: r for r in page.get("runs")}
+    assert found["copy"]["quality"] == "flagged"
+    assert "the same samples as sine" in found["copy"]["says"]
+    assert found["rough"]["quality"] == "good"
+    for used, held in ((["sine"], ["copy"]), (["sine", "copy"], ["rough"])):
+        job = page.until_over(page.post("study/runs", {"used": used, "held": held})["id"])
+        assert job["state"] == "failed"
+        assert "hold the same samples" in job["error"]
+    assert page.get("study")["current"] == 1
+
+
+def test_a_broken_file_of_the_study_is_named_with_its_remedy(page: Page, folder: Path):
+    (folder / "diagnoses" / "001.json").write_text("{", encoding="utf-8")
+    text = page.get("study", 400)["error"]
+    assert "001.json" in text
+    assert "remove it and look again for what is missing" in text
+    (folder / "diagnoses" / "001.json").unlink()
+    (folder / "versions" / "001.json").write_text("{}", encoding="utf-8")
+    text = page.get("study", 400)["error"]
+    assert "001.json cannot be read" in text
+    assert "good copy" in text
 
 
 def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypatch: pytest.MonkeyPatch):

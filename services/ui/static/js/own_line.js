@@ -115,7 +115,7 @@ export function createOwnLine(app, act) {
               h("mark", { text: text.slice(at, until) || "␣" }),
               text.slice(until),
             )
-          : null,
+          : "",
       );
     }
   }

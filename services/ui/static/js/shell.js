@@ -104,7 +104,7 @@ export function createJobBar(root, { cancel }) {
     const warning = !up
       ? "No answer from the server: trying again. Is lacet ui still running?"
       : other
-        ? "Another program is writing to this study."
+        ? "Another program is writing to this study. Does that stay and none is? Remove the file .writing of its folder."
         : warnings.length
           ? warnings.join("; ")
           : "";

@@ -8,6 +8,8 @@ const HEIGHT = 226;
 const LEFT = 48;
 const TOP = 22;
 const FOOT = 58;
+/** Columns narrower than this have upright values and no note: the table beside has both. */
+const NARROW = 76;
 const TICKS = [1, 2, 3, 5, 10, 20, 50, 100, 200, 500, 1000];
 
 /**
@@ -28,8 +30,10 @@ export function createWaterfall(choose) {
     const top = Math.max(2, ...errors) * 1.12;
     const low = Math.min(0.9, ...errors) * 0.97;
     const base = HEIGHT - FOOT;
+    const step = Math.min(120, (WIDTH - LEFT - 8) / Math.max(1, versions.length));
+    const head = step < NARROW ? TOP + 18 : TOP;
     // the floor is the foot of the bars and the scale is logarithmic: twice as high is the square, and 1 is nothing to see
-    const y = (ratio) => base - ((Math.log(ratio) - Math.log(low)) / (Math.log(top) - Math.log(low))) * (base - TOP);
+    const y = (ratio) => base - ((Math.log(ratio) - Math.log(low)) / (Math.log(top) - Math.log(low))) * (base - head);
     const grid = TICKS.filter((t) => t < top)
       .filter((t, k, all) => k === 0 || y(all[k - 1]) - y(t) > 13 || t === 2 || t === 10)
       .map((t) =>
@@ -46,7 +50,6 @@ export function createWaterfall(choose) {
           }),
         ),
       );
-    const step = Math.min(120, (WIDTH - LEFT - 8) / Math.max(1, versions.length));
     const line = ancestry(versions, current);
     const bars = versions.map((v, k) =>
       column(v, LEFT + 4 + k * step, step, y, base, { current, busy, on: line.has(v.version) }),
@@ -66,6 +69,7 @@ export function createWaterfall(choose) {
 
   function column(v, x, step, y, base, { current, busy, on }) {
     const w = Math.min(34, step * 0.34);
+    const narrow = step < NARROW;
     const mid = x + step / 2;
     const present = v.version === current;
     const words = `Version ${v.version}, ${v.note}: ${times(v.used_error)} on the runs used, ${times(v.held_error)} on those held out${v.runs_differ ? ", on other runs" : ""}${present ? "; the present version" : "; press to go there"}`;
@@ -88,13 +92,17 @@ export function createWaterfall(choose) {
       s("title", { text: words }),
       s("rect", { class: "hit", x: x + 2, y: TOP - 18, width: step - 4, height: HEIGHT - TOP + 16, rx: 4 }),
     );
+    const place = (x, y) =>
+      narrow
+        ? { x: x + 4, y, transform: `rotate(-90 ${x + 4} ${y})`, "text-anchor": "start" }
+        : { x, y, "text-anchor": "middle" };
     const bar = (ratio, at, kind) => {
       if (!Number.isFinite(ratio) || ratio <= 0) return;
       const from = Math.min(y(1), y(ratio));
       const tall = Math.max(2, Math.abs(y(1) - y(ratio)));
       group.append(
         s("rect", { class: kind, x: at, y: from, width: w, height: tall }),
-        s("text", { class: "value", x: at + w / 2, y: from - 4, "text-anchor": "middle", text: times(ratio) }),
+        s("text", { class: "value", ...place(at + w / 2, from - 4), text: times(ratio) }),
       );
     };
     bar(v.used_error, mid - w - 1, "used");
@@ -105,9 +113,9 @@ export function createWaterfall(choose) {
         x: mid,
         y: base + 16,
         "text-anchor": "middle",
-        text: present ? `${v.version} present` : String(v.version),
+        text: present && !narrow ? `${v.version} present` : String(v.version),
       }),
-      ...lines(v.note, Math.floor(step / 6.2)).map((text, k) =>
+      ...lines(narrow ? "" : v.note, Math.floor(step / 6.8)).map((text, k) =>
         s("text", { class: "note", x: mid, y: base + 31 + 14 * k, "text-anchor": "middle", text }),
       ),
     );

@@ -189,7 +189,7 @@ export async function show(root, app) {
     else if (!runs.length) says.textContent = "";
     else if (!names.used.length) says.textContent = "Choose at least one run to fit the model on.";
     else if (study?.exists && !changed)
-      says.textContent = `${text}: the model stands on these runs. Choose otherwise to fit anew.`;
+      says.textContent = `${text}: the model stands on these. ${[...study.warnings, "Choose otherwise to fit anew."].join(". ")}`;
     else
       says.textContent = `${text}.${names.held.length ? "" : " Without a run held out nothing checks the fit."}${study?.exists ? " A new version with the same effects is made; the old ones stay." : ""}`;
   }
