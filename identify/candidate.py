@@ -22,6 +22,7 @@ class Candidate:
     why : two plain sentences with numbers.
     gain : what it takes away in blocked cross-validation, as part of the weighted residual of its rows, at most 1;
         `total_gain` the same in weighted squares, of all rows.
+    most : part of the weighted residual of one row that it takes away, in the row where that is most.
     gain_rms : the residual it takes away, as RMS over its `rows` of one unit [N or N·m].
     drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
     coverage : effective number of blocks it acts in.
@@ -38,6 +39,7 @@ class Candidate:
     why: str = ""
     rows: tuple[str, ...] = ()
     gain: float = 0.0
+    most: float = 0.0
     gain_rms: float = 0.0
     total_gain: float = 0.0
     drop: float = 0.0

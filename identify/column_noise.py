@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from identify.assembly import Piece
 from identify.fit import Fit
+from identify.freed import Freed
 from identify.layout import Layout
 from identify.news import Progress
 from identify.partialling import Partialled, at_gain
@@ -44,16 +45,19 @@ class ColumnNoise:
     labels : what the columns are: noise found for others is of no use.
     shifts : row → (w,) what it adds to each column's product with the residual.
     squares : row → for each trial (k, k), what it adds to its columns' own products.
+    freed : row → place of a fault → (2,) what it adds to its product with itself and with the residual, where its own
+        tolerance is not partialled out (`identify.freed`).
     """
 
     labels: tuple[str, ...]
     shifts: Mapping[str, Array]
     squares: Mapping[str, tuple[Array, ...]]
+    freed: Mapping[str, Mapping[int, Array]]
 
     @classmethod
     def of(
-        cls, fitted: Fit, space: Partialled, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
-        progress: Progress | None = None,
+        cls, fitted: Fit, space: Partialled, sigma: Mapping[str, float], freed: Mapping[int, Freed],
+        pairs: int = NOISE_PAIRS, progress: Progress | None = None,
     ) -> ColumnNoise:  # fmt: skip
         """Draw it, weighted by the rows' `sigma`; `progress` is told how many draws are done."""
         layout = space.sums.layout
@@ -70,6 +74,7 @@ class ColumnNoise:
             column_labels(fitted, layout),
             {row: part[:, layout.right].copy() for row, part in left.items()},
             {row: tuple(part[place, place].copy() for place in places) for row, part in left.items()},
+            {row: {place: _pair(total, one) for place, one in freed.items()} for row, total in totals.items()},
         )
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -78,7 +83,9 @@ class ColumnNoise:
                 for row, every in self.squares.items()}  # fmt: skip
         sizes = [len(a) for a in next(iter(self.squares.values()), ())]
         shifts = {f"shift|{row}": a for row, a in self.shifts.items()}
-        return {"labels": np.array(self.labels), "sizes": np.array(sizes, int), **shifts, **flat}
+        freed = {f"freed|{row}": np.array([[place, *pair] for place, pair in every.items()]).reshape(-1, 3)
+                 for row, every in self.freed.items()}  # fmt: skip
+        return {"labels": np.array(self.labels), "sizes": np.array(sizes, int), **shifts, **flat, **freed}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ColumnNoise:
@@ -87,6 +94,7 @@ class ColumnNoise:
         ends = np.cumsum(sizes**2)
         squares: dict[str, tuple[Array, ...]] = {}
         shifts: dict[str, Array] = {}
+        freed: dict[str, dict[int, Array]] = {}
         for name, values in arrays.items():
             kind, _, row = name.partition("|")
             if kind == "shift":
@@ -94,7 +102,14 @@ class ColumnNoise:
             elif kind == "squares":
                 parts = np.split(values.astype(float), ends)
                 squares[row] = tuple(part.reshape(k, k) for part, k in zip(parts, sizes, strict=False))
-        return cls(tuple(str(label) for label in arrays["labels"]), shifts, squares)
+            elif kind == "freed":
+                freed[row] = {int(line[0]): line[1:] for line in values.astype(float)}
+        return cls(tuple(str(label) for label in arrays["labels"]), shifts, squares, freed)
+
+
+def _pair(total: Array, fault: Freed) -> Array:
+    both = fault.coefficients()
+    return both[:, 0] @ total @ both
 
 
 def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,15 +34,30 @@ class Partialled:
         self.shift = np.zeros(sums.layout.width)
         self.noise = {t.place.start: np.zeros((t.place.stop - t.place.start,) * 2) for t in sums.layout.trials}
         self._folds: list[tuple[Array, Array]] | None = None
+        self._outside: list[tuple[int, Array, Array, Array]] | None = None
+
+    @cached_property
+    def inverse(self) -> Array:
+        """(a, a) of the normal matrix of the columns taken."""
+        return _inverted(self.sums.total[np.ix_(self.taken, self.taken)] + self.prior)
+
+    def outside(self) -> list[tuple[int, Array, Array, Array]]:
+        """For each fold, of the samples outside it: its number, `inverse`, `gain` and `left`."""
+        if self._outside is None:
+            self._outside = []
+            for fold in range(FOLDS):
+                normal = self.sums.train[fold]
+                inverse = _inverted(normal[np.ix_(self.taken, self.taken)] + self.prior)
+                self._outside.append((fold, inverse, *_without(normal, self.taken, self.prior)))
+        return self._outside
 
     @property
     def folds(self) -> list[tuple[Array, Array]]:
         """For each fold, `left` of the samples outside it, and the products inside at the gain found outside."""
         if self._folds is None:
-            self._folds = []
-            for fold in range(FOLDS):
-                gain, left = _without(self.sums.train[fold], self.taken, self.prior)
-                self._folds.append((left, at_gain(self.sums.test[fold], self.taken, gain)))
+            self._folds = [
+                (left, at_gain(self.sums.test[fold], self.taken, gain)) for fold, _, gain, left in self.outside()
+            ]
         return self._folds
 
     def fall(self, place: slice) -> float:
@@ -98,6 +115,10 @@ def at_gain(normal: Array, taken: NDArray[np.intp], gain: Array) -> Array:
     """(w, w) products of the columns less those taken times `gain` (a, w)."""
     across = gain.T @ normal[taken]
     return normal - across - across.T + gain.T @ normal[np.ix_(taken, taken)] @ gain
+
+
+def _inverted(G: Array) -> Array:
+    return np.asarray(np.linalg.inv(G), float)
 
 
 def _solved(G: Array, right: Array) -> Array:

@@ -15,6 +15,7 @@ from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.freed import Freed, own_columns
 from identify.lack_of_fit import left_after, louder_rows
 from identify.layout import Layout, Trial, sheet_of
 from identify.news import Tell, silent
@@ -30,19 +31,25 @@ LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
+ALL_NOISE = 0.75
+"""The same of a sensor fault, whose law is known: the noise in its column can be taken out."""
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run."""
+    """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run.
+
+    `freed` is there for a sensor fault that the sheet has a tolerance for.
+    """
 
     trial: Trial
     drop: float
     null: Array
     values: Array
     spread: Array
+    freed: Freed | None = None
 
     @property
     def key(self) -> str:
@@ -107,10 +114,17 @@ class TrialSpace:
         taken = np.concatenate([model, there]).astype(np.intp)
         self.louder = louder_rows(self.sums, taken, prior)
         self.partialled = Partialled(self.sums, taken, prior)
+        self.freed = {
+            trial.place.start: Freed(self.partialled, trial.place.start, own)
+            for trial in self.layout.trials
+            if trial.fault
+            and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
+            and np.all(self.partialled.remaining(trial.place) > GONE)
+        }
         if noise is None or noise.labels != column_labels(fitted, self.layout):
             tell("the noise in what they follow")
             noise = ColumnNoise.of(
-                fitted, self.partialled, floor.sigma,
+                fitted, self.partialled, floor.sigma, self.freed,
                 progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
             )  # fmt: skip
         self.noise = noise
@@ -118,9 +132,13 @@ class TrialSpace:
             self.partialled.shift += louder**2 * noise.shifts[row]
             for trial, squares in zip(self.layout.trials, noise.squares[row], strict=True):
                 self.partialled.noise[trial.place.start] += louder**2 * squares
+            for place, (own_noise, shift) in noise.freed[row].items():
+                self.freed[place].noise += louder**2 * own_noise
+                self.freed[place].shift += louder**2 * shift
         drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
         loud = [self.louder[row] * products for row, products in self.sums.null.items()]
         self.null = self.sums.null_sheet + self.sums.total[:, there] @ drawn + np.sum(loud, axis=0)
+        self._drawn = drawn
         self.tried: dict[str, Tried] = {}
 
     # -- one candidate ------------------------------------------------------------------------------------------------
@@ -131,6 +149,8 @@ class TrialSpace:
         for effect in self.effects:
             shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
             seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > GONE)]
+            # Of a column that is nearly all noise nothing can be said: its energy may even come out negative.
+            seen = [one for one in seen if one.freed is None or one.freed.noisy_part < ALL_NOISE]
             if seen:
                 best = max(seen, key=lambda one: one.drop)
                 self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
@@ -141,12 +161,31 @@ class TrialSpace:
         return self._with_blocks(out)
 
     def _try(self, trial: Trial) -> Tried:
+        if (freed := self.freed.get(trial.place.start)) is not None:
+            own = self._drawn[freed.own - self.layout.model]
+            value, spread = np.array([freed.value]), np.array([freed.spread])
+            return Tried(trial, freed.drop, freed.null(self.null, own), value, spread, freed)
         drop, null = self.partialled.scores(trial.place, self.null)
         return Tried(trial, drop, null, *self.partialled.values(trial.place))
 
+    def _alike(self, trial: Trial) -> NDArray[np.intp]:
+        """Positions among the columns partialled out of the tolerances that may stand for a fault."""
+        mine = _stands_for(trial.effect)
+        faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
+        first, model = self.layout.model + len(self.layout.sheet), self.layout.model
+        out: list[int] = []
+        for position in range(model, len(self.partialled.taken)):
+            place = int(self.partialled.taken[position])
+            entry = self.layout.sheet[place - model][:2] if place < first else None
+            if mine & ({entry} if entry else _stands_for(faults[place])):
+                out.append(position)
+        return np.array(out, np.intp)
+
     def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
+        noise = any(trial.place.start in self.freed for trial in shapes)
         why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
+        why = "nearly all of what it would follow is noise of the sensors" if noise else why
         return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
 
     def _block_energy(self) -> list[float]:
@@ -178,9 +217,12 @@ class TrialSpace:
     def _measured(self, one: Tried, coverage: float) -> Candidate:
         effect, place = one.trial.effect, one.trial.place
         largest = np.array([q.largest for q in effect.parameters])
-        size = float(np.sqrt(np.max(np.diag(self.partialled.left)[place] * largest**2)))
+        energy = np.array([one.freed.energy]) if one.freed else np.diag(self.partialled.left)[place]
+        size = float(np.sqrt(max(0.0, np.max(energy * largest**2))))
+        # What a fault was linearised about is no constant of the model that it is added to.
+        shape = {} if one.trial.fault else dict(effect.shape)
         found = Candidate(
-            effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
+            effect.key, shape, rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),
             interval=tuple(float(1.96 * x) for x in one.spread),
         )  # fmt: skip
@@ -194,10 +236,10 @@ class TrialSpace:
                 f"even at its largest plausible size it would stand out by only {size:.1f} times its noise "
                 f"(at least {LEAST_SIZE:g} needed){f', most of it taken up by {by}' if by else ''}"
             )
-        elif (part := self.partialled.noisy_part(place)) > MOSTLY_NOISE:
+        elif one.freed is None and (part := self.partialled.noisy_part(place)) > MOSTLY_NOISE:
             reason = f"{100 * part:.0f} % of what it would follow is noise of the sensors"
         else:
-            return replace(found, total_gain=self.partialled.fall(place))
+            return replace(found, total_gain=one.freed.fall() if one.freed else self.partialled.fall(place))
         return replace(found, answer="not testable", why=f"Cannot be tested: {reason}. {_shown(effect)}")
 
     def _absorbed(self, one: Tried) -> tuple[tuple[str, float], ...]:
@@ -238,33 +280,44 @@ class TrialSpace:
         tested = [c.key for c in found if c.tested]
         if not tested:
             return list(found)
-        both = np.zeros((self.layout.width, len(tested) + 1))
-        both[self.layout.right, -1] = 1.0
+        right, m = self.layout.right, len(tested)
+        # The effects, the residual, and for a fault that the sheet excuses the residual without that excuse.
+        plain = np.zeros((self.layout.width, m + 1))
+        plain[right, -1] = 1.0
         for i, key in enumerate(tested):
-            both[self.tried[key].trial.place, i] = self.tried[key].values
-        both = self.partialled.coefficients(both)
-        falls = np.zeros((self._block_count, len(tested)))
-        squares, counts = dict.fromkeys(self.floor.sigma, 0.0), dict.fromkeys(self.floor.sigma, 0)
-        for block, series in self.sums.series(both):
-            effect, left = series[:, :-1], series[:, -1:]
-            np.add.at(falls, block.number, 2.0 * effect * left - effect**2)
-            squares[block.row] += float(np.sum(series[:, -1] ** 2))
+            plain[self.tried[key].trial.place, i] = self.tried[key].values
+        plain = self.partialled.coefficients(plain)
+        before = np.repeat(plain[:, -1:], m, axis=1)
+        for i, key in enumerate(tested):
+            if (freed := self.tried[key].freed) is not None:
+                plain[:, i], before[:, i] = (freed.coefficients() * np.array([freed.value, 1.0])).T
+        falls = np.zeros((self._block_count, m))
+        squares, counts = {row: np.zeros(m) for row in self.floor.sigma}, dict.fromkeys(self.floor.sigma, 0)
+        rows = {row: np.zeros(m) for row in self.floor.sigma}
+        whole = 0.0
+        for block, series in self.sums.series(np.concatenate([plain, before], axis=1)):
+            effect, left, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
+            after = (without - effect) ** 2
+            np.add.at(falls, block.number, left**2 - after)
+            squares[block.row] += np.sum(without**2, axis=0)
+            rows[block.row] += np.sum(without**2 - after, axis=0)
             counts[block.row] += len(series)
+            whole += float(np.sum(left**2))
+        # In cross-validation the model alone leaves more than on all data.
+        more = max(0.0, sum(float(test[right, right]) for _, test in self.partialled.folds) - whole)
         place = {key: i for i, key in enumerate(tested)}
-        right_place = self.layout.right
-        left_out = sum(float(test[right_place, right_place]) for _, test in self.partialled.folds)
         out: list[Candidate] = []
         for c in found:
             if c.tested:
-                here = sum(squares[row] for row in c.rows)
+                here = more + sum(float(squares[row][place[c.key]]) for row in c.rows)
                 alike = [row for row in c.rows if row_unit(row) == row_unit(c.rows[0])]
                 scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
                 rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
-                # In cross-validation the model alone leaves more than on all data.
-                here += max(0.0, left_out - sum(squares.values()))
                 # Rows it does not act on gain too, where it frees the parameters they share.
                 gain = min(1.0, c.total_gain / here) if here else 0.0
-                c = replace(c, gain=gain, gain_rms=rms, block_gain=falls[:, place[c.key]])
+                i = place[c.key]
+                most = max((float(rows[row][i] / squares[row][i]) for row in c.rows if squares[row][i]), default=0.0)
+                c = replace(c, gain=gain, most=most, gain_rms=rms, block_gain=falls[:, place[c.key]])
             out.append(c)
         return out
 
@@ -310,6 +363,12 @@ def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry]) -> floa
     prior[: layout.model, : layout.model] = sums.known
     ratios = left_after(sums, taken, prior).ratios
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
+
+
+def _stands_for(fault: Effect) -> set[tuple[str, str]]:
+    """Entries of the sensor sheet that a fault is of: kind and channel."""
+    assert isinstance(fault, SensorFault)
+    return {(fault.tolerance, channel) for channel in fault.channels()}
 
 
 def _tolerance(fitted: Fit, fault: SensorFault) -> float:

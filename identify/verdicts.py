@@ -14,7 +14,7 @@ from identify.rows import row_unit
 SIGNIFICANCE = 0.05
 """Family-wise error of a proposal."""
 LEAST_GAIN = 0.01
-"""A proposal must take away at least this part of the weighted residual of the rows it acts on."""
+"""A proposal must take away at least this part of the weighted residual of the rows it acts on, or of one of them."""
 
 
 def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
@@ -34,8 +34,8 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
     )
     if c.p > SIGNIFICANCE:
         why = f"{takes} Not needed: {chance}, more than {SIGNIFICANCE:g}."
-    elif c.gain < LEAST_GAIN:
-        why = f"{takes} Not needed: less than {100 * LEAST_GAIN:g} %, though {chance}."
+    elif c.gain <= 0.0 or max(c.gain, c.most) < LEAST_GAIN:
+        why = f"{takes} Not needed: less than {100 * LEAST_GAIN:g} % of any row, though {chance}."
     elif wrong:
         why = f"{takes} Not needed: {wrong}, which no car has; something else looks like it."
     else:

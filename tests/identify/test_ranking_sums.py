@@ -18,6 +18,7 @@ from identify.drive import Drive
 from identify.effect import Effect, Parameter, SensorFault
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
+from identify.freed import Freed
 from identify.lack_of_fit import left_after
 from identify.layout import Trial
 from identify.model import Model
@@ -61,13 +62,16 @@ def floor(fitted: Fit) -> NoiseFloor:
 def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
     """The ranking without the correction for noise in the columns."""
 
-    def none(fitted: Fit, space: Partialled, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
+    def none(
+        fitted: Fit, space: Partialled, sigma: Mapping[str, float], freed: Mapping[int, Freed], **_: object
+    ) -> ColumnNoise:
         layout = space.sums.layout
         widths = [t.place.stop - t.place.start for t in layout.trials]
         return ColumnNoise(
             column_labels(fitted, layout),
             {row: np.zeros(layout.width) for row in sigma},
             {row: tuple(np.zeros((k, k)) for k in widths) for row in sigma},
+            {row: {place: np.zeros(2) for place in freed} for row in sigma},
         )
 
     with pytest.MonkeyPatch.context() as patch:
@@ -260,14 +264,47 @@ def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense
         assert drop == pytest.approx(before - free.solve(right)[0], rel=1e-6), trial.effect.key
 
 
-def replace_prior(dense: Dense, place: int) -> Dense:
-    """The same with one column's prior removed."""
+def replace_prior(dense: Dense, place: int, empty: bool = False) -> Dense:
+    """The same with one column's prior removed, or with the column empty."""
     out = Dense(dense.fitted, dense.floor, dense.space)
     columns, inverse, right = dense.base
-    inverse = inverse.copy()
-    inverse[place] = 0.0
+    columns, inverse = columns.copy(), inverse.copy()
+    if empty:
+        columns[:, place] = 0.0
+    else:
+        inverse[place] = 0.0
     out.__dict__["base"] = columns, inverse, right
     return out
+
+
+def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: TrialSpace, dense: Dense, fitted: Fit):
+    """Size, fall, fall in cross-validation and in a simulated run: of refits without the columns that stand for it."""
+    inverse, right = dense.base[1:]
+    first_sheet = len(inverse) - len(dense.faults) - len(dict.fromkeys(space.layout.sheet))
+    hub = first_sheet + list(dict.fromkeys(space.layout.sheet)).index(("gain", "laser.fl.hub", 0))
+    tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
+    gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
+    null = np.sum(list(space.sums.null.values()), axis=0)
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
+        freed, bare = space.freed[trial.place.start], replace_prior(dense, place, empty=True)
+        C = dense.column(trial.effect)
+        before, _, _ = bare.solve(right)
+        after, x, _ = bare.solve(right, C)
+        assert freed.drop == pytest.approx(before - after, rel=1e-5), trial.effect.key
+        assert freed.value == pytest.approx(x[-1], rel=1e-5)
+        drawn = dense.noise(7)
+        fell = bare.solve(drawn)[0] - bare.solve(drawn, C)[0]
+        nothing = np.zeros((len(freed.own), null.shape[1]))
+        assert freed.null(null, nothing)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
+        fall = 0.0
+        for fold in range(FOLDS):
+            inside = dense.block % FOLDS == fold
+            _, x, _ = bare.solve(right, None, ~inside)
+            plain = right[inside] - bare.base[0][inside] @ x
+            _, x, _ = bare.solve(right, C, ~inside)
+            more = right[inside] - np.column_stack([bare.base[0], C])[inside] @ x
+            fall += float(np.sum(plain**2) - np.sum(more**2))
+        assert freed.fall() == pytest.approx(fall, rel=1e-4, abs=1e-4)
 
 
 def test_falls_are_those_of_fits_to_the_other_blocks(space: TrialSpace, dense: Dense):
