@@ -109,14 +109,9 @@ def diagnose(
             sharper.append(refined(space, c))
         tell("what they leave")
         after = left_by(space, [_as_found(space, c) for c in sharper])
-        # What the sensor sheet excused of a fault is explained, too, once the fault is named.
-        freed = sum(one.drop for c in sharper if (one := space.tried[c.key]).freed is not None)
-        explained = (excess - after.excess(own) + freed) / (excess + freed)
-        most = STAYS * (now.excess(failing) + freed)
-        stays = after.family <= SIGNIFICANCE and after.excess(failing) > most
-        # A fault was linearised: what it leaves of second order is judged once it is in the model.
-        whole = best is not None and space.tried[best.key].freed is not None
-        lacking = best is None or explained < HALF or (stays and not whole and structured(after))
+        explained = (excess - after.excess(own)) / excess
+        stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
+        lacking = best is None or explained < HALF or (stays and structured(after))
         unlisted = lacking and structured(now)
     if unlisted:
         best = None

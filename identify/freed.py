@@ -15,6 +15,9 @@ from identify.partialling import Partialled
 from identify.trial_sums import FOLDS
 from identify.vectors import Array
 
+DOUBT = 0.1
+"""Part of a shift by noise that its simulation may be wrong by: the sheet's noise is, and how loud a run was."""
+
 
 class Freed:
     """One fault beside everything else that is known, its own tolerance apart.
@@ -65,8 +68,12 @@ class Freed:
 
     @property
     def drop(self) -> float:
-        """Fall of the weighted squares when the fault is added, where its own tolerance excuses none of it."""
-        return self.value**2 * self.energy
+        """Fall of the weighted squares when the fault is added, where its own tolerance excuses none of it.
+
+        What `DOUBT` of the shift could explain is not counted.
+        """
+        sure = max(0.0, abs(self.value) - DOUBT * abs(self.shift) / self.energy)
+        return sure**2 * self.energy
 
     def null(self, null: Array, drawn: Array) -> Array:
         """(D,) `drop` in simulated runs with products `null` (w, D), `drawn` (e, D) the own tolerances in them."""

@@ -31,8 +31,6 @@ LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
-ALL_NOISE = 0.75
-"""The same of a sensor fault, whose law is known: the noise in its column can be taken out."""
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
 
@@ -149,8 +147,7 @@ class TrialSpace:
         for effect in self.effects:
             shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
             seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > GONE)]
-            # Of a column that is nearly all noise nothing can be said: its energy may even come out negative.
-            seen = [one for one in seen if one.freed is None or one.freed.noisy_part < ALL_NOISE]
+            seen = [one for one in seen if one.freed is None or one.freed.noisy_part < MOSTLY_NOISE]
             if seen:
                 best = max(seen, key=lambda one: one.drop)
                 self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
@@ -185,7 +182,7 @@ class TrialSpace:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
         noise = any(trial.place.start in self.freed for trial in shapes)
         why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
-        why = "nearly all of what it would follow is noise of the sensors" if noise else why
+        why = "most of what it would follow is noise of the sensors" if noise else why
         return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
 
     def _block_energy(self) -> list[float]:
