@@ -15,7 +15,7 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
-from identify.effect import Effect, SensorFault
+from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.formulas import Formula, propose
@@ -108,7 +108,7 @@ def diagnose(
             tell(f"the constants of {c.key}")
             sharper.append(refined(space, c))
         tell("what they leave")
-        after = left_by(space, [_as_found(space, c) for c in sharper])
+        after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
         lacking = best is None or explained < HALF or (stays and structured(after))
@@ -151,12 +151,6 @@ def structured(left: Left) -> bool:
             excess += float(np.sum(width * (found.spectrum - found.floor)))
             coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
     return smallest * count <= SIGNIFICANCE and coloured > MOST * excess > 0.0
-
-
-def _as_found(space: TrialSpace, c: Candidate) -> Effect:
-    """A candidate with the constants it was found with; a fault as it was linearised."""
-    effect = space.tried[c.key].trial.effect
-    return effect if isinstance(effect, SensorFault) else replace(effect, shape=c.shape)
 
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:

@@ -31,6 +31,8 @@ LEAST_SIZE = 8.0
 """Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
 MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
+FREE = 0.2
+"""Part of a fault's column that may be noise for it to be weighed without its own tolerance; more is excused by it."""
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
 
@@ -147,7 +149,6 @@ class TrialSpace:
         for effect in self.effects:
             shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
             seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > GONE)]
-            seen = [one for one in seen if one.freed is None or one.freed.noisy_part < MOSTLY_NOISE]
             if seen:
                 best = max(seen, key=lambda one: one.drop)
                 self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
@@ -158,7 +159,7 @@ class TrialSpace:
         return self._with_blocks(out)
 
     def _try(self, trial: Trial) -> Tried:
-        if (freed := self.freed.get(trial.place.start)) is not None:
+        if (freed := self.freed.get(trial.place.start)) is not None and freed.noisy_part < FREE:
             own = self._drawn[freed.own - self.layout.model]
             value, spread = np.array([freed.value]), np.array([freed.spread])
             return Tried(trial, freed.drop, freed.null(self.null, own), value, spread, freed)
@@ -180,9 +181,7 @@ class TrialSpace:
 
     def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
-        noise = any(trial.place.start in self.freed for trial in shapes)
         why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
-        why = "most of what it would follow is noise of the sensors" if noise else why
         return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
 
     def _block_energy(self) -> list[float]:
@@ -216,10 +215,8 @@ class TrialSpace:
         largest = np.array([q.largest for q in effect.parameters])
         energy = np.array([one.freed.energy]) if one.freed else np.diag(self.partialled.left)[place]
         size = float(np.sqrt(max(0.0, np.max(energy * largest**2))))
-        # What a fault was linearised about is no constant of the model that it is added to.
-        shape = {} if one.trial.fault else dict(effect.shape)
         found = Candidate(
-            effect.key, shape, rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
+            effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),
             interval=tuple(float(1.96 * x) for x in one.spread),
         )  # fmt: skip

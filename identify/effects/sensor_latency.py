@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -33,9 +33,6 @@ class SensorLatency(SensorFault):
     A late laser makes a spring look like a spring and a damper, −k τ ṡ, which the dampers absorb, and a tyre's spring
     like a tyre with a damper.
 
-    A latency of 10 ms is no small one at 6 Hz: its second order would be left behind. So the change per second of
-    latency is that over a whole latency `about`, which is searched for, and of the first order only where that is 0.
-
     `members` : the channels that are late together, where they are not a kind of instrument but a row of a rig.
     """
 
@@ -47,7 +44,6 @@ class SensorLatency(SensorFault):
     shown_by = "anything fast: rough road, fast steering"
     source = "Isermann and Münchhof (2011), Identification of Dynamic Systems (dead times); docs/latency.md"
     looks_like = ("tyre_damping", "damper")
-    grids: ClassVar = {"about": (-0.02, -0.01, 0.0, 0.01, 0.02)}
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -71,11 +67,8 @@ class SensorLatency(SensorFault):
         return tuple(name for name, channel in CHANNELS.items() if channel.family in _GROUPS[self.where])
 
     def perturb(self, channel: str, recording: Recording) -> Array:
-        """−dx/dt, or (x(t) − x(t + τ)) / τ for a latency τ = `about`."""
-        value, about = recording.signals.value[channel], self.shape.get("about", 0.0)
-        if about == 0.0:
-            return -derivative(value, recording.filters.rate)
-        return (value - self.correct(channel, recording, about)) / about
+        """−dx/dt."""
+        return -derivative(recording.signals.value[channel], recording.filters.rate)
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:
         """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""
