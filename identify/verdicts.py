@@ -37,7 +37,7 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
     elif c.gain <= 0.0 or max(c.gain, c.most) < LEAST_GAIN:
         why = f"{takes} Not needed: less than {100 * LEAST_GAIN:g} % of any row, though {chance}."
     elif wrong:
-        why = f"{takes} Not needed: {wrong}, which no car has; something else looks like it."
+        why = f"{takes} Not needed: {wrong}, which no car has; something else looks like it ({chance})."
     else:
         return replace(c, answer="missing", why=f"{takes} {found}; {chance}.")
     return replace(c, answer="not needed", why=why)
