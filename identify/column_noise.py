@@ -77,6 +77,10 @@ class ColumnNoise:
             {row: {place: _pair(total, one) for place, one in freed.items()} for row, total in totals.items()},
         )
 
+    def fits(self, labels: tuple[str, ...], freed: Mapping[int, Freed]) -> bool:
+        """Whether it is of these columns and faults: what another run or an earlier lacet left may be of others."""
+        return labels == self.labels and all(self.freed.get(row, {}).keys() == freed.keys() for row in self.shifts)
+
     def arrays(self) -> dict[str, NDArray[Any]]:
         """All of it as plain arrays, for keeping."""
         flat = {f"squares|{row}": np.concatenate([np.zeros(0), *(a.ravel() for a in every)])

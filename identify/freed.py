@@ -37,11 +37,8 @@ class Freed:
         self.space, self.place, self.own = space, place, own
         self.noise = self.shift = 0.0
         self._columns = np.array([place, space.sums.layout.right], np.intp)
-        self._gain = without_own(space.inverse, space.gain[:, self._columns], own)
-        excused = space.gain[np.ix_(own, self._columns)]
-        stiffness = np.linalg.inv(space.inverse[np.ix_(own, own)])
         # Of the fault's column and the residual, less everything but what stands for it.
-        self._products = space.left[np.ix_(self._columns, self._columns)] + excused.T @ stiffness @ excused
+        self._gain, self._products = given_back(space.inverse, space.gain, space.left, self._columns, own)
         total, taken = space.sums.total, space.taken
         # What one unit of each column of `own` is of the fault.
         self._in_its_unit = total[place, taken[own]] / total[place, place]
@@ -85,13 +82,8 @@ class Freed:
     def fall(self) -> float:
         """The same in blocked cross-validation."""
         columns, taken, total = self._columns, self.space.taken, 0.0
-        for fold, inverse, gain, left in self.space.outside():
-            gain = gain[:, columns]
-            excused = gain[self.own]
-            stiffness = np.linalg.inv(inverse[np.ix_(self.own, self.own)])
-            train = left[np.ix_(columns, columns)] + excused.T @ stiffness @ excused
-            gain = without_own(inverse, gain, self.own)
-            inside = self.space.sums.test[fold]
+        for (inverse, gain, left), inside in zip(self.space.outside, self.space.sums.test, strict=True):
+            gain, train = given_back(inverse, gain, left, columns, self.own)
             across = gain.T @ inside[np.ix_(taken, columns)]
             test = inside[np.ix_(columns, columns)] - across - across.T + gain.T @ inside[np.ix_(taken, taken)] @ gain
             value = (train[0, 1] - (1.0 - 1.0 / FOLDS) * self.shift) / train[0, 0]
@@ -106,12 +98,19 @@ class Freed:
         return out
 
 
-def without_own(inverse: Array, gain: Array, own: NDArray[np.intp]) -> Array:
-    """(a, m) gain of columns on those taken when some of these (`own`) are not taken."""
+def given_back(
+    inverse: Array, gain: Array, left: Array, columns: NDArray[np.intp], own: NDArray[np.intp]
+) -> tuple[Array, Array]:
+    """Gain (a, m) and products (m, m) of some columns when the columns at positions `own` are not partialled out.
+
+    `inverse`, `gain`, `left` are of everything partialled out, as `Partialled` has them.
+    """
+    gain = gain[:, columns]
+    excused = gain[own]
     stiffness = np.linalg.inv(inverse[np.ix_(own, own)])
-    out = gain - inverse[:, own] @ (stiffness @ gain[own])
+    out = gain - inverse[:, own] @ (stiffness @ excused)
     out[own] = 0.0
-    return out
+    return out, left[np.ix_(columns, columns)] + excused.T @ stiffness @ excused
 
 
 def own_columns(space: Partialled, place: int, alike: NDArray[np.intp]) -> NDArray[np.intp]:

@@ -33,32 +33,28 @@ class Partialled:
         self.gain, self.left = _without(sums.total, taken, prior)
         self.shift = np.zeros(sums.layout.width)
         self.noise = {t.place.start: np.zeros((t.place.stop - t.place.start,) * 2) for t in sums.layout.trials}
-        self._folds: list[tuple[Array, Array]] | None = None
-        self._outside: list[tuple[int, Array, Array, Array]] | None = None
 
     @cached_property
     def inverse(self) -> Array:
         """(a, a) of the normal matrix of the columns taken."""
         return _inverted(self.sums.total[np.ix_(self.taken, self.taken)] + self.prior)
 
-    def outside(self) -> list[tuple[int, Array, Array, Array]]:
-        """For each fold, of the samples outside it: its number, `inverse`, `gain` and `left`."""
-        if self._outside is None:
-            self._outside = []
-            for fold in range(FOLDS):
-                normal = self.sums.train[fold]
-                inverse = _inverted(normal[np.ix_(self.taken, self.taken)] + self.prior)
-                self._outside.append((fold, inverse, *_without(normal, self.taken, self.prior)))
-        return self._outside
+    @cached_property
+    def outside(self) -> list[tuple[Array, Array, Array]]:
+        """For each fold, `inverse`, `gain` and `left` of the samples outside it."""
+        out: list[tuple[Array, Array, Array]] = []
+        for normal in self.sums.train:
+            inverse = _inverted(normal[np.ix_(self.taken, self.taken)] + self.prior)
+            out.append((inverse, *_without(normal, self.taken, self.prior)))
+        return out
 
-    @property
+    @cached_property
     def folds(self) -> list[tuple[Array, Array]]:
         """For each fold, `left` of the samples outside it, and the products inside at the gain found outside."""
-        if self._folds is None:
-            self._folds = [
-                (left, at_gain(self.sums.test[fold], self.taken, gain)) for fold, _, gain, left in self.outside()
-            ]
-        return self._folds
+        return [
+            (left, at_gain(inside, self.taken, gain))
+            for (_, gain, left), inside in zip(self.outside, self.sums.test, strict=True)
+        ]
 
     def fall(self, place: slice) -> float:
         """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added."""

@@ -77,6 +77,7 @@ class TrialSpace:
     partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
         one that is free of its tolerance.
     louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
+    freed : place → sensor fault that the sheet has a tolerance for.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
@@ -121,7 +122,7 @@ class TrialSpace:
             and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
             and np.all(self.partialled.remaining(trial.place) > GONE)
         }
-        if noise is None or noise.labels != column_labels(fitted, self.layout):
+        if noise is None or not noise.fits(column_labels(fitted, self.layout), self.freed):
             tell("the noise in what they follow")
             noise = ColumnNoise.of(
                 fitted, self.partialled, floor.sigma, self.freed,

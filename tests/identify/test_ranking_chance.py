@@ -197,6 +197,7 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     """The scale of a laser whose noise is three times the sheet's: over eight runs that lack nothing."""
     tried = [KNOWN["sensor_gain.hub.fl"]]
     raw, corrected, noise = [], [], None
+    free, sound_free = [], []
     for seed in range(8):
         space = TrialSpace(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor, tried, 0, noise)
         noise, place = space.noise, space.layout.trials[0].place.start
@@ -205,12 +206,20 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
         corrected.append(raw[-1] - space.partialled.shift[place] / size)
         whole = slice(place, place + 1)
         assert space.partialled.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
+        freed = space.freed[place]
+        length = np.sqrt(freed.energy + freed.noise)
+        sound_free.append(freed.value * freed.energy / length)
+        free.append(sound_free[-1] + freed.shift / length)
+        assert freed.drop < freed.value**2 * freed.energy  # what the correction may be wrong by is not counted
         sound = size**2 - space.partialled.noise[place][0, 0]
         assert space.partialled.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
     spread = np.std(raw) / np.sqrt(len(raw))
     assert np.mean(raw) > 3.0 * spread
     assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
     assert abs(np.mean(corrected)) < 3.0 * spread
+    # The same where its own tolerance excuses none of it.
+    assert np.mean(free) > 3.0 * np.std(free) / np.sqrt(len(free))
+    assert abs(np.mean(sound_free)) < 0.5 * np.mean(free)
 
 
 def test_noise_of_many_runs_is_that_of_some_scaled_up(

@@ -476,6 +476,10 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
         np.testing.assert_array_equal(back.shifts[row], shift)
         for a, b in zip(back.squares[row], first.noise.squares[row], strict=True):
             np.testing.assert_array_equal(a, b)
+        assert back.freed[row].keys() == first.noise.freed[row].keys()
+        for place, pair in back.freed[row].items():
+            np.testing.assert_array_equal(pair, first.noise.freed[row][place])
+    assert any(back.freed.values())
     again = diagnose(fitted, floor, CANDIDATES[:6], noise=back)
     assert again.noise is back
     assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
