@@ -28,6 +28,8 @@ from identify.triangle import scaled_triangle, triangle
 from identify.uncertainty import at_least, block_bootstrap, spread_of
 from identify.vectors import Array
 
+_SENSITIVITY_TURNS = 2
+"""Times sensitivities are taken: at what is found without zeros, and at what is found with them."""
 _HUBER_TURNS = 6
 
 
@@ -165,11 +167,11 @@ def fit(
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
         corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
-        out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored)
+        out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored, near=out.physics)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
     if model.faults and unbias:
-        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored, progress)
+        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored, progress, out.physics)
     if model.faults:
         theta = out.theta.copy()
         theta[theta.size - faults.size :] += faults
@@ -179,8 +181,9 @@ def fit(
 
 def _fit_linear(
     model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
-    robust: bool, draws: int, stored: Stored | None, progress: Progress = unheard,
+    robust: bool, draws: int, stored: Stored | None, progress: Progress = unheard, near: Array | None = None,
 ) -> Fit:  # fmt: skip
+    """One linear fit; `near` are values of the physics' parameters that are nearly right already."""
     effects = model.physics
     parameters = [q for effect in effects for q in effect.parameters]
     plain = Assembly(effects, np.arange(len(parameters)), (), drives, None, zeros=False)
@@ -201,16 +204,22 @@ def _fit_linear(
     least = {row: 1e-10 * scale[row] for row in rows}
     frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
-    at: Array | None = np.zeros(len(parameters))
-    at[keep] = x
-    at = at if zeros or model.faults else None
-    assembly = Assembly(effects, keep, model.faults, drives, at, zeros, stored.known if stored else None)
     known = known_beforehand(model, keep)
-    for turn in range(_HUBER_TURNS if robust else 1):
+    # How the residual answers to the channels depends on the parameters: what is found before the zeros are taken out
+    # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
+    need = zeros or bool(model.faults)
+    for _ in range(_SENSITIVITY_TURNS if need and stored is None and near is None else 1):
+        at = np.zeros(len(parameters))
+        at[keep] = x[: len(keep)] if near is None else near[keep]
+        assembly = Assembly(
+            effects, keep, model.faults, drives, at if need else None, zeros, stored.known if stored else None
+        )
         equations = Equations(_accumulate(assembly), known, rows)
         x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
-        if turn < _HUBER_TURNS - 1 and robust:
-            assembly.weights = huber_weights(assembly, equations, x, sigma)
+    for _ in range(_HUBER_TURNS - 1 if robust else 0):
+        assembly.weights = huber_weights(assembly, equations, x, sigma)
+        equations = Equations(_accumulate(assembly), known, rows)
+        x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
     root = equations.root(sigma)
     correction, doubt = np.zeros(len(x)), np.zeros((len(x), len(x)))
     moments = NoiseMoments.none(len(x), draws)

@@ -90,7 +90,11 @@ class TrialSums:
         rng : for simulated zeros and drifts.
         """
         turn = _orthonormal(fitted, floor.sigma)
-        known, w, draws = fitted.equations.known @ turn, layout.width, floor.count
+        # Known equations are centred on the fit. One that the fit has left far behind (a late laser moves a wheel's
+        # moment by twelve σ) is as wide as that, else a candidate would be praised for leading it back.
+        beforehand = fitted.equations.known
+        beyond = np.hypot(1.0, beforehand @ fitted.solution)
+        known, w, draws = (beforehand / beyond[:, None]) @ turn, layout.width, floor.count
         total, train, test = np.zeros((w, w)), np.zeros((FOLDS, w, w)), np.zeros((FOLDS, w, w))
         null = {row: np.zeros((w, draws)) for row in floor.sigma}
         null_sheet = np.zeros((w, draws))
