@@ -16,20 +16,25 @@ TIED = 0.05
 """Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""
 ALIKE = 0.5
 """… when the candidates are also at least this correlated: unlike effects that are both missing are no tie."""
+SAME = 0.98
+"""Candidates more correlated than this are one law on these runs (a rebound stop, a helper spring that pulls): tied."""
 
 
 def with_ties(ranked: Sequence[Candidate], space: TrialSpace) -> list[Candidate]:
-    """Each candidate that could be missing, with those whose block losses do not differ from its own."""
+    """Each candidate that could be missing, with those that could be in its place.
+
+    Their block losses do not differ from its own, or they are one law on these runs.
+    """
     open_ = [c for c in ranked if c.answer == "missing"]
     out: list[Candidate] = []
     for c in ranked:
-        ties = [
-            (other.key, correlation)
-            for other in (open_ if c.answer == "missing" else [])
-            if other.key != c.key
-            and same_losses(c.block_gain, other.block_gain)
-            and (correlation := space.correlation(c.key, other.key)) >= ALIKE
-        ]
+        ties: list[tuple[str, float]] = []
+        for other in open_ if c.answer == "missing" else []:
+            if other.key != c.key:
+                correlation = space.correlation(c.key, other.key)
+                alike = correlation >= ALIKE and same_losses(c.block_gain, other.block_gain)
+                if alike or correlation >= SAME:
+                    ties.append((other.key, correlation))
         out.append(replace(c, ties=tuple(ties)))
     return out
 

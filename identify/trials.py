@@ -339,7 +339,11 @@ class TrialSpace:
     def correlation(self, a: str, b: str) -> float:
         """Largest canonical correlation of two candidates after everything else is partialled out."""
         first, second = self.tried[a].trial.place, self.tried[b].trial.place
-        A, B = (np.linalg.cholesky(self.partialled.left[one, one]) for one in (first, second))
+        # A touch more on the diagonal: of a law's parameters one may be all but another's double on these runs.
+        A, B = (
+            np.linalg.cholesky(G + 1e-12 * np.diag(np.diag(G)))
+            for G in (self.partialled.left[first, first], self.partialled.left[second, second])
+        )
         across = np.linalg.solve(A, self.partialled.left[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 

@@ -163,7 +163,14 @@ def _nothing_hidden() -> tuple[Tables, Fit, dict[str, float]]:
 
 
 def guess(part: Part, goal: float) -> float:
-    """A first size, from how the effect would show in the motion of a car without it."""
+    """A first size: from that of another band, or from how the effect would show in the motion of a car without it."""
+    name = part.key or part.hidden
+    known = json.loads(SIZES.read_text(encoding="utf-8")) if SIZES.is_file() else {}
+    if settled := [entry for band in BANDS if "size" in (entry := known.get(f"{name}/{band}", {}))]:
+        nearest = min(settled, key=lambda entry: abs(np.log(entry["root_lambda"] / goal)))
+        ratio = goal / nearest["root_lambda"]
+        size = nearest["size"] * (1.0 / ratio if part.inverse else ratio)
+        return float(f"{part.largest if _beyond(part, size) else size:.3g}")
     found, fitted, sigma = _nothing_hidden()
     probe = (10.0 if part.inverse else 0.1) * part.largest
     if part.key not in found.known:

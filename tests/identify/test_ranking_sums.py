@@ -167,7 +167,8 @@ class Dense:
     def prior_of(self, inverse: Array) -> Array:
         """The same for columns of 1 / σ `inverse`."""
         start = sum(len(names) for names, _, _ in self.fitted.zeros)
-        known = self.fitted.equations.known
+        # About the fit, and no narrower than it went itself.
+        known = np.array([line / np.hypot(1.0, line @ self.fitted.solution) for line in self.fitted.equations.known])
         model = np.zeros((len(known), len(inverse)))
         model[:, start : start + known.shape[1]] = known
         return np.concatenate([np.diag(inverse), model])
