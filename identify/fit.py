@@ -204,7 +204,7 @@ def _fit_linear(
     least = {row: 1e-10 * scale[row] for row in rows}
     frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
-    known = known_beforehand(model, keep)
+    known, begin = known_beforehand(model, keep), sigma
     # How the residual answers to the channels depends on the parameters: what is found before the zeros are taken out
     # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
     need = zeros or bool(model.faults)
@@ -215,7 +215,8 @@ def _fit_linear(
             effects, keep, model.faults, drives, at if need else None, zeros, stored.known if stored else None
         )
         equations = Equations(_accumulate(assembly), known, rows)
-        x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
+        # From the same σ each time: those of data without noise are too small to begin with.
+        x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least)
     for _ in range(_HUBER_TURNS - 1 if robust else 0):
         assembly.weights = huber_weights(assembly, equations, x, sigma)
         equations = Equations(_accumulate(assembly), known, rows)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import cars
+import exact_car
 import numpy as np
 import pytest
 
 from identify.catalogue import base_model, catalogue
 from identify.drive import Drive
 from identify.effect import SensorFault
+from identify.fit import fit
 from identify.noise import draw_noise
 from identify.reconstruct import Signals
 from identify.sensitivity import Sensitivity, residual
@@ -148,3 +150,20 @@ def test_noise_has_the_sheets_spectrum() -> None:
         expected = 2.0 * RIG.noise(channel) ** 2 / rate
         assert np.mean(density[(f > 1) & (f < 10)]) == pytest.approx(expected, rel=0.05)
         assert np.mean(density[f > 60]) < 1e-3 * expected
+
+
+def test_a_fits_sensitivities_are_those_of_what_it_found_at_last() -> None:
+    """A laser two millimetres off spoils what is found before zeros: the noise floor must not keep that tyre's stiffness."""
+    record = exact_car.exact()
+    off = {"laser.rl.ground": 0.002, "laser.fr.ground": -0.002}
+    moved = {name: record.signals.value[name] + size for name, size in off.items()}
+    record = record.with_signals(record.signals.changed(moved, record.filters.rate))
+    fitted = fit(exact_car.MODEL, [Drive(record)], unbias=False)
+    mine = fitted.sensitivities[0].slopes
+    right = Sensitivity.of(record, fitted.model.physics, fitted.physics).slopes
+    before = fit(exact_car.MODEL, [Drive(record)], zeros=False, unbias=False)
+    for corner in ("rl", "fr"):
+        key, row = (f"laser.{corner}.ground", 0, 0), f"tyre.{corner}"
+        found, kt = float(np.mean(right[key][row])), f"tyre_stiffness.{corner}.kt"
+        assert abs(before.value(kt) / fitted.value(kt) - 1.0) > 0.03
+        assert float(np.mean(mine[key][row])) == pytest.approx(found, rel=0.01)
