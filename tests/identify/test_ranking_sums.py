@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import cars
 import numpy as np
 import pytest
+from dense_ranking import Dense
 
-from identify.blocks import BLOCK
 from identify.catalogue import catalogue
 from identify.column_noise import ColumnNoise, column_labels
 from identify.diagnose import diagnose
 from identify.drive import Drive
-from identify.effect import Effect, Parameter, SensorFault
+from identify.effect import Effect, Parameter
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
 from identify.freed import Freed
@@ -24,11 +23,9 @@ from identify.layout import Trial
 from identify.model import Model
 from identify.motion import Motion
 from identify.partialling import Partialled
-from identify.sheet import sheet_responses
 from identify.trial_sums import FOLDS
 from identify.trials import TrialSpace
 from identify.vectors import Array
-from identify.zeros import zeros_of
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")
@@ -85,139 +82,6 @@ def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
     return silent(fitted, floor, CANDIDATES)
 
 
-@dataclass
-class Dense:
-    """All samples of all rows of all runs, weighted, with every column: [zeros of each run | model | sheet | faults].
-
-    `prior` holds 1 / σ of each column (0 for the model's), `known` what is known of the model's parameters.
-    """
-
-    fitted: Fit
-    floor: NoiseFloor
-    space: TrialSpace
-
-    @cached_property
-    def temper(self) -> float:
-        """RMS of residual ÷ simulated ones, zeros and the sheet's gains and latencies taken out of both; 1 at least."""
-        columns, inverse, right = self.table
-        last = len(inverse) - len(self.faults)
-        prior = self.prior_of(inverse)[:, :last]
-        sides = np.column_stack([right, *(self.noise(draw) for draw in range(DRAWS))])
-        both = np.concatenate([columns[:, :last], prior])
-        lengths = np.linalg.norm(both, axis=0)
-        lengths[lengths == 0.0] = 1.0
-        full = np.concatenate([sides, np.zeros((len(prior), sides.shape[1]))])
-        left = (full - both / lengths @ np.linalg.lstsq(both / lengths, full, rcond=1e-13)[0])[: len(columns)]
-        names = np.concatenate([np.full(self.fitted.drives[r].index[row].size, row) for r, row in self.parts()])
-        squares = np.array([np.sum(left[names == row] ** 2, axis=0) for row in self.floor.sigma])
-        return max(1.0, float(np.sqrt(np.mean(squares[:, 0] / np.mean(squares[:, 1:], axis=1)))))
-
-    @cached_property
-    def faults(self) -> list[SensorFault]:
-        """Those that stand for their own tolerance: neither gain nor latency, which stand there by channel."""
-        found = [e for e in self.space.effects if isinstance(e, SensorFault)]
-        return [e for e in found if e.tolerance not in ("gain", "latency", "drift") and self.bound(e) > 0.0]
-
-    def bound(self, fault: SensorFault) -> float:
-        """Its tolerance."""
-        return max(RIG.tolerance(channel, fault.tolerance) for channel in fault.channels())
-
-    def parts(self) -> list[tuple[int, str]]:
-        """Run and row of every stretch of samples."""
-        return [(r, row) for r, drive in enumerate(self.fitted.drives) for row in drive.rows]
-
-    @cached_property
-    def base(self) -> tuple[Array, Array, Array]:
-        """(n, m) columns, (m,) 1 / σ with stiffened priors, (n,) what the fit's parameters leave."""
-        columns, inverse, right = self.table
-        return columns, self.temper * inverse, right
-
-    @cached_property
-    def table(self) -> tuple[Array, Array, Array]:
-        """(n, m) columns, (m,) 1 / σ, (n,) what the fit's parameters leave."""
-        fitted, keep = self.fitted, self.fitted.base.independent
-        zeros = [zeros_of(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
-        sheets = [sheet_responses(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
-        entries = list(dict.fromkeys(entry for sheet in sheets for entry in sheet))
-        faults = np.column_stack([self.column(e) for e in self.faults]) if self.faults else None
-        out, right = [], []
-        for r, row in self.parts():
-            drive, sigma = fitted.drives[r], self.floor.sigma[row]
-            W = drive.matrix(fitted.model.physics, row)[:, keep]
-            own = [z.columns[row] if k == r else np.zeros((len(W), len(z.names))) for k, z in enumerate(zeros)]
-            sheet = np.column_stack([sheets[r].get(e, {}).get(row, np.zeros(len(W))) for e in entries])
-            out.append(np.concatenate([*own, W, sheet], axis=1) / sigma)
-            right.append((drive.measured[row] - W @ fitted.theta[keep]) / sigma)
-        columns = np.concatenate(out)
-        if faults is not None:
-            columns = np.concatenate([columns, faults], axis=1)
-        known = np.concatenate(
-            [
-                *(1.0 / z.sigma for z in zeros), np.zeros(len(keep)), np.ones(len(entries)),
-                [1.0 / self.bound(e) for e in self.faults],
-            ]
-        )  # fmt: skip
-        return columns, known, np.concatenate(right)
-
-    @cached_property
-    def prior(self) -> Array:
-        """(k, m) equations of what is known beforehand, right side 0."""
-        return self.prior_of(self.base[1])
-
-    def prior_of(self, inverse: Array) -> Array:
-        """The same for columns of 1 / σ `inverse`."""
-        start = sum(len(names) for names, _, _ in self.fitted.zeros)
-        # About the fit, and no narrower than it went itself.
-        known = np.array([line / np.hypot(1.0, line @ self.fitted.solution) for line in self.fitted.equations.known])
-        model = np.zeros((len(known), len(inverse)))
-        model[:, start : start + known.shape[1]] = known
-        return np.concatenate([np.diag(inverse), model])
-
-    def column(self, effect: Effect) -> Array:
-        """(n, p) weighted columns of a candidate."""
-        out = []
-        made = []
-        for drive, sensitivity in zip(self.fitted.drives, self.fitted.sensitivities, strict=True):
-            if isinstance(effect, SensorFault):
-                made.append({row: a[None] for row, a in drive.decimated(sensitivity.fault(effect)).items()})
-            else:
-                made.append(drive.columns(effect))
-        for r, row in self.parts():
-            n = len(self.fitted.drives[r].index[row])
-            out.append(made[r].get(row, np.zeros((len(effect.parameters), n))).T / self.floor.sigma[row])
-        return np.concatenate(out)
-
-    @cached_property
-    def block(self) -> Array:
-        """(n,) number of each sample's two seconds, counted over all runs."""
-        first, starts = 0, []
-        numbers: dict[tuple[int, str], Array] = {}
-        for r, drive in enumerate(self.fitted.drives):
-            filters = drive.recording.filters
-            for row, index in drive.index.items():
-                numbers[r, row] = index // filters.step * filters.step / filters.rate // BLOCK
-            starts.append(first)
-            first += 1 + int(max(numbers[r, row].max() for row in drive.rows))
-        return np.concatenate([starts[r] + numbers[r, row] for r, row in self.parts()])
-
-    def noise(self, draw: int) -> Array:
-        """(n,) one simulated run."""
-        return np.concatenate([self.floor.draws[r][row][draw] / self.floor.sigma[row] for r, row in self.parts()])
-
-    def solve(self, right: Array, more: Array | None = None, kept: Array | None = None) -> tuple[float, Array, Array]:
-        """Least squares with priors over the samples `kept`: the least, the solution (with `more`), what is left."""
-        A, P = self.base[0], self.prior
-        if more is not None:
-            A = np.column_stack([A, more])
-            P = np.column_stack([P, np.zeros((len(P), more.shape[1]))])
-        kept = np.ones(len(A), bool) if kept is None else kept
-        big, side = np.concatenate([A[kept], P]), np.concatenate([right[kept], np.zeros(len(P))])
-        lengths = np.linalg.norm(big, axis=0)
-        lengths[lengths == 0.0] = 1.0
-        x = np.linalg.lstsq(big / lengths, side, rcond=1e-13)[0] / lengths
-        return float(np.sum((side - big @ x) ** 2)), x, right - A @ x
-
-
 @pytest.fixture(scope="module")
 def dense(fitted: Fit, floor: NoiseFloor, space: TrialSpace) -> Dense:
     """The same, sample by sample."""
@@ -259,23 +123,10 @@ def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense
     first_sheet = len(inverse) - len(dense.faults) - len(entries)
     hub = first_sheet + list(entries).index(("gain", "laser.fl.hub", 0))
     for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
-        free = replace_prior(dense, place)
+        free = dense.unknown(place)
         drop, _ = space.partialled.scores(trial.place, space.null)
         assert np.any(columns[:, place])
         assert drop == pytest.approx(before - free.solve(right)[0], rel=1e-6), trial.effect.key
-
-
-def replace_prior(dense: Dense, place: int, empty: bool = False) -> Dense:
-    """The same with one column's prior removed, or with the column empty."""
-    out = Dense(dense.fitted, dense.floor, dense.space)
-    columns, inverse, right = dense.base
-    columns, inverse = columns.copy(), inverse.copy()
-    if empty:
-        columns[:, place] = 0.0
-    else:
-        inverse[place] = 0.0
-    out.__dict__["base"] = columns, inverse, right
-    return out
 
 
 def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: TrialSpace, dense: Dense, fitted: Fit):
@@ -287,7 +138,7 @@ def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: Tr
     gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
     null = np.sum(list(space.sums.null.values()), axis=0)
     for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
-        freed, bare = space.freed[trial.place.start], replace_prior(dense, place, empty=True)
+        freed, bare = space.freed[trial.place.start], dense.without(place)
         C = dense.column(trial.effect)
         before, _, _ = bare.solve(right)
         after, x, _ = bare.solve(right, C)
@@ -297,32 +148,15 @@ def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: Tr
         fell = bare.solve(drawn)[0] - bare.solve(drawn, C)[0]
         nothing = np.zeros((len(freed.own), null.shape[1]))
         assert freed.null(null, nothing)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
-        fall = 0.0
-        for fold in range(FOLDS):
-            inside = dense.block % FOLDS == fold
-            _, x, _ = bare.solve(right, None, ~inside)
-            plain = right[inside] - bare.base[0][inside] @ x
-            _, x, _ = bare.solve(right, C, ~inside)
-            more = right[inside] - np.column_stack([bare.base[0], C])[inside] @ x
-            fall += float(np.sum(plain**2) - np.sum(more**2))
-        assert freed.fall() == pytest.approx(fall, rel=1e-4, abs=1e-4)
+        assert freed.fall() == pytest.approx(bare.fall(C), rel=1e-4, abs=1e-4)
 
 
 def test_falls_are_those_of_fits_to_the_other_blocks(space: TrialSpace, dense: Dense):
     """Blocked cross-validation: fitted outside each fold, with and without the candidate, and compared inside."""
-    right = dense.base[2]
     assert dense.block.max() + 1 >= FOLDS
     for trial in trials(space)[::2]:
         C = dense.column(trial.effect)
-        fall = 0.0
-        for fold in range(FOLDS):
-            inside = dense.block % FOLDS == fold
-            _, x, _ = dense.solve(right, None, ~inside)
-            plain = right[inside] - dense.base[0][inside] @ x
-            _, x, _ = dense.solve(right, C, ~inside)
-            more = right[inside] - np.column_stack([dense.base[0], C])[inside] @ x
-            fall += float(np.sum(plain**2) - np.sum(more**2))
-        assert space.partialled.fall(trial.place) == pytest.approx(fall, rel=1e-5, abs=1e-5), trial.effect.key
+        assert space.partialled.fall(trial.place) == pytest.approx(dense.fall(C), rel=1e-5, abs=1e-5), trial.effect.key
 
 
 def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense: Dense):

@@ -153,7 +153,7 @@ def test_noise_has_the_sheets_spectrum() -> None:
 
 
 def test_a_fits_sensitivities_are_those_of_what_it_found_at_last() -> None:
-    """A laser two millimetres off spoils what is found before zeros: the noise floor must not keep that tyre's stiffness."""
+    """A laser two millimetres off spoils what is found before zeros; the noise floor must not keep that stiffness."""
     record = exact_car.exact()
     off = {"laser.rl.ground": 0.002, "laser.fr.ground": -0.002}
     moved = {name: record.signals.value[name] + size for name, size in off.items()}
