@@ -14,8 +14,6 @@ from benchmarks.blind.making import write_trial
 from benchmarks.blind.sizing import tolerated
 from daq.errors import LacetError
 
-AGAIN = 1
-"""Seeds of the ordinary size that go on until nothing is proposed; others stop when something was added, but pairs."""
 SHOWN = 6
 """Candidates of each diagnosis that are kept in the record, beside what was hidden."""
 
@@ -43,8 +41,7 @@ def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) ->
         record["tolerance"] = tolerated(cell.parts[0], identifying.tables(known))
     try:
         without = UNLISTED_FAMILIES if cell.kind == "unlisted" else ()
-        again = cell.kind == "pair" or (seed <= AGAIN and cell.band == "ordinary")
-        answer = identify(folder, known, without, draws, again)
+        answer = identify(folder, known, without, draws, again=cell.kind == "pair")
         answer.seconds["tables"] = made
         record["steps"] = [_short(step, cell.keys) for step in answer.steps]
         record["added"] = [[key, dict(shape)] for key, shape in answer.added]
