@@ -147,16 +147,25 @@ class TrialSpace:
     def try_all(self) -> list[Candidate]:
         """Every candidate: its best shape, what these runs can tell of it, and how far the error falls."""
         out = [Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.cannot.items()]
+        there = [t for t in self.layout.trials if np.all(self.partialled.remaining(t.place) > GONE)]
+        every = [self._try(trial) for trial in there]
+        covered = dict(zip((one.trial.place.start for one in every), self._block_energy(every), strict=True))
         for effect in self.effects:
-            shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
-            seen = [self._try(trial) for trial in shapes if np.all(self.partialled.remaining(trial.place) > GONE)]
+            seen = [one for one in every if one.key == effect.key]
+            # A gap passed once by a hair leaves a column of nothing, in which noise taken off looks like a fall.
+            shown = [
+                one
+                for one in seen
+                if self._size(one) >= LEAST_SIZE and covered[one.trial.place.start] >= LEAST_COVERAGE
+            ]
             if seen:
-                best = max(seen, key=lambda one: one.drop)
-                self.tried[effect.key] = replace(best, null=np.max([one.null for one in seen], axis=0))
+                best = max(shown or seen, key=lambda one: one.drop)
+                null = np.max([one.null for one in shown or seen], axis=0)
+                self.tried[effect.key] = replace(best, null=null)
+                out.append(self._measured(best, covered[best.trial.place.start]))
             else:
+                shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
                 out.append(self._unseen(effect, shapes))
-        energy = self._block_energy()
-        out += [self._measured(one, coverage) for one, coverage in zip(self.tried.values(), energy, strict=True)]
         return self._with_blocks(out)
 
     def _try(self, trial: Trial) -> Tried:
@@ -185,13 +194,13 @@ class TrialSpace:
         why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
         return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
 
-    def _block_energy(self) -> list[float]:
-        """For each candidate tried, the effective number of blocks it acts in."""
-        if not self.tried:
+    def _block_energy(self, tried: Sequence[Tried]) -> list[float]:
+        """For each trial, the effective number of blocks it acts in."""
+        if not tried:
             return []
         parts: list[Array] = []
         owner: list[int] = []
-        for i, one in enumerate(self.tried.values()):
+        for i, one in enumerate(tried):
             scales = [q.largest for q in one.trial.effect.parameters]
             places = np.zeros((self.layout.width, len(scales)))
             places[one.trial.place] = np.diag(scales)
@@ -201,7 +210,7 @@ class TrialSpace:
         energy = np.zeros((self._block_count, columns.shape[1]))
         for block, series in self.sums.series(columns):
             np.add.at(energy, block.number, series**2)
-        joined = np.zeros((self._block_count, len(self.tried)))
+        joined = np.zeros((self._block_count, len(tried)))
         np.add.at(joined.T, np.array(owner), energy.T)
         total = joined.sum(axis=0)
         squares = np.sum(joined**2, axis=0)
@@ -211,11 +220,14 @@ class TrialSpace:
     def _block_count(self) -> int:
         return 1 + max(int(block.number.max()) for block in self.sums.blocks)
 
+    def _size(self, one: Tried) -> float:
+        """√λ of the largest plausible size."""
+        largest = np.array([q.largest for q in one.trial.effect.parameters])
+        energy = np.array([one.freed.energy]) if one.freed else np.diag(self.partialled.left)[one.trial.place]
+        return float(np.sqrt(max(0.0, np.max(energy * largest**2))))
+
     def _measured(self, one: Tried, coverage: float) -> Candidate:
-        effect, place = one.trial.effect, one.trial.place
-        largest = np.array([q.largest for q in effect.parameters])
-        energy = np.array([one.freed.energy]) if one.freed else np.diag(self.partialled.left)[place]
-        size = float(np.sqrt(max(0.0, np.max(energy * largest**2))))
+        effect, place, size = one.trial.effect, one.trial.place, self._size(one)
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),

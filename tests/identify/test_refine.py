@@ -62,6 +62,24 @@ def test_a_gap_on_the_grid_stays(space: TrialSpace, on_grid: Candidate):
     assert refined(own, best).shape["gap"] == pytest.approx(0.01, abs=0.0007)
 
 
+class Touched(type(KNOWN["bump_stop.front"])):
+    """A bump stop one of whose gaps is passed once, by a hair."""
+
+    name = "touched"
+
+
+def test_a_gap_passed_by_a_hair_does_not_hide_the_others(fitted: Fit, floor: NoiseFloor):
+    """Its column is next to nothing, and the correction for noise in it is no fall."""
+    corners = fitted.drives[0].motion.corners
+    travel = np.concatenate([corners[c].travel for c in ("fl", "fr")])
+    hair = float(np.max(travel)) - 1e-5
+    effect = Touched("front")
+    effect.grids = {"gap": (0.01, hair)}
+    found = next(c for c in TrialSpace(fitted, floor, [effect], 0).try_all())
+    assert found.tested, found.why
+    assert found.shape == {"gap": 0.01}
+
+
 def test_what_has_no_constants_or_cannot_be_tested_is_left_alone(space: TrialSpace, on_grid: Candidate):
     friction = next(c for c in space.try_all() if c.key == "damper_asymmetry.front")
     assert refined(space, friction) is friction
