@@ -1,7 +1,8 @@
 """The side that does not know: tables, rig and vehicle in a folder go in, verdicts come out.
 
-Nothing here imports the simulator or the cases. What depends on the motion and not on the noise (sensitivities, noise
-moments, noise floor) is taken from a *reference*: tables of the same drive measured once more, by a seed no trial has.
+Nothing here imports the simulator or the cases. What depends on the motion and hardly on the noise (sensitivities, noise
+moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials with nothing
+hidden tables of the same drive measured once more, by a seed no trial has.
 """
 
 from __future__ import annotations
@@ -129,6 +130,8 @@ def held_reference(folder: Path) -> tuple[tuple[Sensitivity, ...], tuple[Mapping
 @lru_cache(maxsize=8)
 def fitted_model(folder: Path, known: Path, added: Added) -> Fit:
     """A model fitted to the runs used."""
+    if folder == known:
+        return reference(folder, added)
     found = tables(folder)
     return fit(found.model(added), found.used, stored=reference(known, added).stored)
 
@@ -136,7 +139,7 @@ def fitted_model(folder: Path, known: Path, added: Added) -> Fit:
 def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int = DRAWS, again: bool = True) -> Answer:
     """Diagnose a folder's runs used, adding what is proposed until nothing is.
 
-    `known` : folder of the reference; `without` : families left out of the candidates; `again` : diagnose once more
+    `known` : folder of the reference, or the same; `without` : families left out of the candidates; `again` : diagnose once more
     when something was added.
     """
     out = Answer()

@@ -27,10 +27,12 @@ def reference_of(cell: Cell, build: Path) -> Path:
 
 
 def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) -> dict[str, Any]:
-    """Run one trial; JSON-able record. The identifying side is given two folders of tables."""
+    """Run one trial; JSON-able record. The identifying side is given folders of tables."""
     begin = time.process_time()
-    known = reference_of(cell, build)
     folder = write_trial(build / "tables" / cell.name.replace("/", "-") / f"{seed}", cell, seed)
+    # With nothing hidden many trials are needed, and their noise floor is that of one: a little wrong for each, which
+    # makes false alarms more likely, not less.
+    known = reference_of(cell, build) if cell.kind == "null" else folder
     made = time.process_time() - begin
     record: dict[str, Any] = {
         "cell": cell.name, "kind": cell.kind, "band": cell.band, "seed": seed,
