@@ -1,8 +1,8 @@
 """The side that does not know: tables, rig and vehicle in a folder go in, verdicts come out.
 
-Nothing here imports the simulator or the cases. What depends on the motion and hardly on the noise (sensitivities, noise
-moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials with nothing
-hidden tables of the same drive measured once more, by a seed no trial has.
+Nothing here imports the simulator or the cases. What depends on the motion and hardly on the noise (sensitivities,
+noise moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials with
+nothing hidden tables of the same drive measured once more, by a seed no trial has.
 """
 
 from __future__ import annotations
@@ -139,8 +139,8 @@ def fitted_model(folder: Path, known: Path, added: Added) -> Fit:
 def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int = DRAWS, again: bool = True) -> Answer:
     """Diagnose a folder's runs used, adding what is proposed until nothing is.
 
-    `known` : folder of the reference, or the same; `without` : families left out of the candidates; `again` : diagnose once more
-    when something was added.
+    `known` : folder of the reference, or the same; `without` : families left out of the candidates; `again` : diagnose
+    once more when something was added.
     """
     out = Answer()
     begin = time.process_time()

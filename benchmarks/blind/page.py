@@ -250,7 +250,8 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "stands out of the noise for an oracle that knows its law, after model, zeros and sheet have taken their "
             "share. A fault of the instruments is at least 5 tolerances of the sheet.", "",
             "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
-            "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion and, with nothing hidden, its noise-floor draws.", "",
+            "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion "
+            "and, with nothing hidden, its noise-floor draws.", "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",
