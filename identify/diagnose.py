@@ -29,7 +29,11 @@ from identify.verdicts import SIGNIFICANCE, implausible, judged
 from identify.whiteness import whiteness
 
 HALF = 0.5
-"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed."""
+"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
+MAIN = 0.75
+"""… and this part where what they leave is more than chance leaves."""
+OWN = 0.3
+"""Part of that excess that the one proposed must take away itself: of three alike each has a third."""
 STAYS = 0.15
 """Part of all excess that may stay behind the best set; if more does and is no noise, it is not listed either."""
 MOST = 0.5
@@ -111,7 +115,8 @@ def diagnose(
         after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
-        lacking = best is None or explained < HALF or (stays and structured(after))
+        little = explained < HALF or (explained < MAIN and after.chance(own) <= SIGNIFICANCE)
+        lacking = best is None or little or best.total_gain < OWN * excess or (stays and structured(after))
         unlisted = lacking and structured(now)
     if unlisted:
         best = None

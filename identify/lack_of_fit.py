@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,6 +34,7 @@ class Left:
     squares : row → weighted squares above those of simulated runs.
     p : row → probability that in a simulated run any row stands as far above; `family` the smallest of them.
     residual : run and row → (n,) what is left, weighted; `draws` (D, n) the same of simulated runs.
+    null : row → (D,) weighted squares of simulated runs above their mean.
     """
 
     ratios: dict[str, float]
@@ -42,6 +43,12 @@ class Left:
     family: float
     residual: dict[tuple[int, str], Array]
     draws: dict[tuple[int, str], Array]
+    null: dict[str, Array]
+
+    def chance(self, rows: Sequence[str]) -> float:
+        """Probability that some rows together stand as far above in a simulated run."""
+        drawn = np.sum([self.null[row] for row in rows], axis=0)
+        return (1 + int(np.count_nonzero(drawn >= self.excess(rows)))) / (1 + drawn.size)
 
     def excess(self, rows: Iterable[str]) -> float:
         """Weighted squares above those of simulated runs, over some rows."""
@@ -93,6 +100,7 @@ def left_after(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> Left:
         family=min(p.values()),
         residual=here,
         draws=there,
+        null={row: null[row] - means[row] for row in runs},
     )
 
 
