@@ -131,6 +131,37 @@ def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space:
     left = left_by(TrialSpace(spoilt, floor, CANDIDATES, 0, space.noise), [])
     assert "suspension.fl" in left.above
     assert structured(left)
+    assert left.chance(left.above) == 1.0 / (1 + DRAWS)
+
+
+def test_rows_together_are_compared_with_the_same_rows_of_simulated_runs(space: TrialSpace):
+    """A simulated run has its own rank; and weak excesses add up, as those of simulated runs do not."""
+    left = left_by(space, [])
+    rows = list(left.ratios)
+    together = np.sum(list(left.null.values()), axis=0)
+    for rank, draw in enumerate(np.argsort(-together), start=1):
+        own = replace(left, squares={row: float(left.null[row][draw]) for row in rows})
+        assert own.chance(rows) == pytest.approx((1 + rank) / (1 + DRAWS))
+    assert left.excess(rows) == pytest.approx(sum(left.excess([row]) for row in rows))
+    spread = {row: float(np.std(left.null[row])) for row in rows}
+    weak = replace(left, squares={row: 1.2 * spread[row] for row in rows})
+    alone = np.median([weak.chance([row]) for row in rows])
+    assert alone > 0.05
+    assert weak.chance(rows) < 0.5 * alone
+
+
+@pytest.mark.parametrize(("total_gain", "verdict"), [(1.0, "missing"), (0.1, "unlisted cause")])
+def test_what_explains_little_of_what_fails_is_not_named(
+    unlisted: Fit, floor: NoiseFloor, total_gain: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+):
+    """The law is in the catalogue and explains all together; named is what explains a fair part by itself."""
+    measured = TrialSpace.try_all
+
+    def weaker(space: TrialSpace) -> list[Candidate]:
+        return [replace(c, total_gain=total_gain * c.total_gain) for c in measured(space)]
+
+    monkeypatch.setattr(TrialSpace, "try_all", weaker)
+    assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
 def test_losses_that_differ_in_most_blocks_are_no_tie():
