@@ -28,8 +28,6 @@ from identify.triangle import scaled_triangle, triangle
 from identify.uncertainty import at_least, block_bootstrap, spread_of
 from identify.vectors import Array
 
-_SENSITIVITY_TURNS = 2
-"""Times sensitivities are taken: at what is found without zeros, and at what is found with them."""
 _HUBER_TURNS = 6
 
 
@@ -205,18 +203,24 @@ def _fit_linear(
     frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
     known, begin = known_beforehand(model, keep), sigma
-    # How the residual answers to the channels depends on the parameters: what is found before the zeros are taken out
-    # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
     need = zeros or bool(model.faults)
-    for _ in range(_SENSITIVITY_TURNS if need and stored is None and near is None else 1):
+
+    def found_at(values: Array) -> tuple[Assembly, Equations, Array, Mapping[str, float]]:
+        """Equations with sensitivities at these values of the parameters kept, and their solution."""
         at = np.zeros(len(parameters))
-        at[keep] = x[: len(keep)] if near is None else near[keep]
-        assembly = Assembly(
+        at[keep] = values
+        there = Assembly(
             effects, keep, model.faults, drives, at if need else None, zeros, stored.known if stored else None
         )
-        equations = Equations(_accumulate(assembly), known, rows)
+        equations = Equations(_accumulate(there), known, rows)
         # From the same σ each time: those of data without noise are too small to begin with.
-        x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least)
+        return there, equations, *((equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least))
+
+    assembly, equations, x, sigma = found_at(x if near is None else near[keep])
+    # How the residual answers to the channels depends on the parameters: what is found before the zeros are taken out
+    # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
+    if need and stored is None and near is None:
+        assembly, equations, x, sigma = found_at(x[: len(keep)])
     for _ in range(_HUBER_TURNS - 1 if robust else 0):
         assembly.weights = huber_weights(assembly, equations, x, sigma)
         equations = Equations(_accumulate(assembly), known, rows)
