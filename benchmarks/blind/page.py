@@ -22,8 +22,8 @@ KNOWN_WHY = {
     "sensor_latency.*": "The sheet lets each of the other instruments be 2 ms late, too: 10 ms are four standard "
     "deviations of the difference. Half of the rate that tells it is noise, and at 10 ms its effect is no longer "
     "linear. `lacet check` measures latencies by themselves.",
-    "trailer": "What it leaves is within the noise of every row once the sheet's misalignment and cross-talk have "
-    "taken their share: no row fails, so nothing calls for an unlisted cause.",
+    "trailer": "What it leaves is within the noise of every row once the sheet's tolerances have taken their "
+    "share: no row fails, so nothing calls for an unlisted cause.",
 }
 """What is known of why a case is missed, by its name."""
 Record = Mapping[str, Any]
@@ -260,8 +260,9 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "stands out of the noise for an oracle that knows its law, after model, zeros and sheet have taken their "
             "share. A fault of the instruments is at least 5 tolerances of the sheet.", "",
             "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
-            "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion "
-            "and, with nothing hidden, its noise-floor draws.", "",
+            "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
+            f"and {sum(r.get('shared', False) for r in records)} of all share one noise floor in their cell: in them "
+            "lacet is given that of another trial.", "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",

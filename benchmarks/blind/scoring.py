@@ -37,7 +37,7 @@ def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) ->
     record: dict[str, Any] = {
         "cell": cell.name, "kind": cell.kind, "band": cell.band, "seed": seed,
         "hidden": [[h.name, h.size, dict(h.shape)] for h in cell.hidden], "keys": list(cell.keys),
-        "root_lambda": list(cell.root_lambda),
+        "root_lambda": list(cell.root_lambda), "shared": known != folder,
     }  # fmt: skip
     if cell.keys:
         record["tolerance"] = tolerated(cell.parts[0], identifying.tables(known))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,10 +17,11 @@ from identify.drive import Drive
 from identify.effect import Effect
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
+from identify.lack_of_fit import Left
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
 from identify.partialling import Partialled
-from identify.ties import same_losses
+from identify.ties import same_losses, with_ties
 from identify.trial_sums import columns_of
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
@@ -162,6 +164,31 @@ def test_what_explains_little_of_what_fails_is_not_named(
 
     monkeypatch.setattr(TrialSpace, "try_all", weaker)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
+
+
+@pytest.mark.parametrize(("rest", "verdict"), [(0.1, "missing"), (0.4, "unlisted cause")])
+def test_a_rest_above_chance_calls_for_another_cause(
+    unlisted: Fit, floor: NoiseFloor, rest: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+):
+    """Six tenths explained are enough where chance leaves the others, and not where it does not."""
+    measured = left_by
+
+    def leaving(space: TrialSpace, added: Sequence[Effect]) -> Left:
+        found = measured(space, added)
+        before = measured(space, []).squares
+        return replace(found, squares={row: rest * a for row, a in before.items()}) if added else found
+
+    monkeypatch.setattr("identify.diagnose.left_by", leaving)
+    assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
+
+
+@pytest.mark.parametrize(("correlation", "tied"), [(0.99, True), (0.9, False)])
+def test_one_law_with_two_names_is_a_tie_whatever_its_losses(correlation: float, tied: bool):
+    losses = np.random.default_rng(4).uniform(5.0, 9.0, 12)
+    a, b = (Candidate(key, {}, "missing", block_gain=gain) for key, gain in (("a", losses), ("b", 0.9 * losses)))
+    assert not same_losses(a.block_gain, b.block_gain)
+    told = with_ties([a, b], SimpleNamespace(correlation=lambda *_: correlation))
+    assert [bool(c.ties) for c in told] == [tied, tied]
 
 
 def test_losses_that_differ_in_most_blocks_are_no_tie():
