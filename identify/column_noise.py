@@ -10,20 +10,17 @@ floor.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from identify.assembly import Piece
 from identify.fit import Fit
-from identify.freed import Freed
 from identify.layout import Layout
 from identify.news import Progress
-from identify.partialling import Partialled, at_gain
 from identify.trial_sums import TrialSums, at_zeros, columns_of
 from identify.vectors import Array
 
@@ -38,82 +35,63 @@ _Products = dict[str, tuple[NDArray[np.intp], Array]]
 
 @dataclass(frozen=True)
 class ColumnNoise:
-    """What noise adds to the sums of a ranking, everything else partialled out.
+    """What noise adds to the sums that a ranking is made of.
 
     Attributes
     ----------
     labels : what the columns are: noise found for others is of no use.
-    shifts : row → (w,) what it adds to each column's product with the residual.
-    squares : row → for each trial (k, k), what it adds to its columns' own products.
-    freed : row → place of a fault → (2,) what it adds to its product with itself and with the residual, where its own
-        tolerance is not partialled out (`identify.freed`).
+    totals : row → (w, w) what it adds to the products of the columns, the model's as they are, every run's zeros
+        eliminated.
     """
 
     labels: tuple[str, ...]
-    shifts: Mapping[str, Array]
-    squares: Mapping[str, tuple[Array, ...]]
-    freed: Mapping[str, Mapping[int, Array]]
+    totals: Mapping[str, Array]
 
     @classmethod
     def of(
-        cls, fitted: Fit, space: Partialled, sigma: Mapping[str, float], freed: Mapping[int, Freed],
-        pairs: int = NOISE_PAIRS, progress: Progress | None = None,
+        cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
+        progress: Progress | None = None,
     ) -> ColumnNoise:  # fmt: skip
         """Draw it, weighted by the rows' `sigma`; `progress` is told how many draws are done."""
-        layout = space.sums.layout
-        w, places = layout.width, [trial.place for trial in layout.trials]
-        totals = {row: np.zeros((w, w)) for row in sigma}
+        totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
         chosen, share = _chosen(fitted)
         done, total = itertools.count(1), pairs * sum(len(pieces) for pieces in chosen.values())
         drawn = (lambda: None) if progress is None else (lambda: progress(next(done), total))
         for run, pieces in chosen.items():
-            for row, products in _of_run(fitted, space.sums, sigma, run, pieces, pairs, drawn).items():
+            for row, products in _of_run(fitted, sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
-        left = {row: at_gain(total, space.taken, space.gain) for row, total in totals.items()}
-        return cls(
-            column_labels(fitted, layout),
-            {row: part[:, layout.right].copy() for row, part in left.items()},
-            {row: tuple(part[place, place].copy() for place in places) for row, part in left.items()},
-            {row: {place: _pair(total, one) for place, one in freed.items()} for row, total in totals.items()},
-        )
+        return cls(column_labels(fitted, sums.layout), totals)
 
-    def fits(self, labels: tuple[str, ...], freed: Mapping[int, Freed]) -> bool:
-        """Whether it is of these columns and faults: what another run or an earlier lacet left may be of others."""
-        return labels == self.labels and all(self.freed.get(row, {}).keys() == freed.keys() for row in self.shifts)
+    def fits(self, labels: tuple[str, ...], rows: Iterable[str]) -> bool:
+        """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
+        return labels == self.labels and set(rows) <= self.totals.keys()
+
+    def products(self, sums: TrialSums, louder: Mapping[str, float]) -> Array:
+        """(w, w) for the columns of `sums`, rows so much `louder` than their sheet; nothing for the residual's own."""
+        turn = np.eye(sums.layout.width)
+        turn[: sums.layout.model, : sums.layout.model] = sums.turn
+        out = turn.T @ np.sum([louder[row] ** 2 * self.totals[row] for row in louder], axis=0) @ turn
+        out[-1, -1] = 0.0
+        return out
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of it as plain arrays, for keeping."""
-        flat = {f"squares|{row}": np.concatenate([np.zeros(0), *(a.ravel() for a in every)])
-                for row, every in self.squares.items()}  # fmt: skip
-        sizes = [len(a) for a in next(iter(self.squares.values()), ())]
-        shifts = {f"shift|{row}": a for row, a in self.shifts.items()}
-        freed = {f"freed|{row}": np.array([[place, *pair] for place, pair in every.items()]).reshape(-1, 3)
-                 for row, every in self.freed.items()}  # fmt: skip
-        return {"labels": np.array(self.labels), "sizes": np.array(sizes, int), **shifts, **flat, **freed}
+        """All of it as plain arrays, for keeping: of each row the columns that noise is in."""
+        out: dict[str, NDArray[Any]] = {"labels": np.array(self.labels)}
+        for row, total in self.totals.items():
+            there = np.flatnonzero(np.any(total, axis=0))
+            out |= {f"width|{row}": np.array(len(total)), f"places|{row}": there}
+            out[f"total|{row}"] = total[np.ix_(there, there)]
+        return out
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ColumnNoise:
         """What `arrays` gave."""
-        sizes = arrays["sizes"].astype(int)
-        ends = np.cumsum(sizes**2)
-        squares: dict[str, tuple[Array, ...]] = {}
-        shifts: dict[str, Array] = {}
-        freed: dict[str, dict[int, Array]] = {}
-        for name, values in arrays.items():
-            kind, _, row = name.partition("|")
-            if kind == "shift":
-                shifts[row] = values.astype(float)
-            elif kind == "squares":
-                parts = np.split(values.astype(float), ends)
-                squares[row] = tuple(part.reshape(k, k) for part, k in zip(parts, sizes, strict=False))
-            elif kind == "freed":
-                freed[row] = {int(line[0]): line[1:] for line in values.astype(float)}
-        return cls(tuple(str(label) for label in arrays["labels"]), shifts, squares, freed)
-
-
-def _pair(total: Array, fault: Freed) -> Array:
-    both = fault.coefficients()
-    return both[:, 0] @ total @ both
+        totals: dict[str, Array] = {}
+        for row in [name.partition("|")[2] for name in arrays if name.startswith("total|")]:
+            width, there = int(arrays[f"width|{row}"]), arrays[f"places|{row}"].astype(int)
+            totals[row] = np.zeros((width, width))
+            totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
+        return cls(tuple(str(label) for label in arrays["labels"]), totals)
 
 
 def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
@@ -142,19 +120,18 @@ def _of_run(
 ) -> dict[str, Array]:  # fmt: skip
     """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
-    z, w = len(priors), layout.width
-    turn = np.eye(w)
-    turn[: layout.model, : layout.model] = sums.turn
-    side = scipy.linalg.block_diag(np.diag(priors / sums.temper), turn)
+    z, w, p = len(priors), layout.width, layout.model
+    side = np.concatenate([priors / sums.temper, np.ones(w)])
     # The right side here is the residual, from which the zeros that were found are taken already.
     further = sums.following[run].copy()
+    further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
     further[:, layout.right] -= values * sums.temper / priors
     whole: dict[str, Array] = {}
     for piece in (piece for k, piece in enumerate(fitted.assembly.pieces_of(run)) if k in chosen):
         for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs, drawn).items():
             there = whole.setdefault(row, np.zeros((z + w, z + w)))
             there[np.ix_(places, places)] += products
-    return {row: at_zeros(side.T @ products @ side, further) for row, products in whole.items()}
+    return {row: at_zeros(side[:, None] * products * side, further) for row, products in whole.items()}
 
 
 def _of_piece(

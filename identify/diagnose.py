@@ -128,7 +128,7 @@ def diagnose(
     formulas: list[Formula] = []
     if unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(fitted, floor, failing, seed)
+        formulas = propose(space.fitted, space.floor, failing, seed)
         verdict, says = "unlisted cause", _unlisted(now, failing, explained, together, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)

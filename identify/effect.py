@@ -221,6 +221,11 @@ class SensorFault(Effect):
         `recording` has the channel; of others it has whatever the run has (`recording.signals`).
         """
 
+    def changes(self, recording: Recording) -> dict[str, Array]:
+        """Changes of channels (k, N) per unit of the parameter that do to the equations what the fault does."""
+        there = [name for name in self.channels() if name in recording.signals.value]
+        return {name: self.perturb(name, recording) for name in there}
+
     @property
     @abstractmethod
     def tolerance(self) -> str:

@@ -14,6 +14,7 @@ from daq.errors import NotIdentifiable
 from identify.assembly import Assembly, Known
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
+from identify.effect import SensorFault
 from identify.equations import Equations, RunEquations, zeros_following
 from identify.explain import refuse_not_finite
 from identify.model import Model
@@ -164,7 +165,7 @@ def fit(
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
-        corrected = tuple(Drive(_corrected(drive.recording, model, faults)) for drive in drives)
+        corrected = tuple(Drive(at_faults(drive.recording, model.faults, faults)) for drive in drives)
         out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored, near=out.physics)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
@@ -322,12 +323,24 @@ def corrected_drive(drive: Drive, fitted: Fit) -> Drive:
     """A run with the sensor faults of a fitted model taken out; the run itself when the model has none."""
     if not fitted.model.faults:
         return drive
-    return Drive(_corrected(drive.recording, fitted.model, fitted.theta[len(fitted.physics) :]))
+    return Drive(at_faults(drive.recording, fitted.model.faults, fitted.theta[len(fitted.physics) :]))
 
 
-def _corrected(recording: Recording, model: Model, values: Array) -> Recording:
+def refitted(fitted: Fit, drives: Sequence[Drive], stored: Stored | None = None) -> Fit:
+    """The same model, in the same way, on the same runs with channels moved; `stored` as in `fit`.
+
+    Sizes of the model's sensor faults are those that remain.
+    """
+    robust, unbias = bool(fitted.assembly.weights), bool(np.any(fitted.moments.slopes))
+    draws = fitted.moments.draws
+    return _fit_linear(
+        fitted.model, tuple(drives), None, fitted.assembly.zeros, unbias, robust, draws, stored, near=fitted.physics
+    )
+
+
+def at_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:
     """A recording with sensor faults of these sizes taken out."""
-    for fault, p in zip(model.faults, values, strict=True):
+    for fault, p in zip(faults, values, strict=True):
         there = [channel for channel in fault.channels() if channel in recording.signals.value]
         undone = {channel: fault.correct(channel, recording, float(p)) for channel in there}
         recording = recording.with_signals(recording.signals.changed(undone, recording.filters.rate))

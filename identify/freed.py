@@ -27,75 +27,76 @@ class Freed:
     space : everything partialled out, the fault's own tolerance too.
     place : of the fault's column.
     own : positions in `space.taken` of the columns that stand for it.
-
-    Attributes
-    ----------
-    noise, shift : what noise in the column adds to its energy, and to its product with the residual.
     """
 
     def __init__(self, space: Partialled, place: int, own: NDArray[np.intp]):
         self.space, self.place, self.own = space, place, own
-        self.noise = self.shift = 0.0
-        self._columns = np.array([place, space.sums.layout.right], np.intp)
+        self._columns = np.array([place, space.sums.layout.right, *space.taken[own]], np.intp)
+        # What is excused is told from the rig file's value, where that is not what the runs were read at.
+        self._turn = np.zeros((len(self._columns), 2))
+        self._turn[0, 0] = self._turn[1, 1] = 1.0
+        self._turn[2:, 1] = -np.linalg.solve(space.prior[np.ix_(own, own)], space.pull[own])
         # Of the fault's column and the residual, less everything but what stands for it.
-        self._gain, self._products = given_back(space.inverse, space.gain, space.left, self._columns, own)
-        total, taken = space.sums.total, space.taken
-        # What one unit of each column of `own` is of the fault.
-        self._in_its_unit = total[place, taken[own]] / total[place, place]
+        self._gain, self._products = self._given_back(space.inverse, space.gain, space.left)
+        both = self.coefficients()
+        self.noise, self._shift = (both[:, 0] @ space.column_noise @ both).tolist()
 
     @property
     def energy(self) -> float:
         """Of the column [1/unit²], without that of its noise."""
-        return float(self._products[0, 0]) - self.noise
+        return float(self._products[0, 0])
 
     @property
     def noisy_part(self) -> float:
         """Part of the column's energy that is noise."""
-        return self.noise / float(self._products[0, 0])
+        return self.noise / (self.energy + self.noise) if self.energy > 0.0 else 1.0
 
     @property
     def value(self) -> float:
         """The fault's size."""
-        return (float(self._products[0, 1]) - self.shift) / self.energy
+        return float(self._products[0, 1]) / self.energy
 
     @property
     def spread(self) -> float:
         """1 σ of it, as if residuals were independent."""
-        return float(np.sqrt(self._products[0, 0])) / self.energy
+        return float(np.sqrt(self.energy + self.noise)) / self.energy
 
     @property
     def drop(self) -> float:
         """Fall of the weighted squares when the fault is added, where its own tolerance excuses none of it.
 
-        What `DOUBT` of the shift could explain is not counted.
+        What `DOUBT` of the shift by noise could explain is not counted.
         """
-        sure = max(0.0, abs(self.value) - DOUBT * abs(self.shift) / self.energy)
+        sure = max(0.0, abs(self.value) - DOUBT * abs(self._shift) / self.energy)
         return sure**2 * self.energy
 
-    def null(self, null: Array, drawn: Array) -> Array:
-        """(D,) `drop` in simulated runs with products `null` (w, D), `drawn` (e, D) the own tolerances in them."""
+    def null(self, null: Array) -> Array:
+        """(D,) `drop` in simulated runs with products `null` (w, D)."""
         score = null[self.place] - self._gain[:, 0] @ null[self.space.taken]
-        # A simulated fault acts through the true channel, a column has the channel's noise as well.
-        score -= self.noise * (self._in_its_unit @ drawn)
         return score**2 / self.energy
 
     def fall(self) -> float:
         """The same in blocked cross-validation."""
         columns, taken, total = self._columns, self.space.taken, 0.0
-        for (inverse, gain, left), inside in zip(self.space.outside, self.space.sums.test, strict=True):
-            gain, train = given_back(inverse, gain, left, columns, self.own)
-            across = gain.T @ inside[np.ix_(taken, columns)]
-            test = inside[np.ix_(columns, columns)] - across - across.T + gain.T @ inside[np.ix_(taken, taken)] @ gain
-            value = (train[0, 1] - (1.0 - 1.0 / FOLDS) * self.shift) / train[0, 0]
-            total += float(2.0 * value * (test[0, 1] - self.shift / FOLDS) - value**2 * test[0, 0])
+        for (inverse, gain, left), inside in zip(self.space.outside, self.space.inside, strict=True):
+            gain, train = self._given_back(inverse, gain, left)
+            across = gain.T @ inside[np.ix_(taken, columns)] @ self._turn
+            whole = self._turn.T @ inside[np.ix_(columns, columns)] @ self._turn
+            test = whole - across - across.T + gain.T @ inside[np.ix_(taken, taken)] @ gain
+            value = train[0, 1] / (train[0, 0] + (1.0 - 1.0 / FOLDS) * self.noise)
+            total += float(2.0 * value * test[0, 1] - value**2 * (test[0, 0] + self.noise / FOLDS))
         return total
 
     def coefficients(self) -> Array:
         """(w, 2) for `TrialSums.series`: one unit of the fault, and the residual, not excused by its own tolerance."""
         out = np.zeros((self.space.sums.layout.width, 2))
-        out[self._columns, [0, 1]] = 1.0
+        out[self._columns] = self._turn
         out[self.space.taken] -= self._gain
         return out
+
+    def _given_back(self, inverse: Array, gain: Array, left: Array) -> tuple[Array, Array]:
+        gain, products = given_back(inverse, gain, left, self._columns, self.own)
+        return gain @ self._turn, self._turn.T @ products @ self._turn
 
 
 def given_back(

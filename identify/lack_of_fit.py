@@ -60,16 +60,20 @@ class Left:
         return tuple(row for row, ratio in self.ratios.items() if ratio > EXCESS and self.p[row] <= CHANCE)
 
 
-def left_after(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> Left:
-    """The residual after the columns at `taken`, with normal matrix `prior` of what is known of their parameters."""
+def left_after(sums: TrialSums, total: Array, taken: NDArray[np.intp], prior: Array, pull: Array) -> Left:
+    """The residual after the columns at `taken`.
+
+    `prior` (a, a) and `pull` (a,) are normal matrix and right side of what is known of their parameters; `total` (w, w)
+    the products of the columns of `sums`, without the noise in them as far as it is known.
+    """
     right, w = sums.layout.right, sums.layout.width
     noise = np.sum([products[taken] for products in sums.null.values()], axis=0)
-    sides = np.concatenate([sums.total[taken, right][:, None], noise], axis=1)
-    solved = _solved(sums.total[np.ix_(taken, taken)] + prior, sides)
+    sides = np.concatenate([(total[taken, right] + pull)[:, None], noise], axis=1)
+    following = solved(total[np.ix_(taken, taken)] + prior, sides)
     own = np.zeros((w, 1))
-    own[right], own[taken] = 1.0, -solved[:, :1]
+    own[right], own[taken] = 1.0, -following[:, :1]
     drawn = np.zeros((w, noise.shape[1]))
-    drawn[taken] = -solved[:, 1:]
+    drawn[taken] = -following[:, 1:]
     residual: dict[tuple[int, str], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
     draws: dict[tuple[int, str], list[Array]] = {key: [] for key in residual}
     for block, series in sums.series(own):
@@ -104,7 +108,7 @@ def left_after(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> Left:
     )
 
 
-def _solved(G: Array, sides: Array) -> Array:
+def solved(G: Array, sides: Array) -> Array:
     """G⁻¹ · sides; directions that columns share (two laws that are one on these runs) are taken once."""
     scale = np.sqrt(np.diag(G))
     scale = np.where(scale > 0.0, scale, 1.0)
@@ -114,7 +118,7 @@ def _solved(G: Array, sides: Array) -> Array:
     return (V @ ((V.T @ (sides / scale[:, None])) / values[kept, None])) / scale[:, None]
 
 
-def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> dict[str, float]:
+def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array, pull: Array) -> dict[str, float]:
     """Row → by how much its noise exceeds the sensor sheet's, from 1 to `LOUDEST`.
 
     Everything that the physics of any candidate could explain is taken out first, beside the columns at `taken`: what
@@ -128,11 +132,14 @@ def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array) -> dict[
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
         if not trial.fault and i not in there
     }
-    ratios = left_after(sums, *with_columns(taken, prior, fresh)).ratios
+    ratios = left_after(sums, sums.total, *with_columns(taken, prior, pull, fresh)).ratios
     return {row: min(LOUDEST, max(1.0, ratio)) for row, ratio in ratios.items()}
 
 
-def with_columns(taken: NDArray[np.intp], prior: Array, fresh: Mapping[int, float]) -> tuple[NDArray[np.intp], Array]:
-    """Places and normal matrix of what is known beforehand, with further columns of 1 σ by place."""
+def with_columns(
+    taken: NDArray[np.intp], prior: Array, pull: Array, fresh: Mapping[int, float]
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """Places, normal matrix and right side of what is known beforehand, with further columns of 1 σ by place."""
     places = np.concatenate([taken, list(fresh)]).astype(np.intp)
-    return places, scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))
+    both = scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))
+    return places, both, np.concatenate([pull, np.zeros(len(fresh))])

@@ -18,6 +18,7 @@ from daq.errors import UsageError, nearest
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
+from identify.clocks import is_load
 from identify.columns import Columns
 from identify.drive import Drive
 from identify.effects.sensor_latency import SensorLatency
@@ -98,7 +99,7 @@ def time_base(rig: Rig, runs: Sequence[Run]) -> str:
     """The sensor all others are told against: that of the wheel loads, which every row needs, or the first there is."""
     there = {channel for run in runs for channel in run.signals}
     measured = [s for s in rig.sensors if there.intersection(s.channels)]
-    loads = [s for s in measured if any(c.startswith("wheel.") and c.endswith(".force") for c in s.channels)]
+    loads = [s for s in measured if any(map(is_load, s.channels))]
     return (loads or measured)[0].name
 
 

@@ -5,79 +5,106 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from identify.trial_sums import FOLDS, TrialSums
 from identify.vectors import Array
 
+MOST = 0.8
+"""No more of a direction of the columns partialled out is taken for noise."""
+
 
 class Partialled:
     """All columns of `sums` less what some of them, with priors, explain.
+
+    Noise in the columns partialled out would make what they explain too small, and noise they share with the residual
+    is no explanation: both are taken out of the sums first.
 
     Parameters
     ----------
     sums : products of all columns.
     taken : places of the columns partialled out.
     prior : (a, a) normal matrix of what is known of their parameters.
+    noise : (w, w) what noise adds to the sums, but to the residual's own square.
+    pull : (a,) right side that goes with `prior`: where what is known is not zero.
 
     Attributes
     ----------
+    column_noise : that noise, where a direction is mostly noise a part of it.
+    total : (w, w) products without it.
     gain : (a, w) what the columns taken explain of each.
-    left : (w, w) products of what is left.
-    shift : (w,) what noise in the columns adds to their products with the residual.
-    noise : place → (k, k) what it adds to the products of the columns of a trial.
+    left : (w, w) products of what is left, without noise.
+    noise : (w, w) products of the noise in what is left.
     """
 
-    def __init__(self, sums: TrialSums, taken: NDArray[np.intp], prior: Array):
+    def __init__(
+        self, sums: TrialSums, taken: NDArray[np.intp], prior: Array, noise: Array | None = None,
+        pull: Array | None = None,
+    ):  # fmt: skip
         self.sums, self.taken, self.prior = sums, taken, prior
-        self.gain, self.left = _without(sums.total, taken, prior)
-        self.shift = np.zeros(sums.layout.width)
-        self.noise = {t.place.start: np.zeros((t.place.stop - t.place.start,) * 2) for t in sums.layout.trials}
+        self.pull = np.zeros(len(taken)) if pull is None else pull
+        self.column_noise = np.zeros_like(sums.total) if noise is None else _bounded(noise, sums.total, taken, prior)
+        self.total = sums.total - self.column_noise
+        self.gain, self.left = self._without(self.total)
+        self.noise = at_gain(self.column_noise, taken, self.gain)
+
+    @property
+    def whole(self) -> Array:
+        """(w, w) products of what is left, noise and all."""
+        return self.left + self.noise
 
     @cached_property
     def inverse(self) -> Array:
         """(a, a) of the normal matrix of the columns taken."""
-        return _inverted(self.sums.total[np.ix_(self.taken, self.taken)] + self.prior)
+        return _inverted(self.total[np.ix_(self.taken, self.taken)] + self.prior)
 
     @cached_property
     def outside(self) -> list[tuple[Array, Array, Array]]:
         """For each fold, `inverse`, `gain` and `left` of the samples outside it."""
         out: list[tuple[Array, Array, Array]] = []
-        for normal in self.sums.train:
+        for normal in self.sums.train - (1.0 - 1.0 / FOLDS) * self.column_noise:
             inverse = _inverted(normal[np.ix_(self.taken, self.taken)] + self.prior)
-            out.append((inverse, *_without(normal, self.taken, self.prior)))
+            out.append((inverse, *self._without(normal)))
         return out
+
+    @cached_property
+    def inside(self) -> Array:
+        """(FOLDS, w, w) products of the samples in each fold, without noise."""
+        return self.sums.test - self.column_noise / FOLDS
 
     @cached_property
     def folds(self) -> list[tuple[Array, Array]]:
         """For each fold, `left` of the samples outside it, and the products inside at the gain found outside."""
         return [
             (left, at_gain(inside, self.taken, gain))
-            for (_, gain, left), inside in zip(self.outside, self.sums.test, strict=True)
+            for (_, gain, left), inside in zip(self.outside, self.inside, strict=True)
         ]
+
+    def _without(self, normal: Array) -> tuple[Array, Array]:
+        right = normal[self.taken]
+        right[:, -1] += self.pull
+        gain = _solved(normal[np.ix_(self.taken, self.taken)] + self.prior, right)
+        return gain, normal - normal[self.taken].T @ gain
 
     def fall(self, place: slice) -> float:
         """Fall of the weighted squares in blocked cross-validation when the columns at `place` are added."""
-        right, total = self.sums.layout.right, 0.0
-        shift = self.shift[place]
+        right, total, noise = self.sums.layout.right, 0.0, self.noise[place, place]
         for train, test in self.folds:
-            outside = 1.0 - 1.0 / FOLDS
-            beta = _solved(train[place, place], train[place, right] - outside * shift)
-            total += float(2.0 * beta @ (test[place, right] - shift / FOLDS) - beta @ test[place, place] @ beta)
+            beta = _solved(train[place, place] + (1.0 - 1.0 / FOLDS) * noise, train[place, right])
+            total += float(2.0 * beta @ test[place, right] - beta @ (test[place, place] + noise / FOLDS) @ beta)
         return total
 
     def scores(self, place: slice, null: Array) -> tuple[float, Array]:
         """Fall of the weighted squares on all data, and (D,) that in simulated runs with products `null` (w, D)."""
-        G = self.left[place, place]
-        score = self.left[place, self.sums.layout.right] - self.shift[place]
+        G, score = self.whole[place, place], self.left[place, self.sums.layout.right]
         drawn = null[place] - self.gain[:, place].T @ null[self.taken]
         return float(score @ _solved(G, score)), np.einsum("kd,kd->d", drawn, _solved(G, drawn))
 
     def values(self, place: slice) -> tuple[Array, Array]:
         """Parameters of the columns at `place` when they are added, and 1 σ as if residuals were independent."""
-        G = self.left[place, place]
-        sound = G - self.noise[place.start]
-        score = self.left[place, self.sums.layout.right] - self.shift[place]
+        G, sound = self.whole[place, place], self.left[place, place]
+        score = self.left[place, self.sums.layout.right]
         if np.any(np.linalg.eigvalsh(sound) <= 0.0):
             sound = G
         inverse = np.linalg.inv(sound)
@@ -86,13 +113,12 @@ class Partialled:
     def remaining(self, place: slice) -> Array:
         """(k,) part of each column's energy that is left."""
         whole = np.diag(self.sums.total)[place]
-        return np.diag(self.left)[place] / np.where(whole > 0.0, whole, 1.0)
+        return np.diag(self.whole)[place] / np.where(whole > 0.0, whole, 1.0)
 
     def noisy_part(self, place: slice) -> float:
         """Largest part of the energy left in a direction of the columns that is noise in them."""
-        G = self.left[place, place]
-        root = np.linalg.cholesky(G)
-        half = np.linalg.solve(root, self.noise[place.start])
+        root = np.linalg.cholesky(self.whole[place, place])
+        half = np.linalg.solve(root, self.noise[place, place])
         return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
     def coefficients(self, places: Array) -> Array:
@@ -102,9 +128,16 @@ class Partialled:
         return out
 
 
-def _without(normal: Array, taken: NDArray[np.intp], prior: Array) -> tuple[Array, Array]:
-    gain = _solved(normal[np.ix_(taken, taken)] + prior, normal[taken])
-    return gain, normal - normal[taken].T @ gain
+def _bounded(noise: Array, total: Array, taken: NDArray[np.intp], prior: Array) -> Array:
+    """`noise` that leaves something of every direction of the columns taken: it is drawn, and not known exactly."""
+    inside = np.ix_(taken, taken)
+    B = total[inside] + prior
+    values, vectors = scipy.linalg.eigh(noise[inside], B)
+    beyond = np.maximum(0.0, values - MOST)
+    out = noise.copy()
+    turned = B @ vectors
+    out[inside] -= (turned * beyond) @ turned.T
+    return out
 
 
 def at_gain(normal: Array, taken: NDArray[np.intp], gain: Array) -> Array:

@@ -128,9 +128,7 @@ class Sensitivity:
 
     def fault(self, fault: SensorFault) -> dict[str, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
-        values = self.recording.signals.value
-        changes = {name: fault.perturb(name, self.recording) for name in fault.channels() if name in values}
-        return self.response(changes)
+        return self.response(fault.changes(self.recording))
 
     def noise(self, rng: np.random.Generator) -> dict[str, Array]:
         """One draw of what the channels' noise does to the residual, row → (N,)."""

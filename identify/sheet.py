@@ -8,8 +8,8 @@ import numpy as np
 
 from daq.channels import CHANNELS
 from daq.rig import Rig
+from identify.clocks import late
 from identify.drive import Drive
-from identify.filters import derivative
 from identify.sensitivity import Sensitivity
 from identify.vectors import Array
 
@@ -39,8 +39,9 @@ def sheet_responses(drive: Drive, sensitivity: Sensitivity) -> dict[SheetEntry, 
     out: dict[SheetEntry, dict[str, Array]] = {}
     for (what, channel, k), members in sheet_entries(rig, seen).items():
         if what == "latency":
-            late = {c: -rig.tolerance(c, "latency") * derivative(values[c], recording.filters.rate) for c in members}
-            out[what, channel, k] = drive.decimated(sensitivity.response(late))
+            tolerance = rig.tolerance(channel, "latency")
+            changes = {name: tolerance * a for name, a in late(members, recording).items()}
+            out[what, channel, k] = drive.decimated(sensitivity.response(changes))
         else:
             change = np.zeros_like(values[channel])
             change[k] = rig.tolerance(channel, "gain") * values[channel][k]

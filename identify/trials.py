@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from identify.lack_of_fit import left_after, louder_rows
 from identify.layout import Layout, Trial, sheet_of
 from identify.news import Tell, silent
 from identify.partialling import Partialled
+from identify.reading import read_again
 from identify.rows import row_unit
 from identify.sheet import SheetEntry
 from identify.trial_sums import BLOCK, TrialSums
@@ -41,7 +42,9 @@ GONE = 1e-10
 class Tried:
     """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run.
 
-    `freed` is there for a sensor fault that the sheet has a tolerance for.
+    `freed` is there for a sensor fault that the sheet has a tolerance for: what it is judged by. `alone` is what its
+    gain is told by: for a latency, where no clock's tolerance excuses it, as runs show how clocks differ and nothing
+    of their common time; `freed` for others.
     """
 
     trial: Trial
@@ -50,6 +53,7 @@ class Tried:
     values: Array
     spread: Array
     freed: Freed | None = None
+    alone: Freed | None = None
 
     @property
     def key(self) -> str:
@@ -72,6 +76,8 @@ class TrialSpace:
     Attributes
     ----------
     cannot : key → why a candidate cannot be computed on these runs.
+    fitted, floor : of runs read again, where a latency is large (`identify.reading`); `late` entry of the sheet →
+        latency taken out of them [s].
     ratios : row → residual ÷ floor of the present model.
     sheet : place → name of the columns that stand for the sensor sheet's tolerances.
     partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
@@ -85,14 +91,16 @@ class TrialSpace:
         self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
         tell: Tell = silent,
     ):  # fmt: skip
-        self.fitted, self.floor = fitted, floor
+        self.ratios = _ratios(fitted, floor)
+        tell("what the sensor sheet leaves open")
+        reading = read_again(fitted, floor, tell)
+        self.late = reading.late
+        self.fitted, self.floor = fitted, floor = reading.fitted, reading.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
-        self.ratios = _ratios(fitted, floor)
-        tell("what the sensor sheet leaves open")
         sheet = sheet_of(fitted)
-        temper = _misfit(fitted, floor, sheet)
+        temper = _misfit(fitted, floor, sheet, self.late)
         rng = np.random.default_rng([seed, 6])
         bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
         kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
@@ -113,8 +121,17 @@ class TrialSpace:
         stiff = (temper / np.array([sigma[place] for place in there])) ** 2
         prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
         taken = np.concatenate([model, there]).astype(np.intp)
-        self.louder = louder_rows(self.sums, taken, prior)
-        self.partialled = Partialled(self.sums, taken, prior)
+        pull = np.zeros(len(taken))
+        pull[len(model) :] = stiff * _rig_s(fitted, self.layout, self.late)[there]
+        self.louder = louder_rows(self.sums, taken, prior, pull)
+        if noise is None or not noise.fits(column_labels(fitted, self.layout), floor.sigma):
+            tell("the noise in what they follow")
+            noise = ColumnNoise.of(
+                fitted, self.sums, floor.sigma,
+                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
+            )  # fmt: skip
+        self.noise = noise
+        self.partialled = Partialled(self.sums, taken, prior, noise.products(self.sums, self.louder), pull)
         self.freed = {
             trial.place.start: Freed(self.partialled, trial.place.start, own)
             for trial in self.layout.trials
@@ -122,24 +139,10 @@ class TrialSpace:
             and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
             and np.all(self.partialled.remaining(trial.place) > GONE)
         }
-        if noise is None or not noise.fits(column_labels(fitted, self.layout), self.freed):
-            tell("the noise in what they follow")
-            noise = ColumnNoise.of(
-                fitted, self.partialled, floor.sigma, self.freed,
-                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
-            )  # fmt: skip
-        self.noise = noise
-        for row, louder in self.louder.items():
-            self.partialled.shift += louder**2 * noise.shifts[row]
-            for trial, squares in zip(self.layout.trials, noise.squares[row], strict=True):
-                self.partialled.noise[trial.place.start] += louder**2 * squares
-            for place, (own_noise, shift) in noise.freed[row].items():
-                self.freed[place].noise += louder**2 * own_noise
-                self.freed[place].shift += louder**2 * shift
         drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
         loud = [self.louder[row] * products for row, products in self.sums.null.items()]
-        self.null = self.sums.null_sheet + self.sums.total[:, there] @ drawn + np.sum(loud, axis=0)
-        self._drawn = drawn
+        # What is drawn acts through the true channels, the columns have the channels' noise as well.
+        self.null = self.sums.null_sheet + self.partialled.total[:, there] @ drawn + np.sum(loud, axis=0)
         self.tried: dict[str, Tried] = {}
 
     # -- one candidate ------------------------------------------------------------------------------------------------
@@ -170,9 +173,11 @@ class TrialSpace:
 
     def _try(self, trial: Trial) -> Tried:
         if (freed := self.freed.get(trial.place.start)) is not None and freed.noisy_part < FREE:
-            own = self._drawn[freed.own - self.layout.model]
             value, spread = np.array([freed.value]), np.array([freed.spread])
-            return Tried(trial, freed.drop, freed.null(self.null, own), value, spread, freed)
+            alone = freed
+            if isinstance(trial.effect, SensorFault) and trial.effect.tolerance == "latency":
+                alone = Freed(self.partialled, trial.place.start, self._clocks)
+            return Tried(trial, freed.drop, freed.null(self.null), value, spread, freed, alone)
         drop, null = self.partialled.scores(trial.place, self.null)
         return Tried(trial, drop, null, *self.partialled.values(trial.place))
 
@@ -188,6 +193,12 @@ class TrialSpace:
             if mine & ({entry} if entry else _stands_for(faults[place])):
                 out.append(position)
         return np.array(out, np.intp)
+
+    @cached_property
+    def _clocks(self) -> NDArray[np.intp]:
+        """Positions among the columns partialled out of all latencies of the sheet."""
+        late = [self.layout.model + i for i, entry in enumerate(self.layout.sheet) if entry[0] == "latency"]
+        return np.flatnonzero(np.isin(self.partialled.taken, late))
 
     def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
@@ -246,7 +257,7 @@ class TrialSpace:
         elif one.freed is None and (part := self.partialled.noisy_part(place)) > MOSTLY_NOISE:
             reason = f"{100 * part:.0f} % of what it would follow is noise of the sensors"
         else:
-            return replace(found, total_gain=one.freed.fall() if one.freed else self.partialled.fall(place))
+            return replace(found, total_gain=one.alone.fall() if one.alone else self.partialled.fall(place))
         return replace(found, answer="not testable", why=f"Cannot be tested: {reason}. {_shown(effect)}")
 
     def _absorbed(self, one: Tried) -> tuple[tuple[str, float], ...]:
@@ -296,8 +307,8 @@ class TrialSpace:
         plain = self.partialled.coefficients(plain)
         before = np.repeat(plain[:, -1:], m, axis=1)
         for i, key in enumerate(tested):
-            if (freed := self.tried[key].freed) is not None:
-                plain[:, i], before[:, i] = (freed.coefficients() * np.array([freed.value, 1.0])).T
+            if (alone := self.tried[key].alone) is not None:
+                plain[:, i], before[:, i] = (alone.coefficients() * np.array([alone.value, 1.0])).T
         falls = np.zeros((self._block_count, m))
         squares, counts = {row: np.zeros(m) for row in self.floor.sigma}, dict.fromkeys(self.floor.sigma, 0)
         rows = {row: np.zeros(m) for row in self.floor.sigma}
@@ -354,13 +365,22 @@ class TrialSpace:
         # A touch more on the diagonal: of a law's parameters one may be all but another's double on these runs.
         A, B = (
             np.linalg.cholesky(G + 1e-12 * np.diag(np.diag(G)))
-            for G in (self.partialled.left[first, first], self.partialled.left[second, second])
+            for G in (self.partialled.whole[first, first], self.partialled.whole[second, second])
         )
-        across = np.linalg.solve(A, self.partialled.left[first, second])
+        across = np.linalg.solve(A, self.partialled.whole[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 
 
-def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry]) -> float:
+def _rig_s(fitted: Fit, layout: Layout, late: Mapping[SheetEntry, float]) -> Array:
+    """(w,) where the rig file's latencies are, in tolerances from those the runs were read at."""
+    out, rig = np.zeros(layout.width), fitted.drives[0].recording.rig
+    for place, entry in enumerate(layout.sheet, start=layout.model):
+        if late.get(entry):
+            out[place] = -late[entry] / rig.tolerance(entry[1], "latency")
+    return out
+
+
+def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry], late: Mapping[SheetEntry, float]) -> float:
     """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
 
     Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing effect
@@ -372,7 +392,7 @@ def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry]) -> floa
     taken = places[np.diag(sums.total)[places] > 0.0]
     prior = np.eye(len(taken))
     prior[: layout.model, : layout.model] = sums.known
-    ratios = left_after(sums, taken, prior).ratios
+    ratios = left_after(sums, sums.total, taken, prior, _rig_s(fitted, layout, late)[taken]).ratios
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 

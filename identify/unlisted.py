@@ -31,20 +31,25 @@ def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> 
     # The sheet's faults now stand one behind the other; their priors stay those of the space.
     plain = before.taken[: len(before.taken) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]
-    return Partialled(sums, np.concatenate([plain, moved]).astype(np.intp), before.prior), layout.trials[len(faults) :]
+    noise = np.zeros_like(sums.total)
+    old, new = np.append(before.taken, space.layout.right), np.concatenate([plain, moved, [layout.right]]).astype(int)
+    noise[np.ix_(new, new)] = before.column_noise[np.ix_(old, old)]
+    inside = Partialled(sums, new[:-1].astype(np.intp), before.prior, noise, before.pull)
+    return inside, layout.trials[len(faults) :]
 
 
 def left_by(space: TrialSpace, added: Sequence[Effect]) -> Left:
     """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
     if not added:
-        return left_after(space.sums, space.partialled.taken, space.partialled.prior)
+        known = space.partialled
+        return left_after(space.sums, known.total, known.taken, known.prior, known.pull)
     inside, trials = beside(space, added)
     fresh = {
         i: q.prior
         for trial in trials
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
     }
-    return left_after(inside.sums, *with_columns(inside.taken, inside.prior, fresh))
+    return left_after(inside.sums, inside.total, *with_columns(inside.taken, inside.prior, inside.pull, fresh))
 
 
 def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
@@ -52,8 +57,8 @@ def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
 
     Several gains set free together would scale the measurement away with whatever is in it.
     """
-    left, right = space.partialled.left.copy(), space.layout.right
-    left[:, right] -= space.partialled.shift
+    left, right = space.partialled.whole, space.layout.right
+    left[:, right] = space.partialled.left[:, right]
     open_, chosen = list(keys), list[str]()
     for _ in range(MOST_TOGETHER):
         drops = {key: _drop(left, space.tried[key].trial.place, right, space) for key in open_}

@@ -118,6 +118,8 @@ def _integrate(
     for k in range(before + (samples - 1) * every + 1):
         t = (k - before) * step
         q, v = data.qpos.tolist(), data.qvel.tolist()
+        if not math.isfinite(sum(q) + sum(v)):
+            raise _failed(manoeuvre, t)
         speed, steer = _driver(manoeuvre, t, q, v)
         torque += step / manoeuvre.torque_lag * (manoeuvre.drive(t, speed) - torque)
         brakes += step / 0.02 * (manoeuvre.brake(t, speed) - brakes)
@@ -152,10 +154,14 @@ def _driver(manoeuvre: Manoeuvre, t: float, q: list[float], v: list[float]) -> t
 def _check(manoeuvre: Manoeuvre, t: float, q: list[float], a: NDArray[np.float64]) -> None:
     upright = 1.0 - 2.0 * (q[4] ** 2 + q[5] ** 2)
     if not np.all(np.isfinite(a)) or upright < 0.9:
-        raise SimulationFailed(
-            f"the simulated car overturned or flew apart {t:.2f} s into '{manoeuvre.name}': "
-            "lower the amplitude or the speed, or the size of the hidden effects"
-        )
+        raise _failed(manoeuvre, t)
+
+
+def _failed(manoeuvre: Manoeuvre, t: float) -> SimulationFailed:
+    return SimulationFailed(
+        f"the simulated car overturned or flew apart {t:.2f} s into '{manoeuvre.name}': "
+        "lower the amplitude or the speed, or the size of the hidden effects"
+    )
 
 
 def _motion(

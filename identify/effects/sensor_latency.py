@@ -12,6 +12,7 @@ from scipy.interpolate import CubicSpline
 from daq.channels import CHANNELS
 from daq.rig import Sensor
 from daq.vehicle import Vehicle
+from identify.clocks import late
 from identify.effect import Parameter, SensorFault
 from identify.filters import derivative
 from identify.reconstruct import Recording
@@ -69,6 +70,10 @@ class SensorLatency(SensorFault):
     def perturb(self, channel: str, recording: Recording) -> Array:
         """−dx/dt."""
         return -derivative(recording.signals.value[channel], recording.filters.rate)
+
+    def changes(self, recording: Recording) -> dict[str, Array]:
+        """The channels later, or all others earlier (`identify.clocks`)."""
+        return late(self.channels(), recording)
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:
         """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""

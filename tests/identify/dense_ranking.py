@@ -40,7 +40,9 @@ class Dense:
         both = np.concatenate([columns[:, :last], prior])
         lengths = np.linalg.norm(both, axis=0)
         lengths[lengths == 0.0] = 1.0
-        full = np.concatenate([sides, np.zeros((len(prior), sides.shape[1]))])
+        known = np.zeros((len(prior), sides.shape[1]))
+        known[:, 0] = prior @ self.mean[:last]
+        full = np.concatenate([sides, known])
         left = (full - both / lengths @ np.linalg.lstsq(both / lengths, full, rcond=1e-13)[0])[: len(columns)]
         names = np.concatenate([np.full(self.fitted.drives[r].index[row].size, row) for r, row in self.parts()])
         squares = np.array([np.sum(left[names == row] ** 2, axis=0) for row in self.floor.sigma])
@@ -143,14 +145,30 @@ class Dense:
         """(n,) one simulated run."""
         return np.concatenate([self.floor.draws[r][row][draw] / self.floor.sigma[row] for r, row in self.parts()])
 
-    def solve(self, right: Array, more: Array | None = None, kept: Array | None = None) -> tuple[float, Array, Array]:
-        """Least squares with priors over the samples `kept`: the least, the solution (with `more`), what is left."""
+    @cached_property
+    def mean(self) -> Array:
+        """(m,) where what is known of each column is: the rig's latencies, told from those the runs were read at."""
+        out = np.zeros(len(self.table[1]))
+        sheet = list(dict.fromkeys(self.space.layout.sheet))
+        first = len(out) - len(self.faults) - len(sheet)
+        for entry, late in self.space.late.items():
+            out[first + sheet.index(entry)] = -late / self.rig.tolerance(entry[1], "latency")
+        return out
+
+    def solve(
+        self, right: Array, more: Array | None = None, kept: Array | None = None, drawn: bool = False
+    ) -> tuple[float, Array, Array]:
+        """Least squares with priors over the samples `kept`: the least, the solution (with `more`), what is left.
+
+        What is known of a `drawn` run is zero.
+        """
         A, P = self.base[0], self.prior
         if more is not None:
             A = np.column_stack([A, more])
             P = np.column_stack([P, np.zeros((len(P), more.shape[1]))])
         kept = np.ones(len(A), bool) if kept is None else kept
-        big, side = np.concatenate([A[kept], P]), np.concatenate([right[kept], np.zeros(len(P))])
+        known = np.zeros(len(P)) if drawn else self.prior @ self.mean
+        big, side = np.concatenate([A[kept], P]), np.concatenate([right[kept], known])
         lengths = np.linalg.norm(big, axis=0)
         lengths[lengths == 0.0] = 1.0
         x = np.linalg.lstsq(big / lengths, side, rcond=1e-13)[0] / lengths
@@ -174,8 +192,9 @@ class Dense:
         return self._with(columns, inverse, right)
 
     def without(self, place: int) -> Dense:
-        """The same with one column empty."""
+        """The same with one column held at what is known of it."""
         columns, inverse, right = self.base
+        right = right - columns[:, place] * self.mean[place]
         columns = columns.copy()
         columns[:, place] = 0.0
         return self._with(columns, inverse, right)

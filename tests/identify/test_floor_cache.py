@@ -115,8 +115,9 @@ def test_files_cut_off_are_made_anew(folder: Path, calls: dict[str, int]):
         assert load_floor(study, key) is None
         assert load_noise(study, key) is None
     for file, content in whole.items():
-        middle = len(content) // 2
-        file.write_bytes(content[:middle] + bytes(64) + content[middle + 64 :])
+        damaged, middle = bytearray(content), len(content) // 2
+        damaged[middle : middle + 64] = bytes(255 - b for b in content[middle : middle + 64])
+        file.write_bytes(damaged)
         assert load_floor(study, key) is None or "floor" not in file.name
     assert load_noise(study, key) is None
     assert diagnosed(folder) == first

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from exact_car import KNOWN, MODEL, RIG, SECONDS, VEHICLE, driven, exact, exact_with, fit_of
 
 from identify.candidate import Candidate
@@ -17,10 +18,11 @@ from identify.drive import Drive
 from identify.effect import Effect
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
+from identify.freed import Freed
 from identify.lack_of_fit import Left
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
-from identify.partialling import Partialled
+from identify.partialling import Partialled, at_gain
 from identify.ties import same_losses, with_ties
 from identify.trial_sums import columns_of
 from identify.trials import TrialSpace
@@ -208,15 +210,13 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
     quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
-    calm = ColumnNoise.of(quiet, TrialSpace(quiet, floor, CANDIDATES, 0, space.noise).partialled, floor.sigma, {})
+    calm = ColumnNoise.of(quiet, TrialSpace(quiet, floor, CANDIDATES, 0, space.noise).sums, floor.sigma)
     assert calm.labels == space.noise.labels
-    places = [t.place.start for t in space.layout.trials]
-    for row, shifts in space.noise.shifts.items():
-        sizes = np.sqrt(np.diag(space.partialled.left)[places])
-        assert np.all(np.abs(calm.shifts[row][places]) < 2e-3 * sizes), row
-        for small, large in zip(calm.squares[row], space.noise.squares[row], strict=True):
-            assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9)
-        assert shifts.shape == (space.layout.width,)
+    for row, total in space.noise.totals.items():
+        assert total.shape == 2 * (space.layout.width,)
+        small, large = (np.diag(a)[:-1] for a in (calm.totals[row], total))
+        assert np.any(large > 0.0)
+        assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9), row
 
 
 def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fitted: Fit, floor: NoiseFloor):
@@ -246,9 +246,11 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fit
         for sign in (1, -1):
             for row, after in products(piece.drive.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
                 found[row] += (after - before[row]) / (2 * NOISE_PAIRS)
-    size = np.sqrt(np.diag(space.partialled.left)[places])
-    for row, shift in space.noise.shifts.items():
-        np.testing.assert_allclose(shift[places] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
+    size = np.sqrt(np.diag(space.partialled.whole)[places])
+    turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
+    for row, total in space.noise.totals.items():
+        left = at_gain(turn.T @ total @ turn, space.partialled.taken, space.partialled.gain)
+        np.testing.assert_allclose(left[places, -1] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
 
 
 def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, floor: NoiseFloor):
@@ -259,17 +261,18 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     for seed in range(8):
         space = TrialSpace(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor, tried, 0, noise)
         noise, place = space.noise, space.layout.trials[0].place.start
-        size = np.sqrt(space.partialled.left[place, place])
-        raw.append(space.partialled.left[place, space.layout.right] / size)
-        corrected.append(raw[-1] - space.partialled.shift[place] / size)
+        without = Partialled(space.sums, space.partialled.taken, space.partialled.prior)
+        size = np.sqrt(space.partialled.whole[place, place])
+        raw.append(without.left[place, space.layout.right] / np.sqrt(without.left[place, place]))
+        corrected.append(space.partialled.left[place, space.layout.right] / size)
         whole = slice(place, place + 1)
         assert space.partialled.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
         freed = space.freed[place]
-        length = np.sqrt(freed.energy + freed.noise)
-        sound_free.append(freed.value * freed.energy / length)
-        free.append(sound_free[-1] + freed.shift / length)
+        plain = Freed(without, place, freed.own)
+        sound_free.append(freed.value * freed.energy / np.sqrt(freed.energy + freed.noise))
+        free.append(plain.value * np.sqrt(plain.energy))
         assert freed.drop < freed.value**2 * freed.energy  # what the correction may be wrong by is not counted
-        sound = size**2 - space.partialled.noise[place][0, 0]
+        sound = space.partialled.left[place, place]
         assert space.partialled.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
     spread = np.std(raw) / np.sqrt(len(raw))
     assert np.mean(raw) > 3.0 * spread
@@ -286,28 +289,35 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
     four = fit(MODEL, runs, draws=2)
-    own = TrialSpace(four, floor_of(four, 3), CANDIDATES, 0, space.noise).partialled
+    own = TrialSpace(four, floor_of(four, 3), CANDIDATES, 0, space.noise).sums
     looked = list[int]()
-    whole = ColumnNoise.of(four, own, floor.sigma, {}, progress=lambda _, total: looked.append(total))
+    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
     monkeypatch.setattr("identify.column_noise._SECONDS", 1.9 * SECONDS)
-    some = ColumnNoise.of(four, own, floor.sigma, {}, progress=lambda _, total: looked.append(total))
+    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
     assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
-    for row, squares in whole.squares.items():
-        all_, part = (np.array([np.trace(a) for a in found]) for found in (squares, some.squares[row]))
+    places = [trial.place for trial in own.layout.trials]
+    for row, total in whole.totals.items():
+        all_, part = (np.array([np.trace(a[p, p]) for p in places]) for a in (total, some.totals[row]))
         large = all_ > 0.01 * np.max(all_)
         np.testing.assert_allclose(part[large], all_[large], rtol=0.2, err_msg=row)
 
 
-def test_falls_are_corrected_by_each_fold_s_share(space: TrialSpace):
-    """As if the products with the residual had been smaller by the shift from the start, part by part."""
-    plain, right = space.partialled, space.layout.right
+def test_noise_is_taken_out_of_every_fold_by_its_share(space: TrialSpace):
+    """Parts of the sums without noise are those of all without noise; a column's own stays in what it is judged by."""
+    found = space.partialled
+    np.testing.assert_allclose(found.inside.sum(axis=0), found.total + _at_other_zeros(space), atol=1e-6)
     for trial in space.layout.trials:
-        k = trial.place.start
-        without = Partialled(space.sums, plain.taken, plain.prior)
-        for train, test in without.folds:
-            train[k, right] -= 0.8 * plain.shift[k]
-            test[k, right] -= 0.2 * plain.shift[k]
-        assert plain.fall(trial.place) == pytest.approx(without.fall(trial.place), rel=1e-9), trial.effect.key
+        k = trial.place
+        plain, noise = 0.0, found.noise[k, k]
+        for train, test in found.folds:
+            beta = np.linalg.solve(train[k, k] + 0.8 * noise, train[k, -1])
+            plain += 2.0 * beta @ test[k, -1] - beta @ (test[k, k] + 0.2 * noise) @ beta
+        assert found.fall(k) == pytest.approx(float(plain), rel=1e-9), trial.effect.key
+
+
+def _at_other_zeros(space: TrialSpace) -> Array:
+    """What the zeros found outside of each fold add to the sums inside."""
+    return space.sums.test.sum(axis=0) - space.sums.total
 
 
 # -- a cause that is not listed ---------------------------------------------------------------------------------------

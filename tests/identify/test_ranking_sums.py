@@ -17,14 +17,12 @@ from identify.drive import Drive
 from identify.effect import Effect, Parameter
 from identify.fit import Fit, fit
 from identify.floor import NoiseFloor, floor_of
-from identify.freed import Freed
-from identify.lack_of_fit import left_after
 from identify.layout import Trial
 from identify.model import Model
 from identify.motion import Motion
-from identify.partialling import Partialled
-from identify.trial_sums import FOLDS
+from identify.trial_sums import FOLDS, TrialSums
 from identify.trials import TrialSpace
+from identify.unlisted import left_by
 from identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
@@ -59,17 +57,9 @@ def floor(fitted: Fit) -> NoiseFloor:
 def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
     """The ranking without the correction for noise in the columns."""
 
-    def none(
-        fitted: Fit, space: Partialled, sigma: Mapping[str, float], freed: Mapping[int, Freed], **_: object
-    ) -> ColumnNoise:
-        layout = space.sums.layout
-        widths = [t.place.stop - t.place.start for t in layout.trials]
-        return ColumnNoise(
-            column_labels(fitted, layout),
-            {row: np.zeros(layout.width) for row in sigma},
-            {row: tuple(np.zeros((k, k)) for k in widths) for row in sigma},
-            {row: {place: np.zeros(2) for place in freed} for row in sigma},
-        )
+    def none(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
+        totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
+        return ColumnNoise(column_labels(fitted, sums.layout), totals)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ColumnNoise, "of", none)
@@ -83,9 +73,9 @@ def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
 
 
 @pytest.fixture(scope="module")
-def dense(fitted: Fit, floor: NoiseFloor, space: TrialSpace) -> Dense:
+def dense(space: TrialSpace) -> Dense:
     """The same, sample by sample."""
-    return Dense(fitted, floor, space)
+    return Dense(space.fitted, space.floor, space)
 
 
 def trials(space: TrialSpace) -> list[Trial]:
@@ -131,23 +121,25 @@ def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense
 
 def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: TrialSpace, dense: Dense, fitted: Fit):
     """Size, fall, fall in cross-validation and in a simulated run: of refits without the columns that stand for it."""
-    inverse, right = dense.base[1:]
+    inverse = dense.base[1]
     first_sheet = len(inverse) - len(dense.faults) - len(dict.fromkeys(space.layout.sheet))
-    hub = first_sheet + list(dict.fromkeys(space.layout.sheet)).index(("gain", "laser.fl.hub", 0))
+    entries = list(dict.fromkeys(space.layout.sheet))
+    hub = first_sheet + entries.index(("gain", "laser.fl.hub", 0))
+    clock = first_sheet + next(i for i, e in enumerate(entries) if e[0] == "latency" and e[1].startswith("laser"))
     tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
     gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
+    late = next(t for t in trials(space) if t.effect.name == "sensor_latency")
     null = np.sum(list(space.sums.null.values()), axis=0)
-    for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub), (late, clock)):
         freed, bare = space.freed[trial.place.start], dense.without(place)
-        C = dense.column(trial.effect)
+        C, right = dense.column(trial.effect), bare.base[2]
         before, _, _ = bare.solve(right)
         after, x, _ = bare.solve(right, C)
         assert freed.drop == pytest.approx(before - after, rel=1e-5), trial.effect.key
         assert freed.value == pytest.approx(x[-1], rel=1e-5)
         drawn = dense.noise(7)
-        fell = bare.solve(drawn)[0] - bare.solve(drawn, C)[0]
-        nothing = np.zeros((len(freed.own), null.shape[1]))
-        assert freed.null(null, nothing)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
+        fell = bare.solve(drawn, drawn=True)[0] - bare.solve(drawn, C, drawn=True)[0]
+        assert freed.null(null)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
         assert freed.fall() == pytest.approx(bare.fall(C), rel=1e-4, abs=1e-4)
 
 
@@ -163,17 +155,17 @@ def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense
     """A draw of noise in the place of the residual falls as far, candidate by candidate."""
     null = np.sum(list(space.sums.null.values()), axis=0)
     right = dense.noise(7)
-    before = dense.solve(right)[0]
+    before = dense.solve(right, drawn=True)[0]
     for trial in trials(space)[:4]:
         _, drops = space.partialled.scores(trial.place, null)
-        after = dense.solve(right, dense.column(trial.effect))[0]
+        after = dense.solve(right, dense.column(trial.effect), drawn=True)[0]
         assert drops[7] == pytest.approx(before - after, rel=1e-5, abs=1e-5), trial.effect.key
 
 
 def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: TrialSpace, dense: Dense):
     """Sample by sample, of the measured run and of a simulated one; the ratios follow from both."""
-    left = left_after(space.sums, space.partialled.taken, space.partialled.prior)
-    measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3))[2]
+    left = left_by(space, [])
+    measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
     start = 0
     for key in dense.parts():
         n = left.residual[key].size
@@ -194,7 +186,7 @@ def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: Tr
     columns: dict[str, Array] = {}
     for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl"):
         c, trial = found[key], space.tried[key].trial
-        column = dense.solve(dense.column(trial.effect)[:, 0])[2]
+        column = dense.solve(dense.column(trial.effect)[:, 0], drawn=True)[2]
         columns[key] = column
         moved = c.values[0] * column
         blocks = [dense.block == n for n in range(int(dense.block.max()) + 1)]
@@ -280,7 +272,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
         for measure in ("drop", "fall"):
             one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
-    one, other = (left_after(s.sums, s.partialled.taken, s.partialled.prior) for s in (whole, parts))
+    one, other = (left_by(s, []) for s in (whole, parts))
     for key, draws in one.draws.items():
         assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
         assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key
@@ -307,14 +299,10 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
     first = diagnose(fitted, floor, CANDIDATES[:6])
     back = ColumnNoise.from_arrays(first.noise.arrays())
     assert back.labels == first.noise.labels
-    for row, shift in first.noise.shifts.items():
-        np.testing.assert_array_equal(back.shifts[row], shift)
-        for a, b in zip(back.squares[row], first.noise.squares[row], strict=True):
-            np.testing.assert_array_equal(a, b)
-        assert back.freed[row].keys() == first.noise.freed[row].keys()
-        for place, pair in back.freed[row].items():
-            np.testing.assert_array_equal(pair, first.noise.freed[row][place])
-    assert any(back.freed.values())
+    assert back.totals.keys() == first.noise.totals.keys()
+    for row, total in first.noise.totals.items():
+        np.testing.assert_array_equal(back.totals[row], total)
+        assert np.any(total)
     again = diagnose(fitted, floor, CANDIDATES[:6], noise=back)
     assert again.noise is back
     assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
@@ -322,4 +310,4 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
         assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
     fewer = TrialSpace(fitted, floor, CANDIDATES[:4], 0, back)
     assert fewer.noise is not back
-    assert len(fewer.noise.squares["tyre.fl"]) == len(fewer.layout.trials)
+    assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)

@@ -107,7 +107,7 @@ def test_faults(seen, key: str) -> None:
     values, rate = drive.recording.signals.value, drive.recording.filters.rate
     p = {"latency": 1e-3, "gain": 2e-3}.get(fault.tolerance, 1e-3)
     record = drive.recording
-    moved = {name: p * fault.perturb(name, record) for name in fault.channels() if name in values}
+    moved = {name: p * a for name, a in fault.changes(record).items()}
     column = {row: p * series for row, series in sensitivity.fault(fault).items()}
     heard = {name for name, _, _ in sensitivity.slopes}
     if not set(moved) & heard:
@@ -115,6 +115,7 @@ def test_faults(seen, key: str) -> None:
         return
     compare(drive, column, change(drive, effects, theta, moved), 0.04, key)
     # And the correction undoes the fault, to first order.
+    moved = {name: p * fault.perturb(name, record) for name in fault.channels() if name in values}
     faulty = {name: values[name] + part for name, part in moved.items()}
     wrong = record.with_signals(record.signals.changed(faulty, rate))
     for name, part in moved.items():

@@ -1,0 +1,101 @@
+"""Runs read again where the sensor sheet's latencies would explain more than a first-order column can tell.
+
+A latency's column is the rate of what is measured: right as long as ω τ is small up to the fit's cut-off. Beyond, what
+it leaves of a late instrument (half of ω² τ² of every signal) looks like another effect. So latencies that the sheet's
+tolerances take up are taken out of the runs themselves, and the columns stand for what remains. Their prior still is
+the sheet's: it pulls back to the rig file's latency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from identify.drive import Drive
+from identify.effects.sensor_latency import SensorLatency
+from identify.fit import Fit, Stored, at_faults, refitted
+from identify.floor import NoiseFloor, floor_of
+from identify.lack_of_fit import solved
+from identify.layout import Layout, sheet_of
+from identify.news import Tell, silent
+from identify.sheet import SheetEntry
+from identify.trial_sums import TrialSums
+from identify.vectors import Array
+
+STRAIGHT = 0.15
+"""ω τ at the fit's cut-off up to which a first-order column is right."""
+FARTHEST = 1.0
+"""ω τ of the longest step at once."""
+READINGS = 5
+"""Runs are read no more often."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A fit to runs read again.
+
+    Attributes
+    ----------
+    fitted, floor : fit and noise floor; those it began with where no latency is large.
+    late : entry of the sheet → latency that was taken out of the runs [s]; empty where none was.
+    """
+
+    fitted: Fit
+    floor: NoiseFloor
+    late: Mapping[SheetEntry, float]
+
+
+def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent) -> Reading:
+    """Take latencies out of a fit's runs until what remains of them is small."""
+    entries = [entry for entry in sheet_of(fitted) if entry[0] == "latency"]
+    recording = fitted.drives[0].recording
+    rig = recording.rig
+    faults = [
+        SensorLatency.of_sensor(sensor)
+        if (sensor := rig.sensor_of(channel))
+        else SensorLatency(channel, members=(channel,))
+        for _, channel, _ in entries
+    ]
+    tolerances = np.array([rig.tolerance(channel, "latency") for _, channel, _ in entries])
+    omega = 2.0 * np.pi * recording.filters.fit_cutoff
+    late, first = np.zeros(len(entries)), fitted
+    for reading in range(READINGS if entries else 0):
+        step = _remaining(fitted, floor, entries, late / tolerances) * tolerances
+        if np.all(np.abs(omega * step) < STRAIGHT):
+            break
+        late = late + np.clip(step, -FARTHEST / omega, FARTHEST / omega)
+        tell(f"the runs read again, latencies up to {1e3 * np.max(np.abs(late)):.1f} ms taken out ({reading + 1})")
+        drives = [Drive(at_faults(drive.recording, faults, late)) for drive in first.drives]
+        fitted = refitted(first, drives, _stored(first))
+    if fitted is first:
+        return Reading(fitted, floor, {})
+    # Late instruments lead parameters astray (a yaw inertia by an eighth), and a floor taken there is another.
+    fitted = refitted(first, fitted.drives)
+    counted = ", ".join(f"{channel} {1e3 * x:+.1f} ms" for (_, channel, _), x in zip(entries, late, strict=True))
+    tell(f"the noise floor of the runs read with {counted}")
+    return Reading(fitted, floor_of(fitted, floor.count), dict(zip(entries, late.tolist(), strict=True)))
+
+
+def _stored(fitted: Fit) -> Stored | None:
+    try:
+        return fitted.stored
+    except ValueError:  # a long run, in pieces
+        return None
+
+
+def _remaining(fitted: Fit, floor: NoiseFloor, entries: list[SheetEntry], late: Array) -> Array:
+    """What the runs still show of the latencies, in tolerances, when so much is taken out of them."""
+    layout = Layout.of(len(fitted.place), sheet_of(fitted), ())
+    sums = TrialSums.of(fitted, floor.without_draws(), layout, 1.0, {}, np.random.default_rng(0))
+    places = np.arange(layout.right)
+    taken = places[np.diag(sums.total)[places] > 0.0]
+    prior, pull = np.eye(layout.right), np.zeros(layout.right)
+    prior[: layout.model, : layout.model] = sums.known
+    ours = [layout.model + layout.sheet.index(entry) for entry in entries]
+    pull[ours] = -late
+    out = np.zeros(layout.right)
+    right = sums.total[taken, layout.right] + pull[taken]
+    out[taken] = solved(sums.total[np.ix_(taken, taken)] + prior[np.ix_(taken, taken)], right[:, None])[:, 0]
+    return out[ours]

@@ -1,0 +1,134 @@
+"""Late instruments: what they do to the equations, and runs read again where that is no longer small."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from exact_car import KNOWN, MODEL, RIG, driven, exact, fit_of, theta
+
+from identify.clocks import base_channel, late
+from identify.diagnose import diagnose
+from identify.drive import Drive
+from identify.effect import SensorFault
+from identify.effects.sensor_latency import SensorLatency
+from identify.filters import derivative
+from identify.fit import Fit, at_faults
+from identify.floor import NoiseFloor, floor_of
+from identify.partialling import Partialled
+from identify.reading import READINGS, read_again
+from identify.sensitivity import Sensitivity
+from identify.trials import TrialSpace
+from identify.unlisted import left_by
+from identify.vectors import Array
+
+CLOCKS = [e for e in KNOWN.values() if isinstance(e, SensorLatency)]
+TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
+DRAWS = 39
+
+
+def later(key: str, seconds: float, seed: int) -> Drive:
+    """The drive with one kind of instrument stamped that much too late."""
+    fault = KNOWN[key]
+    assert isinstance(fault, SensorFault)
+    return driven(at_faults(exact(), [fault], np.array([-seconds])), seed)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Fit:
+    """The model on a run with clocks that are right."""
+    return fit_of(driven(exact(), 0))
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    """Its floor."""
+    return floor_of(fitted, DRAWS)
+
+
+def test_all_instruments_late_are_the_same_motion_later():
+    """Changes of all clocks add up to nothing; where the model is right the time base's column is what it is alone."""
+    record = exact()
+    drive, sensitivity = Drive(record), Sensitivity.of(record, MODEL.physics, theta())
+    base = KNOWN["sensor_latency.wheel"]
+    assert isinstance(base, SensorLatency)
+    assert base_channel(record.signals.value) in base.channels()
+    alone = {name: base.perturb(name, record) for name in base.channels() if name in record.signals.value}
+    by_itself = drive.decimated(sensitivity.response(alone))
+    as_others = drive.decimated(sensitivity.fault(base))
+    for row, series in by_itself.items():
+        assert np.std(as_others[row] - series) < 0.01 * np.std(series), row
+    total: dict[str, Array] = {}
+    for sensor in RIG.sensors:
+        for name, change in late(sensor.channels, record).items():
+            total[name] = total.get(name, 0.0) + change
+    for sensor in RIG.sensors:
+        for name in record.signals.value.keys() & set(sensor.channels):
+            rate = np.max(np.abs(derivative(record.signals.value[name], 250.0)))
+            assert np.max(np.abs(total.get(name, 0.0))) < 1e-9 * rate, name
+
+
+def test_another_instrument_s_channels_are_moved_by_themselves():
+    record = exact()
+    moved = late(("imu.accel",), record)
+    assert list(moved) == ["imu.accel"]
+    np.testing.assert_array_equal(moved["imu.accel"], KNOWN["sensor_latency.imu"].perturb("imu.accel", record))  # type: ignore[attr-defined]
+
+
+def test_small_latencies_are_left_to_their_columns(fitted: Fit, floor: NoiseFloor):
+    reading = read_again(fitted, floor)
+    assert reading.fitted is fitted
+    assert reading.floor is floor
+    assert not reading.late
+
+
+@pytest.mark.parametrize(("key", "seconds"), [("sensor_latency.imu", 0.02), ("sensor_latency.laser", -0.025)])
+def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float, monkeypatch: pytest.MonkeyPatch):
+    """Ten tolerances: no first-order column holds, and what one leaves looks like an engine on mounts."""
+    off = fit_of(later(key, seconds, 5))
+    own = floor_of(off, DRAWS)
+    found = diagnose(off, own, [*TRIED, *CLOCKS])
+    assert found.verdict == "missing", found.says
+    assert found.best is not None
+    assert found.best.key == key
+    assert found.best.values[0] == pytest.approx(seconds, abs=found.best.interval[0])
+    assert found.best.gain > 0.3  # beside the rig file's clocks, not beside those moved by many tolerances
+    # Read where the instruments are, the run is the model's again.
+    reading = read_again(off, own)
+    assert len(reading.late) > 1
+    assert len(reading.late) <= len(CLOCKS)
+    space = TrialSpace(off, own, TRIED, 0)
+    left = max(left_by(space, []).ratios.values())
+    assert left < 1.25
+    monkeypatch.setattr("identify.reading.READINGS", 0)
+    assert max(left_by(TrialSpace(off, own, TRIED, 0), []).ratios.values()) > 1.5 * left
+    assert space.late == reading.late
+
+
+def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
+    """What never settles is read a few times only, and told."""
+    told: list[str] = []
+    monkeypatch.setattr("identify.reading._remaining", lambda *args: np.ones(len(args[2])) * 5.0)
+    reading = read_again(fitted, floor, told.append)
+    assert len([line for line in told if "read again" in line]) == READINGS
+    assert all(abs(seconds) > 0.0 for seconds in reading.late.values())
+
+
+def test_noise_in_the_columns_does_not_move_the_sheet(fitted: Fit, floor: NoiseFloor):
+    """The wheels' scales in runs with no tolerance drawn: noise in columns and residual alike is no scale."""
+    with_noise, plain, noise = [], [], None
+    for seed in range(6):
+        space = TrialSpace(fit_of(driven(exact(), 50 + seed, 1.0), fitted), floor, TRIED[:1], 0, noise)
+        noise, known = space.noise, space.partialled
+        model = space.layout.model
+        scales = [
+            known.taken.tolist().index(model + i)
+            for i, entry in enumerate(space.layout.sheet)
+            if entry[0] == "gain" and entry[1].endswith(".force") and entry[2] == 2
+        ]
+        assert len(scales) == 4
+        with_noise.append(Partialled(space.sums, known.taken, known.prior).gain[scales, -1])
+        plain.append(known.gain[scales, -1])
+    biased, sound = np.mean(with_noise, axis=1), np.mean(plain, axis=1)
+    assert np.mean(biased) > 3.0 * np.std(biased) / np.sqrt(len(biased))
+    assert abs(np.mean(sound)) < 0.5 * np.mean(biased)
+    assert abs(np.mean(sound)) < 3.0 * np.std(sound) / np.sqrt(len(sound))
