@@ -42,10 +42,12 @@ class ColumnNoise:
     labels : what the columns are: noise found for others is of no use.
     totals : row → (w, w) what it adds to the products of the columns, the model's as they are, every run's zeros
         eliminated.
+    sigma : row → σ they are weighted by.
     """
 
     labels: tuple[str, ...]
     totals: Mapping[str, Array]
+    sigma: Mapping[str, float]
 
     @classmethod
     def of(
@@ -60,17 +62,21 @@ class ColumnNoise:
         for run, pieces in chosen.items():
             for row, products in _of_run(fitted, sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
-        return cls(column_labels(fitted, sums.layout), totals)
+        return cls(column_labels(fitted, sums.layout), totals, dict(sigma))
 
     def fits(self, labels: tuple[str, ...], rows: Iterable[str]) -> bool:
         """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
 
-    def products(self, sums: TrialSums, louder: Mapping[str, float]) -> Array:
+    def products(self, sums: TrialSums, louder: Mapping[str, float], sigma: Mapping[str, float]) -> Array:
         """(w, w) for the columns of `sums`, rows so much `louder` than their sheet; nothing for the residual's own."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
-        out = turn.T @ np.sum([louder[row] ** 2 * self.totals[row] for row in louder], axis=0) @ turn
+        out = (
+            turn.T
+            @ np.sum([(louder[r] * self.sigma[r] / sigma[r]) ** 2 * self.totals[r] for r in louder], axis=0)
+            @ turn
+        )
         out[-1, -1] = 0.0
         return out
 
@@ -79,7 +85,11 @@ class ColumnNoise:
         out: dict[str, NDArray[Any]] = {"labels": np.array(self.labels)}
         for row, total in self.totals.items():
             there = np.flatnonzero(np.any(total, axis=0))
-            out |= {f"width|{row}": np.array(len(total)), f"places|{row}": there}
+            out |= {
+                f"width|{row}": np.array(len(total)),
+                f"places|{row}": there,
+                f"sigma|{row}": np.array(self.sigma[row]),
+            }
             out[f"total|{row}"] = total[np.ix_(there, there)]
         return out
 
@@ -87,11 +97,12 @@ class ColumnNoise:
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ColumnNoise:
         """What `arrays` gave."""
         totals: dict[str, Array] = {}
+        sigma: dict[str, float] = {}
         for row in [name.partition("|")[2] for name in arrays if name.startswith("total|")]:
             width, there = int(arrays[f"width|{row}"]), arrays[f"places|{row}"].astype(int)
-            totals[row] = np.zeros((width, width))
+            totals[row], sigma[row] = np.zeros((width, width)), float(arrays[f"sigma|{row}"])
             totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
-        return cls(tuple(str(label) for label in arrays["labels"]), totals)
+        return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
 
 
 def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:

@@ -17,10 +17,11 @@ from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
 from identify.effect import Effect
 from identify.fit import Fit
-from identify.floor import NoiseFloor
+from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
 from identify.lack_of_fit import LOUDEST, Left
 from identify.news import Tell, silent
+from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
@@ -40,6 +41,10 @@ MOST = 0.5
 """Part of an excess that must stand above the noise's level to be no noise."""
 QUIET = 0.25
 """Part of a spectrum's bands that is taken for noise alone."""
+MARGINAL = 1.25
+"""Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""
+UNUSUAL = 3.0
+"""Tolerances beyond which a user is told what the sensor sheet would have to be wrong by."""
 LOUD = 1.3
 """Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
 
@@ -90,15 +95,24 @@ def diagnose(
     of the same candidates found it, spares finding it again. `tell` is told what is done now.
     """
     space = TrialSpace(fitted, floor, candidates, seed, noise, tell)
+    now = left_by(space, [])
+    for closer in (_read_closely, _with_its_floor):
+        if now.above and max(now.ratios[row] for row in now.above) < MARGINAL:
+            reading = closer(space, tell)
+            if reading is not space.reading:
+                # What noise adds cancels in what the model explains at this fit's zeros only.
+                same = space.noise if reading.fitted is space.fitted else None
+                space = TrialSpace(fitted, floor, candidates, seed, same, tell, reading)
+                now = left_by(space, [])
     tell("how far each takes the error down")
     found = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
-    ranked = sorted((c for c in found if c.tested), key=lambda c: -c.total_gain)
+    # What chance does as well comes last: beside the rig file's clocks a latency within its tolerance takes off much.
+    ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -c.total_gain))
     tell("which cannot be told apart")
     ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
     tell("what the best explain together")
-    now = left_by(space, [])
     failing = now.above
     together = best_set(space, plausible)
     best = next((c for c in ranked if c.answer == "missing"), None)
@@ -139,6 +153,21 @@ def diagnose(
         verdict, says, best, (*ranked, *untestable), space.ratios, excess, explained, floor.count, space.louder,
         failing, tuple(together), space.noise, tuple(formulas),
     )  # fmt: skip
+
+
+def _read_closely(space: TrialSpace, tell: Tell) -> Reading:
+    """Latencies taken out of the runs that a first-order column tells well, but not to a part of the noise."""
+    if space.late:
+        return space.reading
+    found = read_again(space.fitted, space.floor, tell, STILL)
+    return found if found.late else space.reading
+
+
+def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
+    """The noise floor where the sensor sheet leads the parameters to: that of the fit may be another."""
+    tell("the noise floor at the parameters that the sensor sheet leads to")
+    floor = floor_at(space.fitted, space.led, space.floor.count)
+    return replace(space.reading, floor=floor, sums=sheet_sums(space.fitted, floor))
 
 
 def structured(left: Left) -> bool:
@@ -200,4 +229,10 @@ def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
     loud = [f"{row} {ratio:.1f} times" for row, ratio in space.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
+    off = [f"{name} {size:+.1f}" for name, size in space.excused.items() if abs(size) > UNUSUAL]
+    if off:
+        says += (
+            f" For that the sensor sheet would have to be off by more than {UNUSUAL:g} of its tolerances "
+            f"({', '.join(off)}): look at these instruments (lacet check measures latencies)."
+        )
     return says

@@ -70,6 +70,12 @@ def simulate_floor(
     return NoiseFloor.of(out)
 
 
+def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:
+    """The noise floor of a fit's runs at other values `physics` (p,) of the parameters of its physics."""
+    sensitivities = [Sensitivity.of(drive.recording, fitted.model.physics, physics) for drive in fitted.drives]
+    return simulate_floor(fitted.drives, sensitivities, draws, seed, progress)
+
+
 def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:
     """The noise floor of a fit, on its own runs."""
     return simulate_floor(fitted.drives, fitted.sensitivities, draws, seed, progress)

@@ -25,7 +25,9 @@ from identify.trial_sums import TrialSums
 from identify.vectors import Array
 
 STRAIGHT = 0.15
-"""ω τ at the fit's cut-off up to which a first-order column is right."""
+"""ω τ at the fit's cut-off up to which a first-order column is right…"""
+STILL = 0.02
+"""… and up to which runs are read again, once they are."""
 FARTHEST = 1.0
 """ω τ of the longest step at once."""
 READINGS = 5
@@ -40,15 +42,17 @@ class Reading:
     ----------
     fitted, floor : fit and noise floor; those it began with where no latency is large.
     late : entry of the sheet → latency that was taken out of the runs [s]; empty where none was.
+    sums : of the model and the sheet on them.
     """
 
     fitted: Fit
     floor: NoiseFloor
     late: Mapping[SheetEntry, float]
+    sums: TrialSums
 
 
-def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent) -> Reading:
-    """Take latencies out of a fit's runs until what remains of them is small."""
+def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent, straight: float = STRAIGHT) -> Reading:
+    """Take latencies out of a fit's runs, where ω τ of one is beyond `straight`, until what remains is small."""
     entries = [entry for entry in sheet_of(fitted) if entry[0] == "latency"]
     recording = fitted.drives[0].recording
     rig = recording.rig
@@ -60,22 +64,23 @@ def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent) -> Reading:
     ]
     tolerances = np.array([rig.tolerance(channel, "latency") for _, channel, _ in entries])
     omega = 2.0 * np.pi * recording.filters.fit_cutoff
-    late, first = np.zeros(len(entries)), fitted
+    late, first, sums = np.zeros(len(entries)), fitted, sheet_sums(fitted, floor)
     for reading in range(READINGS if entries else 0):
-        step = _remaining(fitted, floor, entries, late / tolerances) * tolerances
-        if np.all(np.abs(omega * step) < STRAIGHT):
+        step = _remaining(sums, entries, late / tolerances) * tolerances
+        if np.all(np.abs(omega * step) < (STILL if reading else straight)):
             break
         late = late + np.clip(step, -FARTHEST / omega, FARTHEST / omega)
         tell(f"the runs read again, latencies up to {1e3 * np.max(np.abs(late)):.1f} ms taken out ({reading + 1})")
         drives = [Drive(at_faults(drive.recording, faults, late)) for drive in first.drives]
         fitted = refitted(first, drives, _stored(first))
+        sums = sheet_sums(fitted, floor.without_draws())
     if fitted is first:
-        return Reading(fitted, floor, {})
-    # Late instruments lead parameters astray (a yaw inertia by an eighth), and a floor taken there is another.
+        return Reading(fitted, floor, {}, sums)
     fitted = refitted(first, fitted.drives)
     counted = ", ".join(f"{channel} {1e3 * x:+.1f} ms" for (_, channel, _), x in zip(entries, late, strict=True))
     tell(f"the noise floor of the runs read with {counted}")
-    return Reading(fitted, floor_of(fitted, floor.count), dict(zip(entries, late.tolist(), strict=True)))
+    floor = floor_of(fitted, floor.count)
+    return Reading(fitted, floor, dict(zip(entries, late.tolist(), strict=True)), sheet_sums(fitted, floor))
 
 
 def _stored(fitted: Fit) -> Stored | None:
@@ -85,10 +90,15 @@ def _stored(fitted: Fit) -> Stored | None:
         return None
 
 
-def _remaining(fitted: Fit, floor: NoiseFloor, entries: list[SheetEntry], late: Array) -> Array:
-    """What the runs still show of the latencies, in tolerances, when so much is taken out of them."""
+def sheet_sums(fitted: Fit, floor: NoiseFloor) -> TrialSums:
+    """Of a fit's columns and those of the sensor sheet."""
     layout = Layout.of(len(fitted.place), sheet_of(fitted), ())
-    sums = TrialSums.of(fitted, floor.without_draws(), layout, 1.0, {}, np.random.default_rng(0))
+    return TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
+
+
+def _remaining(sums: TrialSums, entries: list[SheetEntry], late: Array) -> Array:
+    """What the runs still show of the latencies, in tolerances, when so much is taken out of them."""
+    layout = sums.layout
     places = np.arange(layout.right)
     taken = places[np.diag(sums.total)[places] > 0.0]
     prior, pull = np.eye(layout.right), np.zeros(layout.right)

@@ -10,6 +10,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from daq.channels import CHANNELS
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
@@ -17,10 +18,10 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.freed import Freed, own_columns
 from identify.lack_of_fit import left_after, louder_rows
-from identify.layout import Layout, Trial, sheet_of
+from identify.layout import Layout, Trial
 from identify.news import Tell, silent
 from identify.partialling import Partialled
-from identify.reading import read_again
+from identify.reading import Reading, read_again
 from identify.rows import row_unit
 from identify.sheet import SheetEntry
 from identify.trial_sums import BLOCK, TrialSums
@@ -72,6 +73,7 @@ class TrialSpace:
     seed : of the simulated zeros and tolerances.
     noise : the noise in the columns, where it is known already for these candidates.
     tell : told what is done now.
+    reading : the runs as they are to be read, where that is settled.
 
     Attributes
     ----------
@@ -89,18 +91,18 @@ class TrialSpace:
 
     def __init__(
         self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
-        tell: Tell = silent,
+        tell: Tell = silent, reading: Reading | None = None,
     ):  # fmt: skip
         self.ratios = _ratios(fitted, floor)
         tell("what the sensor sheet leaves open")
-        reading = read_again(fitted, floor, tell)
+        self.reading = reading = reading or read_again(fitted, floor, tell)
         self.late = reading.late
         self.fitted, self.floor = fitted, floor = reading.fitted, reading.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
-        sheet = sheet_of(fitted)
-        temper = _misfit(fitted, floor, sheet, self.late)
+        sheet = reading.sums.layout.sheet
+        temper = _misfit(fitted, reading)
         rng = np.random.default_rng([seed, 6])
         bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
         kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
@@ -130,8 +132,9 @@ class TrialSpace:
                 fitted, self.sums, floor.sigma,
                 progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
             )  # fmt: skip
-        self.noise = noise
-        self.partialled = Partialled(self.sums, taken, prior, noise.products(self.sums, self.louder), pull)
+        self.noise, self._sigma = noise, sigma
+        noisy = noise.products(self.sums, self.louder, floor.sigma)
+        self.partialled = Partialled(self.sums, taken, prior, noisy, pull)
         self.freed = {
             trial.place.start: Freed(self.partialled, trial.place.start, own)
             for trial in self.layout.trials
@@ -339,6 +342,32 @@ class TrialSpace:
             out.append(c)
         return out
 
+    @property
+    def led(self) -> Array:
+        """Values of the physics' parameters that the sensor sheet leads to, beside no candidate."""
+        out, model = self.fitted.theta.copy(), self.layout.model
+        out[self.fitted.place] += self.sums.turn @ self.partialled.gain[:model, self.layout.right]
+        return out[: len(self.fitted.physics)]
+
+    @property
+    def excused(self) -> dict[str, float]:
+        """Entry of the sensor sheet → how many of its tolerances these runs would have it off, beside no candidate."""
+        rig, first = self.fitted.drives[0].recording.rig, self.layout.model
+        out: dict[str, float] = {}
+        known = self.partialled
+        for place, gain in zip(known.taken[first:].tolist(), known.gain[first:, self.layout.right], strict=True):
+            name, size = self.sheet[place], float(gain) / self._sigma[place]
+            if place < first + len(self.layout.sheet):
+                what, channel, k = entry = self.layout.sheet[place - first]
+                sensor = rig.sensor_of(channel)
+                if what == "latency":
+                    size += self.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
+                    name = f"latency of {sensor.name if sensor else channel}"
+                else:
+                    name = f"{what} of {CHANNELS[channel].columns[k]}"
+            out[name] = size
+        return out
+
     # -- all of them --------------------------------------------------------------------------------------------------
 
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
@@ -380,19 +409,18 @@ def _rig_s(fitted: Fit, layout: Layout, late: Mapping[SheetEntry, float]) -> Arr
     return out
 
 
-def _misfit(fitted: Fit, floor: NoiseFloor, sheet: Sequence[SheetEntry], late: Mapping[SheetEntry, float]) -> float:
+def _misfit(fitted: Fit, reading: Reading) -> float:
     """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
 
     Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing effect
     up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
     """
-    layout = Layout.of(len(fitted.place), sheet, ())
-    sums = TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
+    sums, layout = reading.sums, reading.sums.layout
     places = np.arange(layout.right)
     taken = places[np.diag(sums.total)[places] > 0.0]
     prior = np.eye(len(taken))
     prior[: layout.model, : layout.model] = sums.known
-    ratios = left_after(sums, sums.total, taken, prior, _rig_s(fitted, layout, late)[taken]).ratios
+    ratios = left_after(sums, sums.total, taken, prior, _rig_s(fitted, layout, reading.late)[taken]).ratios
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from identify.candidate import Candidate
-from identify.effect import Effect, Parameter
+from identify.effect import Effect, Parameter, SensorFault
 from identify.rows import row_unit
 
 SIGNIFICANCE = 0.05
@@ -27,10 +27,12 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
         else f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
     )
     found = f"Its size would be {sizes(c, effect.parameters)}"
+    fault = isinstance(effect, SensorFault)
+    alone = "noise and the sheet's tolerances" if fault else "noise alone"
     chance = (
-        f"noise alone never did as well in {draws} simulated runs (p = {c.p:.2g})"
+        f"{alone} never did as well in {draws} simulated runs (p = {c.p:.2g})"
         if c.p <= 1.0 / (draws + 1) + 1e-12
-        else f"noise alone does as well with p = {c.p:.2g}"
+        else f"{alone} {'do' if fault else 'does'} as well with p = {c.p:.2g}"
     )
     if c.p > SIGNIFICANCE:
         why = f"{takes} Not needed: {chance}, more than {SIGNIFICANCE:g}."

@@ -20,7 +20,6 @@ from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
 from identify.catalogue import base_model, catalogue
-from identify.column_noise import ColumnNoise
 from identify.diagnose import Diagnosis, diagnose
 from identify.drive import Drive
 from identify.effect import Effect
@@ -29,7 +28,6 @@ from identify.floor import NoiseFloor, floor_of, simulate_floor
 from identify.model import Model
 from identify.score import profile_zeros
 from identify.sensitivity import Sensitivity
-from identify.trials import TrialSpace
 from identify.zeros import zeros_of
 
 Added = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
@@ -105,13 +103,6 @@ def floor(folder: Path, added: Added, draws: int) -> NoiseFloor:
     return floor_of(reference(folder, added), draws)
 
 
-@lru_cache(maxsize=8)
-def column_noise(folder: Path, added: Added, draws: int, without: tuple[str, ...]) -> ColumnNoise:
-    """The noise in the columns of every candidate, on the reference."""
-    found = candidates(tables(folder), without)
-    return TrialSpace(reference(folder, added), floor(folder, added, draws), found, 0).noise
-
-
 def candidates(found: Tables, without: Sequence[str]) -> list[Effect]:
     """The catalogue beyond the base model, some families left out."""
     return [e for e in found.known.values() if not e.base and e.name not in without]
@@ -158,10 +149,9 @@ def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int 
             break
         begin = time.process_time()
         noise = floor(known, out.added, draws)
-        inside = column_noise(known, out.added, draws, tuple(without))
         out.timed("floor", begin)
         begin = time.process_time()
-        diagnosis = diagnose(fitted, noise, tried, noise=inside)
+        diagnosis = diagnose(fitted, noise, tried)
         out.timed("diagnose", begin)
         out.steps.append(step_of(diagnosis))
         if diagnosis.best is None:

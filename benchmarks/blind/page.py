@@ -19,9 +19,6 @@ PAGE = HOME / "docs" / "benchmarks" / "blind.md"
 LOUD = "noise twice the sheet"
 HELD_LIMIT = 1.10
 KNOWN_WHY = {
-    "sensor_latency.*": "The sheet lets each of the other instruments be 2 ms late, too: 10 ms are four standard "
-    "deviations of the difference. Half of the rate that tells it is noise, and at 10 ms its effect is no longer "
-    "linear. `lacet check` measures latencies by themselves.",
     "trailer": "What it leaves is within the noise of every row once the sheet's tolerances have taken their "
     "share: no row fails, so nothing calls for an unlisted cause.",
 }

@@ -59,7 +59,7 @@ def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> Tria
 
     def none(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
-        return ColumnNoise(column_labels(fitted, sums.layout), totals)
+        return ColumnNoise(column_labels(fitted, sums.layout), totals, dict(sigma))
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ColumnNoise, "of", none)
