@@ -107,8 +107,8 @@ def diagnose(
     tell("how far each takes the error down")
     found = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
-    # What chance does as well comes last: beside the rig file's clocks a latency within its tolerance takes off much.
-    ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -c.total_gain))
+    # What chance does as well comes last.
+    ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -_strength(c)))
     tell("which cannot be told apart")
     ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
@@ -130,7 +130,7 @@ def diagnose(
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
         little = explained < HALF or (explained < MAIN and after.chance(own) <= SIGNIFICANCE)
-        lacking = best is None or little or best.total_gain < OWN * excess or (stays and structured(after))
+        lacking = best is None or little or _strength(best) < OWN * excess or (stays and structured(after))
         unlisted = lacking and structured(now)
     if unlisted:
         best = None
@@ -168,6 +168,11 @@ def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
     tell("the noise floor at the parameters that the sensor sheet leads to")
     floor = floor_at(space.fitted, space.led, space.floor.count)
     return replace(space.reading, floor=floor, sums=sheet_sums(space.fitted, floor))
+
+
+def _strength(c: Candidate) -> float:
+    """Weighted squares it takes off; a latency's gain is told beside the rig's clocks, which tolerances may move."""
+    return min(c.total_gain, c.drop)
 
 
 def structured(left: Left) -> bool:

@@ -31,10 +31,15 @@ def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> 
     # The sheet's faults now stand one behind the other; their priors stay those of the space.
     plain = before.taken[: len(before.taken) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]
+    taken = np.concatenate([plain, moved]).astype(np.intp)
+    # Noise in a shape off the grid is nearly that of the best on it.
+    pairs = [(t.place, space.tried[t.effect.key].trial.place) for t in layout.trials[len(faults) :]
+             if t.effect.key in space.tried]  # fmt: skip
+    new = np.concatenate([taken, *(np.r_[place] for place, _ in pairs), [layout.right]]).astype(np.intp)
+    old = np.concatenate([before.taken, *(np.r_[place] for _, place in pairs), [space.layout.right]]).astype(np.intp)
     noise = np.zeros_like(sums.total)
-    old, new = np.append(before.taken, space.layout.right), np.concatenate([plain, moved, [layout.right]]).astype(int)
     noise[np.ix_(new, new)] = before.column_noise[np.ix_(old, old)]
-    inside = Partialled(sums, new[:-1].astype(np.intp), before.prior, noise, before.pull)
+    inside = Partialled(sums, taken, before.prior, noise, before.pull)
     return inside, layout.trials[len(faults) :]
 
 
