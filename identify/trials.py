@@ -358,7 +358,8 @@ class TrialSpace:
         for place, gain in zip(known.taken[first:].tolist(), known.gain[first:, self.layout.right], strict=True):
             name, size = self.sheet[place], float(gain) / self._sigma[place]
             if place < first + len(self.layout.sheet):
-                what, channel, k = entry = self.layout.sheet[place - first]
+                entry = self.layout.sheet[place - first]
+                what, channel, k = entry
                 sensor = rig.sensor_of(channel)
                 if what == "latency":
                     size += self.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
