@@ -354,8 +354,10 @@ class TrialSpace:
         """Entry of the sensor sheet → how many of its tolerances these runs would have it off, beside no candidate."""
         rig, first = self.fitted.drives[0].recording.rig, self.layout.model
         out: dict[str, float] = {}
-        known = self.partialled
-        for place, gain in zip(known.taken[first:].tolist(), known.gain[first:, self.layout.right], strict=True):
+        for position, gain in enumerate(self.partialled.gain[:, self.layout.right]):
+            place = int(self.partialled.taken[position])
+            if place < first:
+                continue
             name, size = self.sheet[place], float(gain) / self._sigma[place]
             if place < first + len(self.layout.sheet):
                 entry = self.layout.sheet[place - first]
