@@ -7,7 +7,7 @@ import pytest
 from simulated_drives import drive, relative
 
 from daq.channels import CORNERS
-from simulate import find_car, make_manoeuvre, run
+from simulate import Hidden, SimulationFailed, find_car, make_manoeuvre, run
 from simulate.drive import _motion, _Recorder
 from simulate.engine import Engine
 from simulate.motion import SimulatedMotion, rotate, rotate_back
@@ -179,3 +179,10 @@ def test_steering_follows_the_demand_and_is_exactly_what_the_camera_sees() -> No
     assert x == pytest.approx(R[..., 0], abs=1e-14)
     assert np.max(np.abs(motion.kingpin[:, 0])) == pytest.approx(0.025, rel=0.02)
     assert np.max(np.abs(motion.carrier_pitch[:, 2:])) < 1e-15
+
+
+def test_a_car_that_flies_apart_before_its_run_begins_is_told():
+    """Damping that falls without end with speed: the driven-in car is gone before the first sample."""
+    wild = Hidden("damper_digressive.rear", -1e4)
+    with pytest.raises(SimulationFailed, match=r"flew apart -0\.\d+ s into 'rough'"):
+        run(find_car("peugeot-406-measured"), make_manoeuvre("rough", duration=1.0), (wild,), 1002)
