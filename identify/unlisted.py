@@ -32,9 +32,9 @@ def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> 
     plain = before.taken[: len(before.taken) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]
     taken = np.concatenate([plain, moved]).astype(np.intp)
-    # Noise in a shape off the grid is nearly that of the best on it.
+    # Noise in a shape off the grid is nearly that of the best on it; shapes are compared by their own columns alone.
     pairs = [(t.place, space.tried[t.effect.key].trial.place) for t in layout.trials[len(faults) :]
-             if t.effect.key in space.tried]  # fmt: skip
+             if draws and t.effect.key in space.tried]  # fmt: skip
     new = np.concatenate([taken, *(np.r_[place] for place, _ in pairs), [layout.right]]).astype(np.intp)
     old = np.concatenate([before.taken, *(np.r_[place] for _, place in pairs), [space.layout.right]]).astype(np.intp)
     noise = np.zeros_like(sums.total)
