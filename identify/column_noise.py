@@ -72,11 +72,8 @@ class ColumnNoise:
         """(w, w) for the columns of `sums`, rows so much `louder` than their sheet; nothing for the residual's own."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
-        out = (
-            turn.T
-            @ np.sum([(louder[r] * self.sigma[r] / sigma[r]) ** 2 * self.totals[r] for r in louder], axis=0)
-            @ turn
-        )
+        scaled = {row: louder[row] * self.sigma[row] / sigma[row] for row in louder}
+        out = turn.T @ np.sum([scale**2 * self.totals[row] for row, scale in scaled.items()], axis=0) @ turn
         out[-1, -1] = 0.0
         return out
 

@@ -16,6 +16,7 @@ import numpy as np
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
 from identify.effect import Effect
+from identify.excused import excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
@@ -234,7 +235,7 @@ def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
     loud = [f"{row} {ratio:.1f} times" for row, ratio in space.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
-    off = [f"{name} {size:+.1f}" for name, size in space.excused.items() if abs(size) > UNUSUAL]
+    off = [f"{name} {size:+.1f}" for name, size in excused(space).items() if abs(size) > UNUSUAL]
     if off:
         says += (
             f" For that the sensor sheet would have to be off by more than {UNUSUAL:g} of its tolerances "

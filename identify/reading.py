@@ -8,16 +8,17 @@ the sheet's: it pulls back to the rig file's latency.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from identify.drive import Drive
 from identify.effects.sensor_latency import SensorLatency
 from identify.fit import Fit, Stored, at_faults, refitted
 from identify.floor import NoiseFloor, floor_of
-from identify.lack_of_fit import solved
+from identify.lack_of_fit import left_after, solved
 from identify.layout import Layout, sheet_of
 from identify.news import Tell, silent
 from identify.sheet import SheetEntry
@@ -49,6 +50,22 @@ class Reading:
     floor: NoiseFloor
     late: Mapping[SheetEntry, float]
     sums: TrialSums
+
+    @property
+    def pull(self) -> Array:
+        """(model and sheet,) where the rig file's latencies are, in tolerances from those the runs were read at."""
+        layout, rig = self.sums.layout, self.fitted.drives[0].recording.rig
+        late = [self.late[e] / rig.tolerance(e[1], "latency") if e in self.late else 0.0 for e in layout.sheet]
+        return -np.array([0.0] * layout.model + late)
+
+    def misfit(self) -> float:
+        """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
+
+        Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
+        effect up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
+        """
+        ratios = left_after(self.sums, self.sums.total, *_sheet_known(self.sums, self.pull)).ratios
+        return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
 def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent, straight: float = STRAIGHT) -> Reading:
@@ -96,16 +113,24 @@ def sheet_sums(fitted: Fit, floor: NoiseFloor) -> TrialSums:
     return TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
 
 
-def _remaining(sums: TrialSums, entries: list[SheetEntry], late: Array) -> Array:
+def _remaining(sums: TrialSums, entries: Sequence[SheetEntry], late: Array) -> Array:
     """What the runs still show of the latencies, in tolerances, when so much is taken out of them."""
+    layout = sums.layout
+    ours = [layout.model + layout.sheet.index(entry) for entry in entries]
+    pull = np.zeros(layout.right)
+    pull[ours] = -late
+    taken, prior, known = _sheet_known(sums, pull)
+    out = np.zeros(layout.right)
+    right = sums.total[taken, layout.right] + known
+    out[taken] = solved(sums.total[np.ix_(taken, taken)] + prior, right[:, None])[:, 0]
+    return out[ours]
+
+
+def _sheet_known(sums: TrialSums, pull: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""
     layout = sums.layout
     places = np.arange(layout.right)
     taken = places[np.diag(sums.total)[places] > 0.0]
-    prior, pull = np.eye(layout.right), np.zeros(layout.right)
+    prior = np.eye(layout.right)
     prior[: layout.model, : layout.model] = sums.known
-    ours = [layout.model + layout.sheet.index(entry) for entry in entries]
-    pull[ours] = -late
-    out = np.zeros(layout.right)
-    right = sums.total[taken, layout.right] + pull[taken]
-    out[taken] = solved(sums.total[np.ix_(taken, taken)] + prior[np.ix_(taken, taken)], right[:, None])[:, 0]
-    return out[ours]
+    return taken, prior[np.ix_(taken, taken)], pull[taken]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,20 +10,18 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from daq.channels import CHANNELS
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
 from identify.fit import Fit
 from identify.floor import NoiseFloor
 from identify.freed import Freed, own_columns
-from identify.lack_of_fit import left_after, louder_rows
+from identify.lack_of_fit import louder_rows
 from identify.layout import Layout, Trial
 from identify.news import Tell, silent
 from identify.partialling import Partialled
 from identify.reading import Reading, read_again
 from identify.rows import row_unit
-from identify.sheet import SheetEntry
 from identify.trial_sums import BLOCK, TrialSums
 from identify.vectors import Array
 
@@ -81,7 +79,8 @@ class TrialSpace:
     fitted, floor : of runs read again, where a latency is large (`identify.reading`); `late` entry of the sheet →
         latency taken out of them [s].
     ratios : row → residual ÷ floor of the present model.
-    sheet : place → name of the columns that stand for the sensor sheet's tolerances.
+    sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
+        column's own unit.
     partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
         one that is free of its tolerance.
     louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
@@ -102,7 +101,7 @@ class TrialSpace:
         self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         self.effects = [effect for effect in fresh if effect.key not in self.cannot]
         sheet = reading.sums.layout.sheet
-        temper = _misfit(fitted, reading)
+        temper = reading.misfit()
         rng = np.random.default_rng([seed, 6])
         bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
         kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
@@ -123,8 +122,9 @@ class TrialSpace:
         stiff = (temper / np.array([sigma[place] for place in there])) ** 2
         prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
         taken = np.concatenate([model, there]).astype(np.intp)
-        pull = np.zeros(len(taken))
-        pull[len(model) :] = stiff * _rig_s(fitted, self.layout, self.late)[there]
+        known = np.zeros(self.layout.width)
+        known[: len(reading.pull)] = reading.pull
+        pull = np.concatenate([np.zeros(len(model)), stiff * known[there]])
         self.louder = louder_rows(self.sums, taken, prior, pull)
         if noise is None or not noise.fits(column_labels(fitted, self.layout), floor.sigma):
             tell("the noise in what they follow")
@@ -132,7 +132,7 @@ class TrialSpace:
                 fitted, self.sums, floor.sigma,
                 progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
             )  # fmt: skip
-        self.noise, self._sigma = noise, sigma
+        self.noise, self.sigma = noise, sigma
         noisy = noise.products(self.sums, self.louder, floor.sigma)
         self.partialled = Partialled(self.sums, taken, prior, noisy, pull)
         self.freed = {
@@ -349,28 +349,6 @@ class TrialSpace:
         out[self.fitted.place] += self.sums.turn @ self.partialled.gain[:model, self.layout.right]
         return out[: len(self.fitted.physics)]
 
-    @property
-    def excused(self) -> dict[str, float]:
-        """Entry of the sensor sheet → how many of its tolerances these runs would have it off, beside no candidate."""
-        rig, first = self.fitted.drives[0].recording.rig, self.layout.model
-        out: dict[str, float] = {}
-        for position, gain in enumerate(self.partialled.gain[:, self.layout.right]):
-            place = int(self.partialled.taken[position])
-            if place < first:
-                continue
-            name, size = self.sheet[place], float(gain) / self._sigma[place]
-            if place < first + len(self.layout.sheet):
-                entry = self.layout.sheet[place - first]
-                what, channel, k = entry
-                sensor = rig.sensor_of(channel)
-                if what == "latency":
-                    size += self.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
-                    name = f"latency of {sensor.name if sensor else channel}"
-                else:
-                    name = f"{what} of {CHANNELS[channel].columns[k]}"
-            out[name] = size
-        return out
-
     # -- all of them --------------------------------------------------------------------------------------------------
 
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
@@ -401,30 +379,6 @@ class TrialSpace:
         )
         across = np.linalg.solve(A, self.partialled.whole[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
-
-
-def _rig_s(fitted: Fit, layout: Layout, late: Mapping[SheetEntry, float]) -> Array:
-    """(w,) where the rig file's latencies are, in tolerances from those the runs were read at."""
-    out, rig = np.zeros(layout.width), fitted.drives[0].recording.rig
-    for place, entry in enumerate(layout.sheet, start=layout.model):
-        if late.get(entry):
-            out[place] = -late[entry] / rig.tolerance(entry[1], "latency")
-    return out
-
-
-def _misfit(fitted: Fit, reading: Reading) -> float:
-    """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
-
-    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing effect
-    up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
-    """
-    sums, layout = reading.sums, reading.sums.layout
-    places = np.arange(layout.right)
-    taken = places[np.diag(sums.total)[places] > 0.0]
-    prior = np.eye(len(taken))
-    prior[: layout.model, : layout.model] = sums.known
-    ratios = left_after(sums, sums.total, taken, prior, _rig_s(fitted, layout, reading.late)[taken]).ratios
-    return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
 def _stands_for(fault: Effect) -> set[tuple[str, str]]:

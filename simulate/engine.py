@@ -11,6 +11,7 @@ internal to the car, without momentum of its own), so that the tyre moves the an
 from __future__ import annotations
 
 import importlib
+import logging
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -35,9 +36,12 @@ STEER_FREQUENCY = 60.0  # rad/s: how fast the steering follows the demand, criti
 def engine_library() -> Any:
     """The MuJoCo module. Raises UsageError with the remedy when it is not installed."""
     try:
-        return importlib.import_module("mujoco")
+        lib = importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
+    # Its own way is a file MUJOCO_LOG.TXT in whatever folder one happens to be in.
+    lib.set_mju_user_warning(logging.getLogger(__name__).debug)
+    return lib
 
 
 class Instant:

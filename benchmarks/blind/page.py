@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
@@ -222,7 +221,7 @@ def missed(records: Sequence[Record], found: Sequence[Goal]) -> list[str]:
             wrong.setdefault(r["cell"].rpartition("/")[0] if r["kind"] != "null" else r["band"], []).append(r)
     lines = ["", "## Where goals are missed", ""]
     for name, some in sorted(wrong.items(), key=lambda item: -len(item[1]))[:20]:
-        why = next((f" {told}" for pattern, told in KNOWN_WHY.items() if fnmatch(name, pattern)), "")
+        why = f" {KNOWN_WHY[name]}" if name in KNOWN_WHY else ""
         lines.append(f"- {name}: {len(some)} wrong; said instead: {instead(some, tests[some[0]['kind']])}.{why}")
     return lines
 
