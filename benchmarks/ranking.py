@@ -26,6 +26,7 @@ from identify.drive import Drive
 from identify.fit import fit
 from identify.floor import floor_of
 from identify.model import Model
+from identify.reading import Reading
 from identify.trials import TrialSpace
 from simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from simulate import run as simulate_drive
@@ -94,7 +95,7 @@ def main() -> None:
         floor, _ = timed(f"noise floor, {args.draws} draws", lambda: floor_of(fitted, args.draws))
         first, _ = timed("first ranking, noise in the columns simulated", lambda: diagnose(fitted, floor, candidates))
         _, ours = timed("ranking", lambda: diagnose(fitted, floor, candidates, noise=first.noise))
-        space = TrialSpace(fitted, floor, candidates, 0, first.noise)
+        space = TrialSpace.of(Reading.of(fitted, floor), candidates, 0, first.noise)
         solve = dense(space)
         _, theirs = timed(
             f"dense least squares of {TIMED} candidates",

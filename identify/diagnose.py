@@ -21,6 +21,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
 from identify.lack_of_fit import LOUDEST, Left
+from identify.late_or_missing import columns_as_read
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
@@ -95,7 +96,9 @@ def diagnose(
     `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns, as an earlier ranking
     of the same candidates found it, spares finding it again. `tell` is told what is done now.
     """
-    space = TrialSpace(fitted, floor, candidates, seed, noise, tell)
+    tell("what the sensor sheet leaves open")
+    recorded = Reading.of(fitted, floor)
+    space = TrialSpace(columns_as_read(recorded, candidates, seed, tell), noise, tell)
     now = left_by(space, [])
     for closer in (_read_closely, _with_its_floor):
         if now.above and max(now.ratios[row] for row in now.above) < MARGINAL:
@@ -103,7 +106,7 @@ def diagnose(
             if reading is not space.reading:
                 # What noise adds cancels in what the model explains at this fit's zeros only.
                 same = space.noise if reading.fitted is space.fitted else None
-                space = TrialSpace(fitted, floor, candidates, seed, same, tell, reading)
+                space = TrialSpace.of(reading, candidates, seed, same, tell)
                 now = left_by(space, [])
     tell("how far each takes the error down")
     found = space.family_wise(space.try_all())
@@ -143,7 +146,7 @@ def diagnose(
     formulas: list[Formula] = []
     if unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(space.fitted, space.floor, failing, seed)
+        formulas = propose(space.reading, failing, seed)
         verdict, says = "unlisted cause", _unlisted(now, failing, explained, together, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)
@@ -151,17 +154,14 @@ def diagnose(
         verdict, says = "nothing missing", _nothing(space, now, ranked)
     untestable = [c for c in found if not c.tested]
     return Diagnosis(
-        verdict, says, best, (*ranked, *untestable), space.ratios, excess, explained, floor.count, space.louder,
-        failing, tuple(together), space.noise, tuple(formulas),
+        verdict, says, best, (*ranked, *untestable), _ratios(fitted, floor), excess, explained, floor.count,
+        space.columns.louder, failing, tuple(together), space.noise, tuple(formulas),
     )  # fmt: skip
 
 
 def _read_closely(space: TrialSpace, tell: Tell) -> Reading:
     """Latencies taken out of the runs that a first-order column tells well, but not to a part of the noise."""
-    if space.late:
-        return space.reading
-    found = read_again(space.fitted, space.floor, tell, STILL)
-    return found if found.late else space.reading
+    return space.reading if space.reading.late else read_again(space.reading, tell, STILL)
 
 
 def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
@@ -169,6 +169,15 @@ def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
     tell("the noise floor at the parameters that the sensor sheet leads to")
     floor = floor_at(space.fitted, space.led, space.floor.count)
     return replace(space.reading, floor=floor, sums=sheet_sums(space.fitted, floor))
+
+
+def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
+    """Residual ÷ floor of each row over the runs used."""
+    out: dict[str, float] = {}
+    for row in fitted.rows:
+        squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
+        out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
+    return out
 
 
 def _strength(c: Candidate) -> float:
@@ -232,7 +241,7 @@ def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
         f"above its noise floor is {worst}, at {now.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
         f"does, chance does with p = {least:.2g}."
     )
-    loud = [f"{row} {ratio:.1f} times" for row, ratio in space.louder.items() if ratio > LOUD]
+    loud = [f"{row} {ratio:.1f} times" for row, ratio in space.columns.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
     off = [f"{name} {size:+.1f}" for name, size in excused(space).items() if abs(size) > UNUSUAL]

@@ -10,10 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from identify.effect import Effect
-from identify.fit import Fit
-from identify.floor import NoiseFloor
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
+from identify.reading import Reading
 from identify.trials import TrialSpace
 from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 
@@ -59,9 +58,9 @@ class Formula:
     p: float
 
 
-def propose(fitted: Fit, floor: NoiseFloor, failing: Sequence[str], seed: int) -> list[Formula]:
+def propose(reading: Reading, failing: Sequence[str], seed: int) -> list[Formula]:
     """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
-    recording = fitted.drives[0].recording
+    recording = reading.fitted.drives[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
     for kind, laws in _places(failing):
@@ -70,7 +69,7 @@ def propose(fitted: Fit, floor: NoiseFloor, failing: Sequence[str], seed: int) -
             cls = effect_class(read_line(f"{name} = {kind}: {law}"))
             laws_by_name[name] = kind, law.removesuffix(_BAND)
             effects += cls.variants(recording.vehicle, recording.reference)
-    space = TrialSpace(fitted, floor, effects, seed)
+    space = TrialSpace.of(reading, effects, seed)
     found = [c for c in space.family_wise(space.try_all()) if c.tested and c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN]
     out: list[Formula] = []
     for c in sorted(found, key=lambda c: -c.total_gain):

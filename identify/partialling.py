@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from identify.trial_sums import FOLDS, TrialSums
 from identify.vectors import Array
 
+GONE = 1e-10
+"""Part of a column's energy below which nothing of it is left."""
 MOST = 0.8
 """No more of a direction of the columns partialled out is taken for noise."""
 

@@ -8,8 +8,9 @@ the sheet's: it pulls back to the rig file's latency.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +38,11 @@ READINGS = 5
 
 @dataclass(frozen=True)
 class Reading:
-    """A fit to runs read again.
+    """A fit to runs as they were read.
 
     Attributes
     ----------
-    fitted, floor : fit and noise floor; those it began with where no latency is large.
+    fitted, floor : fit and noise floor.
     late : entry of the sheet → latency that was taken out of the runs [s]; empty where none was.
     sums : of the model and the sheet on them.
     """
@@ -51,12 +52,27 @@ class Reading:
     late: Mapping[SheetEntry, float]
     sums: TrialSums
 
-    @property
+    @classmethod
+    def of(cls, fitted: Fit, floor: NoiseFloor) -> Reading:
+        """Of runs as they were recorded."""
+        return cls(fitted, floor, {}, sheet_sums(fitted, floor))
+
+    @cached_property
+    def clocks(self) -> dict[SheetEntry, float]:
+        """Latencies among the sheet's entries → tolerance [s]."""
+        rig = self.fitted.drives[0].recording.rig
+        return {e: rig.tolerance(e[1], "latency") for e in self.sums.layout.sheet if e[0] == "latency"}
+
+    @cached_property
     def pull(self) -> Array:
         """(model and sheet,) where the rig file's latencies are, in tolerances from those the runs were read at."""
-        layout, rig = self.sums.layout, self.fitted.drives[0].recording.rig
-        late = [self.late[e] / rig.tolerance(e[1], "latency") if e in self.late else 0.0 for e in layout.sheet]
-        return -np.array([0.0] * layout.model + late)
+        off = [-self.late[e] / self.clocks[e] if e in self.late else 0.0 for e in self.sums.layout.sheet]
+        return np.array([0.0] * self.sums.layout.model + off)
+
+    @property
+    def omega(self) -> float:
+        """Of the fit's cut-off [rad/s]."""
+        return 2.0 * np.pi * self.fitted.drives[0].recording.filters.fit_cutoff
 
     def misfit(self) -> float:
         """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
@@ -67,37 +83,49 @@ class Reading:
         ratios = left_after(self.sums, self.sums.total, *_sheet_known(self.sums, self.pull)).ratios
         return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
+    def remaining(self, late: Array) -> Array:
+        """(clocks,) what the runs still show of the latencies, when so much is taken out of them; both in tolerances.
 
-def read_again(fitted: Fit, floor: NoiseFloor, tell: Tell = silent, straight: float = STRAIGHT) -> Reading:
-    """Take latencies out of a fit's runs, where ω τ of one is beyond `straight`, until what remains is small."""
-    entries = [entry for entry in sheet_of(fitted) if entry[0] == "latency"]
-    recording = fitted.drives[0].recording
-    rig = recording.rig
+        The sheet's priors pull to the rig file's.
+        """
+        layout = self.sums.layout
+        ours = [layout.model + layout.sheet.index(entry) for entry in self.clocks]
+        pull = np.zeros(layout.right)
+        pull[ours] = -late
+        taken, prior, known = _sheet_known(self.sums, pull)
+        out = np.zeros(layout.right)
+        right = self.sums.total[taken, layout.right] + known
+        out[taken] = solved(self.sums.total[np.ix_(taken, taken)] + prior, right[:, None])[:, 0]
+        return out[ours]
+
+
+def read_again(recorded: Reading, tell: Tell = silent, straight: float = STRAIGHT) -> Reading:
+    """Take latencies out of the runs, where ω τ of one is beyond `straight`, until what remains is small."""
+    entries, first = list(recorded.clocks), recorded.fitted
+    channels = [entry[1] for entry in entries]
+    rig, tolerances = first.drives[0].recording.rig, np.array(list(recorded.clocks.values()))
     faults = [
         SensorLatency.of_sensor(sensor)
         if (sensor := rig.sensor_of(channel))
         else SensorLatency(channel, members=(channel,))
-        for _, channel, _ in entries
+        for channel in channels
     ]
-    tolerances = np.array([rig.tolerance(channel, "latency") for _, channel, _ in entries])
-    omega = 2.0 * np.pi * recording.filters.fit_cutoff
-    late, first, sums = np.zeros(len(entries)), fitted, sheet_sums(fitted, floor)
+    late, now = np.zeros(len(entries)), recorded
     for reading in range(READINGS if entries else 0):
-        step = _remaining(sums, entries, late / tolerances) * tolerances
-        if np.all(np.abs(omega * step) < (STILL if reading else straight)):
+        step = now.remaining(late / tolerances) * tolerances
+        if np.all(np.abs(now.omega * step) < (STILL if reading else straight)):
             break
-        late = late + np.clip(step, -FARTHEST / omega, FARTHEST / omega)
+        late = late + np.clip(step, -FARTHEST / now.omega, FARTHEST / now.omega)
         tell(f"the runs read again, latencies up to {1e3 * np.max(np.abs(late)):.1f} ms taken out ({reading + 1})")
         drives = [Drive(at_faults(drive.recording, faults, late)) for drive in first.drives]
-        fitted = refitted(first, drives, _stored(first))
-        sums = sheet_sums(fitted, floor.without_draws())
-    if fitted is first:
-        return Reading(fitted, floor, {}, sums)
-    fitted = refitted(first, fitted.drives)
-    counted = ", ".join(f"{channel} {1e3 * x:+.1f} ms" for (_, channel, _), x in zip(entries, late, strict=True))
+        now = Reading.of(refitted(first, drives, _stored(first)), recorded.floor.without_draws())
+    if now is recorded:
+        return recorded
+    fitted = refitted(first, now.fitted.drives)
+    counted = ", ".join(f"{channel} {1e3 * x:+.1f} ms" for channel, x in zip(channels, late, strict=True))
     tell(f"the noise floor of the runs read with {counted}")
-    floor = floor_of(fitted, floor.count)
-    return Reading(fitted, floor, dict(zip(entries, late.tolist(), strict=True)), sheet_sums(fitted, floor))
+    floor = floor_of(fitted, recorded.floor.count)
+    return replace(Reading.of(fitted, floor), late=dict(zip(entries, late.tolist(), strict=True)))
 
 
 def _stored(fitted: Fit) -> Stored | None:
@@ -111,19 +139,6 @@ def sheet_sums(fitted: Fit, floor: NoiseFloor) -> TrialSums:
     """Of a fit's columns and those of the sensor sheet."""
     layout = Layout.of(len(fitted.place), sheet_of(fitted), ())
     return TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
-
-
-def _remaining(sums: TrialSums, entries: Sequence[SheetEntry], late: Array) -> Array:
-    """What the runs still show of the latencies, in tolerances, when so much is taken out of them."""
-    layout = sums.layout
-    ours = [layout.model + layout.sheet.index(entry) for entry in entries]
-    pull = np.zeros(layout.right)
-    pull[ours] = -late
-    taken, prior, known = _sheet_known(sums, pull)
-    out = np.zeros(layout.right)
-    right = sums.total[taken, layout.right] + known
-    out[taken] = solved(sums.total[np.ix_(taken, taken)] + prior, right[:, None])[:, 0]
-    return out[ours]
 
 
 def _sheet_known(sums: TrialSums, pull: Array) -> tuple[NDArray[np.intp], Array, Array]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.effect import Effect
-from identify.trials import GONE, TrialSpace
+from identify.partialling import GONE
+from identify.trials import TrialSpace
 from identify.unlisted import beside
 
 BETWEEN = 3

@@ -7,22 +7,19 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise, column_labels
 from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.floor import NoiseFloor
 from identify.freed import Freed, own_columns
-from identify.lack_of_fit import louder_rows
-from identify.layout import Layout, Trial
+from identify.layout import Trial
 from identify.news import Tell, silent
-from identify.partialling import Partialled
-from identify.reading import Reading, read_again
+from identify.partialling import GONE, Partialled
+from identify.reading import Reading
 from identify.rows import row_unit
-from identify.trial_sums import BLOCK, TrialSums
+from identify.trial_columns import TrialColumns
+from identify.trial_sums import BLOCK
 from identify.vectors import Array
 
 LEAST_COVERAGE = 3.0
@@ -33,8 +30,6 @@ MOSTLY_NOISE = 0.5
 """Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
 FREE = 0.2
 """Part of a fault's column that may be noise for it to be weighed without its own tolerance; more is excused by it."""
-GONE = 1e-10
-"""Part of a column's energy below which nothing of it is left."""
 
 
 @dataclass(frozen=True)
@@ -61,80 +56,36 @@ class Tried:
 
 
 class TrialSpace:
-    """A fitted model with every candidate beside it.
+    """A fitted model with every candidate beside it, less what model, zeros and the sheet's tolerances explain.
 
     Parameters
     ----------
-    fitted : the model, on the runs used.
-    floor : their noise floor: the weights, and simulated runs that lack nothing.
-    candidates : effects to try; those of the model are passed over.
-    seed : of the simulated zeros and tolerances.
-    noise : the noise in the columns, where it is known already for these candidates.
+    columns : those of model, sensor sheet and candidates.
+    noise : the noise in them, where it is known already.
     tell : told what is done now.
-    reading : the runs as they are to be read, where that is settled.
 
     Attributes
     ----------
-    cannot : key → why a candidate cannot be computed on these runs.
-    fitted, floor : of runs read again, where a latency is large (`identify.reading`); `late` entry of the sheet →
-        latency taken out of them [s].
-    ratios : row → residual ÷ floor of the present model.
-    sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
-        column's own unit.
+    columns, noise : as given, or found.
     partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
         one that is free of its tolerance.
-    louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
     freed : place → sensor fault that the sheet has a tolerance for.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     """
 
-    def __init__(
-        self, fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
-        tell: Tell = silent, reading: Reading | None = None,
-    ):  # fmt: skip
-        self.ratios = _ratios(fitted, floor)
-        tell("what the sensor sheet leaves open")
-        self.reading = reading = reading or read_again(fitted, floor, tell)
-        self.late = reading.late
-        self.fitted, self.floor = fitted, floor = reading.fitted, reading.floor
-        fresh = [effect for effect in candidates if effect.key not in fitted.model]
-        self.cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
-        self.effects = [effect for effect in fresh if effect.key not in self.cannot]
-        sheet = reading.sums.layout.sheet
-        temper = reading.misfit()
-        rng = np.random.default_rng([seed, 6])
-        bounds = {e.key: _tolerance(fitted, e) for e in self.effects if isinstance(e, SensorFault)}
-        kinds = {e.key: e.tolerance for e in self.effects if isinstance(e, SensorFault)}
-        drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
-        shapes = [one for effect in self.effects for one in effect.shapes()]
-        self.layout = Layout.of(len(fitted.place), sheet, shapes)
-        tell(f"what {len(self.effects)} effects would do")
-        self.sums = TrialSums.of(fitted, floor, self.layout, temper, drifts, rng)
-        model = np.arange(self.layout.model)
-        # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
-        self.sheet = {self.layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(self.layout.sheet)}
-        sigma = dict.fromkeys(self.sheet, 1.0)
-        for trial in self.layout.trials:
-            key = trial.effect.key
-            if trial.fault and bounds[key] > 0.0 and kinds[key] not in ("gain", "latency", "drift"):
-                self.sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
-        there = [place for place in self.sheet if self.sums.total[place, place] > 0.0]
-        stiff = (temper / np.array([sigma[place] for place in there])) ** 2
-        prior = scipy.linalg.block_diag(self.sums.known, np.diag(stiff))
-        taken = np.concatenate([model, there]).astype(np.intp)
-        known = np.zeros(self.layout.width)
-        known[: len(reading.pull)] = reading.pull
-        pull = np.concatenate([np.zeros(len(model)), stiff * known[there]])
-        self.louder = louder_rows(self.sums, taken, prior, pull)
-        if noise is None or not noise.fits(column_labels(fitted, self.layout), floor.sigma):
+    def __init__(self, columns: TrialColumns, noise: ColumnNoise | None = None, tell: Tell = silent):
+        self.columns, self.sums, self.layout = columns, columns.sums, columns.sums.layout
+        self.reading, self.effects = columns.reading, columns.effects
+        self.fitted, self.floor = columns.reading.fitted, columns.reading.floor
+        if noise is None or not noise.fits(column_labels(self.fitted, self.layout), self.floor.sigma):
             tell("the noise in what they follow")
             noise = ColumnNoise.of(
-                fitted, self.sums, floor.sigma,
+                self.fitted, self.sums, self.floor.sigma,
                 progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
             )  # fmt: skip
-        self.noise, self.sigma = noise, sigma
-        noisy = noise.products(self.sums, self.louder, floor.sigma)
-        self.partialled = Partialled(self.sums, taken, prior, noisy, pull)
+        self.noise = noise
+        noisy = noise.products(self.sums, columns.louder, self.floor.sigma)
+        self.partialled = Partialled(self.sums, columns.taken, columns.prior, noisy, columns.pull)
         self.freed = {
             trial.place.start: Freed(self.partialled, trial.place.start, own)
             for trial in self.layout.trials
@@ -142,17 +93,27 @@ class TrialSpace:
             and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
             and np.all(self.partialled.remaining(trial.place) > GONE)
         }
-        drawn = np.array([sigma[place] for place in there])[:, None] * rng.standard_normal((len(there), floor.count))
-        loud = [self.louder[row] * products for row, products in self.sums.null.items()]
+        loud = [columns.louder[row] * products for row, products in self.sums.null.items()]
+        there = columns.taken[self.layout.model :]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
-        self.null = self.sums.null_sheet + self.partialled.total[:, there] @ drawn + np.sum(loud, axis=0)
+        self.null = self.sums.null_sheet + self.partialled.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
         self.tried: dict[str, Tried] = {}
+
+    @classmethod
+    def of(
+        cls, reading: Reading, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
+        tell: Tell = silent,
+    ) -> TrialSpace:  # fmt: skip
+        """Candidates beside a model on runs as they were read."""
+        return cls(TrialColumns.of(reading, candidates, seed, tell), noise, tell)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
     def try_all(self) -> list[Candidate]:
         """Every candidate: its best shape, what these runs can tell of it, and how far the error falls."""
-        out = [Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.cannot.items()]
+        out = [
+            Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.columns.cannot.items()
+        ]
         there = [t for t in self.layout.trials if np.all(self.partialled.remaining(t.place) > GONE)]
         every = [self._try(trial) for trial in there]
         covered = dict(zip((one.trial.place.start for one in every), self._block_energy(every), strict=True))
@@ -280,7 +241,7 @@ class TrialSpace:
         for other, part in zip(
             self.partialled.taken[p:].tolist(), gain[p:] * total[self.partialled.taken[p:], k], strict=True
         ):
-            name = self.sheet[other]
+            name = self.columns.sheet[other]
             shares[name] = shares.get(name, 0.0) + float(part) / whole
         ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
         return tuple(ranked)
@@ -387,23 +348,5 @@ def _stands_for(fault: Effect) -> set[tuple[str, str]]:
     return {(fault.tolerance, channel) for channel in fault.channels()}
 
 
-def _tolerance(fitted: Fit, fault: SensorFault) -> float:
-    rig = fitted.drives[0].recording.rig
-    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
-
-
-def _cannot(fitted: Fit, effect: Effect) -> str:
-    return next((why for drive in fitted.drives if (why := drive.can(effect))), "")
-
-
 def _shown(effect: Effect) -> str:
     return f"What shows it: {effect.shown_by}."
-
-
-def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
-    """Residual ÷ floor of each row over the runs used."""
-    out: dict[str, float] = {}
-    for row in fitted.rows:
-        squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
-        out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
-    return out

@@ -10,12 +10,9 @@ from identify.effect import Effect
 from identify.lack_of_fit import Left, left_after, with_columns
 from identify.layout import Layout, Trial
 from identify.partialling import Partialled
+from identify.together import chosen_together
 from identify.trial_sums import TrialSums
 from identify.trials import TrialSpace
-from identify.vectors import Array
-
-MOST_TOGETHER = 3
-"""Effects that are tried together before a cause is called unlisted."""
 
 
 def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:
@@ -58,28 +55,7 @@ def left_by(space: TrialSpace, added: Sequence[Effect]) -> Left:
 
 
 def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
-    """Up to three candidates that together take away most, found one after the other; at most one sensor fault.
-
-    Several gains set free together would scale the measurement away with whatever is in it.
-    """
-    left, right = space.partialled.whole, space.layout.right
-    left[:, right] = space.partialled.left[:, right]
-    open_, chosen = list(keys), list[str]()
-    for _ in range(MOST_TOGETHER):
-        drops = {key: _drop(left, space.tried[key].trial.place, right, space) for key in open_}
-        if not drops or max(drops.values()) <= 0.0:
-            break
-        best = max(drops, key=lambda key: drops[key])
-        chosen.append(best)
-        place = space.tried[best].trial.place
-        left = left - left[:, place] @ np.linalg.solve(left[place, place], left[place])
-        fault = space.tried[best].trial.fault
-        open_ = [key for key in open_ if key != best and not (fault and space.tried[key].trial.fault)]
-    return chosen
-
-
-def _drop(left: Array, place: slice, right: int, space: TrialSpace) -> float:
-    G, score = left[place, place], left[place, right]
-    if np.any(np.diag(G) < 1e-9 * np.diag(space.sums.total)[place]) or np.linalg.cond(G) > 1e12:
-        return 0.0
-    return float(score @ np.linalg.solve(G, score))
+    """Up to three candidates, at their best shapes, that together take away most; at most one sensor fault."""
+    tried = {key: space.tried[key].trial for key in keys}
+    faults = [key for key, trial in tried.items() if trial.fault]
+    return chosen_together(space.partialled, {key: trial.place for key, trial in tried.items()}, faults)

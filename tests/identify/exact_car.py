@@ -9,9 +9,9 @@ import numpy as np
 
 from identify.catalogue import catalogue
 from identify.drive import Drive
-from identify.effect import Effect
+from identify.effect import Effect, SensorFault
 from identify.filters import Filters
-from identify.fit import Fit, fit
+from identify.fit import Fit, at_faults, fit
 from identify.model import Model
 from identify.noise import draw_noise
 from identify.reconstruct import Recording, Signals
@@ -62,6 +62,13 @@ def driven(record: Recording, seed: int, loud: float = 1.0) -> Drive:
     noise = draw_noise(record, record.signals.value, np.random.default_rng([3, seed]))
     values = {name: a + loud * noise[name] for name, a in record.signals.value.items()}
     return Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
+
+
+def later(key: str, seconds: float, seed: int, loud: float = 1.0) -> Drive:
+    """The drive with one kind of instrument, by its fault's key, stamped that much too late."""
+    fault = KNOWN[key]
+    assert isinstance(fault, SensorFault)
+    return driven(at_faults(exact(), [fault], np.array([-seconds])), seed, loud)
 
 
 def fit_of(drive: Drive, like: Fit | None = None) -> Fit:

@@ -12,6 +12,7 @@ from identify.candidate import Candidate
 from identify.diagnose import diagnose
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_of
+from identify.reading import Reading
 from identify.refine import refined
 from identify.trials import TrialSpace
 
@@ -35,7 +36,7 @@ def floor(fitted: Fit) -> NoiseFloor:
 @pytest.fixture(scope="module")
 def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
     """Candidates on it."""
-    return TrialSpace(fitted, floor, CANDIDATES, 0)
+    return TrialSpace.of(Reading.of(fitted, floor), CANDIDATES, 0)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +57,7 @@ def test_the_gap_lies_off_the_grid_and_is_found(space: TrialSpace, on_grid: Cand
 def test_a_gap_on_the_grid_stays(space: TrialSpace, on_grid: Candidate):
     """A value off the grid must be better by more than noise."""
     exactly = fit_of(driven(exact_with(replace(HIDDEN, shape={"gap": 0.01}), RATE), 6))
-    own = TrialSpace(exactly, space.floor, CANDIDATES, 0, space.noise)
+    own = TrialSpace.of(Reading.of(exactly, space.floor), CANDIDATES, 0, space.noise)
     best = next(c for c in own.try_all() if c.key == HIDDEN.key)
     assert best.shape == {"gap": 0.01}
     assert refined(own, best).shape["gap"] == pytest.approx(0.01, abs=0.0007)
@@ -75,7 +76,7 @@ def test_a_gap_passed_by_a_hair_does_not_hide_the_others(fitted: Fit, floor: Noi
     hair = float(np.max(travel)) - 1e-5
     effect = Touched("front")
     effect.grids = {"gap": (0.01, hair)}
-    found = next(c for c in TrialSpace(fitted, floor, [effect], 0).try_all())
+    found = next(c for c in TrialSpace.of(Reading.of(fitted, floor), [effect], 0).try_all())
     assert found.tested, found.why
     assert found.shape == {"gap": 0.01}
 

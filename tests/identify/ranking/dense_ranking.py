@@ -151,7 +151,7 @@ class Dense:
         out = np.zeros(len(self.table[1]))
         sheet = list(dict.fromkeys(self.space.layout.sheet))
         first = len(out) - len(self.faults) - len(sheet)
-        for entry, late in self.space.late.items():
+        for entry, late in self.space.reading.late.items():
             out[first + sheet.index(entry)] = -late / self.rig.tolerance(entry[1], "latency")
         return out
 

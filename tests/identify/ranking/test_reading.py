@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from exact_car import KNOWN, MODEL, RIG, driven, exact, fit_of, theta
+from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
+from exact_ranking import DRAWS
 
 from identify.clocks import base_channel, late
 from identify.diagnose import diagnose
@@ -13,10 +14,10 @@ from identify.effect import SensorFault
 from identify.effects.sensor_latency import SensorLatency
 from identify.excused import excused
 from identify.filters import derivative
-from identify.fit import Fit, at_faults
+from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_of
 from identify.partialling import Partialled
-from identify.reading import READINGS, read_again
+from identify.reading import READINGS, Reading, read_again
 from identify.sensitivity import Sensitivity
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
@@ -24,26 +25,6 @@ from identify.vectors import Array
 
 CLOCKS = [e for e in KNOWN.values() if isinstance(e, SensorLatency)]
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
-DRAWS = 39
-
-
-def later(key: str, seconds: float, seed: int) -> Drive:
-    """The drive with one kind of instrument stamped that much too late."""
-    fault = KNOWN[key]
-    assert isinstance(fault, SensorFault)
-    return driven(at_faults(exact(), [fault], np.array([-seconds])), seed)
-
-
-@pytest.fixture(scope="module")
-def fitted() -> Fit:
-    """The model on a run with clocks that are right."""
-    return fit_of(driven(exact(), 0))
-
-
-@pytest.fixture(scope="module")
-def floor(fitted: Fit) -> NoiseFloor:
-    """Its floor."""
-    return floor_of(fitted, DRAWS)
 
 
 def test_all_instruments_late_are_the_same_motion_later():
@@ -76,14 +57,14 @@ def test_another_instrument_s_channels_are_moved_by_themselves():
 
 
 def test_small_latencies_are_left_to_their_columns(fitted: Fit, floor: NoiseFloor):
-    reading = read_again(fitted, floor)
-    assert reading.fitted is fitted
-    assert reading.floor is floor
+    recorded = Reading.of(fitted, floor)
+    reading = read_again(recorded)
+    assert reading is recorded
     assert not reading.late
 
 
 @pytest.mark.parametrize(("key", "seconds"), [("sensor_latency.imu", 0.02), ("sensor_latency.laser", -0.025)])
-def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float, monkeypatch: pytest.MonkeyPatch):
+def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float):
     """Ten tolerances: no first-order column holds, and what one leaves looks like an engine on mounts."""
     off = fit_of(later(key, seconds, 5))
     own = floor_of(off, DRAWS)
@@ -94,31 +75,61 @@ def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float, m
     assert found.best.values[0] == pytest.approx(seconds, abs=found.best.interval[0])
     assert found.best.gain > 0.3  # beside the rig file's clocks, not beside those moved by many tolerances
     # Read where the instruments are, the run is the model's again.
-    reading = read_again(off, own)
+    reading = read_again(Reading.of(off, own))
     assert len(reading.late) > 1
     assert len(reading.late) <= len(CLOCKS)
-    space = TrialSpace(off, own, TRIED, 0)
-    left = max(left_by(space, []).ratios.values())
+    left = max(left_by(TrialSpace.of(reading, TRIED, 0), []).ratios.values())
     assert left < 1.25
-    monkeypatch.setattr("identify.reading.READINGS", 0)
-    assert max(left_by(TrialSpace(off, own, TRIED, 0), []).ratios.values()) > 1.5 * left
-    assert space.late == reading.late
+    assert max(left_by(TrialSpace.of(Reading.of(off, own), TRIED, 0), []).ratios.values()) > 1.5 * left
+
+
+def test_late_instruments_are_taken_out_with_nothing_to_try():
+    off = fit_of(later("sensor_latency.imu", 0.02, 5))
+    told: list[str] = []
+    found = diagnose(off, floor_of(off, DRAWS), [], tell=told.append)
+    assert any("read again" in line for line in told)
+    assert found.best is None
 
 
 def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
     """What never settles is read a few times only, and told."""
     told: list[str] = []
-    monkeypatch.setattr("identify.reading._remaining", lambda *args: np.ones(len(args[1])) * 5.0)
-    reading = read_again(fitted, floor, told.append)
+    monkeypatch.setattr("identify.reading.Reading.remaining", lambda _, late: np.full(len(late), 5.0))
+    reading = read_again(Reading.of(fitted, floor), told.append)
     assert len([line for line in told if "read again" in line]) == READINGS
     assert all(abs(seconds) > 0.0 for seconds in reading.late.values())
+
+
+def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor: NoiseFloor):
+    """Runs do not show it: clocks taken for half a tolerance late, all of them, are half a tolerance off."""
+    recorded = Reading.of(fitted, floor)
+    assert len(set(recorded.clocks.values())) == 1
+    alone = np.full(len(recorded.clocks), 0.5)
+    np.testing.assert_allclose(recorded.remaining(alone), recorded.remaining(0.0 * alone) - alone, atol=1e-6)
+
+
+@pytest.mark.parametrize("key", ["spring_cubic.front", "coulomb.rear"])
+def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, monkeypatch: pytest.MonkeyPatch):
+    """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
+    bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
+    monkeypatch.setattr("identify.late_or_missing.STRAIGHT", bound)
+    off = fit_of(driven(exact_with(KNOWN[key], 0.9 * KNOWN[key].parameters[0].high), 4))
+    own = floor_of(off, DRAWS)
+    recorded = Reading.of(off, own)
+    moved = recorded.remaining(np.zeros(len(recorded.clocks))) * np.array(list(recorded.clocks.values()))
+    assert np.max(np.abs(recorded.omega * moved)) > bound
+    told: list[str] = []
+    found = diagnose(off, own, [KNOWN[key], *(e for e in (*TRIED, *CLOCKS) if e.key != key)], tell=told.append)
+    assert not [line for line in told if "read again" in line]
+    assert found.best is not None
+    assert found.best.key == key
 
 
 def test_noise_in_the_columns_does_not_move_the_sheet(fitted: Fit, floor: NoiseFloor):
     """The wheels' scales in runs with no tolerance drawn: noise in columns and residual alike is no scale."""
     with_noise, plain, noise = [], [], None
     for seed in range(6):
-        space = TrialSpace(fit_of(driven(exact(), 50 + seed, 1.0), fitted), floor, TRIED[:1], 0, noise)
+        space = TrialSpace.of(Reading.of(fit_of(driven(exact(), 50 + seed, 1.0), fitted), floor), TRIED[:1], 0, noise)
         noise, known = space.noise, space.partialled
         model = space.layout.model
         scales = [
@@ -141,12 +152,12 @@ def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor):
     tolerance = RIG.tolerance(channel, "gain")
     wrong = record.signals.value[channel] * np.array([[1.0], [1.0], [1.0 + 5.0 * tolerance]])
     off = fit_of(driven(record.with_signals(record.signals.changed({channel: wrong}, 250.0)), 7), fitted)
-    space = TrialSpace(off, floor, TRIED, 0)
+    space = TrialSpace.of(Reading.of(off, floor), TRIED, 0)
     assert excused(space)["gain of wheel.rr.force.z"] > 3.0
     found = diagnose(off, floor, TRIED, noise=space.noise)
     assert found.verdict == "nothing missing", found.says
     assert "gain of wheel.rr.force.z +" in found.says
-    right = TrialSpace(fitted, floor, TRIED, 0, space.noise)
+    right = TrialSpace.of(Reading.of(fitted, floor), TRIED, 0, space.noise)
     assert max(map(abs, excused(right).values())) < 3.0
     assert "off by more than" not in diagnose(fitted, floor, TRIED, noise=space.noise).says
 
@@ -155,8 +166,9 @@ def test_clocks_are_told_from_the_rig_file(fitted: Fit, floor: NoiseFloor):
     """However far the runs were read away from it."""
     fault = KNOWN["sensor_latency.imu"]
     assert isinstance(fault, SensorFault)
-    space = TrialSpace(fit_of(later("sensor_latency.imu", 0.02, 5)), floor, TRIED, 0)
-    assert space.late
+    recorded = Reading.of(fit_of(later("sensor_latency.imu", 0.02, 5)), floor)
+    space = TrialSpace.of(read_again(recorded), TRIED, 0)
+    assert space.reading.late
     told = {name: size for name, size in excused(space).items() if name.startswith("latency")}
     imu = next(size for name, size in told.items() if name == f"latency of {RIG.sensor_of('imu.accel').name}")
     others = np.mean([size for size in told.values() if size != imu])

@@ -20,6 +20,7 @@ from identify.floor import NoiseFloor, floor_of
 from identify.layout import Trial
 from identify.model import Model
 from identify.motion import Motion
+from identify.reading import Reading, read_again
 from identify.trial_sums import FOLDS, TrialSums
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
@@ -63,7 +64,7 @@ def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> Tria
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ColumnNoise, "of", none)
-        return TrialSpace(fitted, floor, candidates, 0)
+        return TrialSpace.of(read_again(Reading.of(fitted, floor)), candidates, 0)
 
 
 @pytest.fixture(scope="module")
@@ -85,6 +86,7 @@ def trials(space: TrialSpace) -> list[Trial]:
 
 
 def test_candidates_are_of_every_kind(space: TrialSpace):
+    assert space.reading.late  # on runs read again
     kinds = {t.effect.name for t in trials(space)}
     assert {"anti_roll_bar", "coulomb", "sensor_gain", "sensor_latency", "sensor_misalignment"} <= kinds
 
@@ -308,6 +310,6 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
     assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
     for a, b in zip(again.candidates, first.candidates, strict=True):
         assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
-    fewer = TrialSpace(fitted, floor, CANDIDATES[:4], 0, back)
+    fewer = TrialSpace.of(Reading.of(fitted, floor), CANDIDATES[:4], 0, back)
     assert fewer.noise is not back
     assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)

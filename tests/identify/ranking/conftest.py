@@ -1,0 +1,50 @@
+"""The car that is exactly its model, ranked: made once for all tests that need it."""
+
+from __future__ import annotations
+
+import pytest
+from exact_car import driven, exact, exact_with, fit_of
+from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
+
+from identify.candidate import Candidate
+from identify.diagnose import Diagnosis, diagnose
+from identify.fit import Fit
+from identify.floor import NoiseFloor, floor_of
+from identify.reading import Reading
+from identify.trials import TrialSpace
+
+
+@pytest.fixture(scope="session")
+def fitted() -> Fit:
+    """The model on a run that lacks nothing."""
+    return fit_of(driven(exact(), 0))
+
+
+@pytest.fixture(scope="session")
+def floor(fitted: Fit) -> NoiseFloor:
+    """The floor of that motion."""
+    return floor_of(fitted, DRAWS)
+
+
+@pytest.fixture(scope="session")
+def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+    """Candidates on it."""
+    return TrialSpace.of(Reading.of(fitted, floor), CANDIDATES, 0)
+
+
+@pytest.fixture(scope="session")
+def found(space: TrialSpace) -> list[Candidate]:
+    """What is said of each before chance is looked at."""
+    return [c for c in space.try_all() if c.tested]
+
+
+@pytest.fixture(scope="session")
+def unlisted() -> Fit:
+    """The model on a run of a car with a law that is in no catalogue."""
+    return fit_of(driven(exact_with(HIDDEN, SIZE), 1))
+
+
+@pytest.fixture(scope="session")
+def hidden(unlisted: Fit, floor: NoiseFloor) -> Diagnosis:
+    """Its diagnosis."""
+    return diagnose(unlisted, floor, CANDIDATES)
