@@ -1,8 +1,8 @@
 """The side that does not know: tables, rig and vehicle in a folder go in, verdicts come out.
 
 Nothing here imports the simulator or the cases. What depends on the motion and hardly on the noise (sensitivities,
-noise moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials with
-nothing hidden tables of the same drive measured once more, by a seed no trial has.
+noise moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials tables of
+the same drive measured once more, by a seed no trial has. The noise in the columns is always found on the very tables.
 """
 
 from __future__ import annotations
@@ -103,6 +103,17 @@ def floor(folder: Path, added: Added, draws: int) -> NoiseFloor:
     return floor_of(reference(folder, added), draws)
 
 
+def at_reference(folder: Path, known: Path, added: Added) -> Added:
+    """Effects as the reference has them: shape constants between two values of the grid are many, and as well there."""
+    if folder == known:
+        return added
+    grids = {key: tables(known).known[key].grids for key, _ in added}
+    return tuple(
+        (key, tuple((name, min(grids[key].get(name, (x,)), key=lambda at, x=x: abs(at - x))) for name, x in shape))
+        for key, shape in added
+    )
+
+
 def candidates(found: Tables, without: Sequence[str]) -> list[Effect]:
     """The catalogue beyond the base model, some families left out."""
     return [e for e in found.known.values() if not e.base and e.name not in without]
@@ -124,7 +135,7 @@ def fitted_model(folder: Path, known: Path, added: Added) -> Fit:
     if folder == known:
         return reference(folder, added)
     found = tables(folder)
-    return fit(found.model(added), found.used, stored=reference(known, added).stored)
+    return fit(found.model(added), found.used, stored=reference(known, at_reference(folder, known, added)).stored)
 
 
 def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int = DRAWS, again: bool = True) -> Answer:
@@ -140,7 +151,8 @@ def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int 
     tried = candidates(found, without)
     while True:
         begin = time.process_time()
-        reference(known, out.added)
+        alike = at_reference(folder, known, out.added)
+        reference(known, alike)
         out.timed("reference", begin)
         begin = time.process_time()
         fitted = fitted_model(folder, known, out.added)
@@ -148,7 +160,7 @@ def identify(folder: Path, known: Path, without: Sequence[str] = (), draws: int 
         if len(out.added) == MOST or (out.added and not again):
             break
         begin = time.process_time()
-        noise = floor(known, out.added, draws)
+        noise = floor(known, alike, draws)
         out.timed("floor", begin)
         begin = time.process_time()
         diagnosis = diagnose(fitted, noise, tried)

@@ -226,6 +226,18 @@ def missed(records: Sequence[Record], found: Sequence[Goal]) -> list[str]:
     return lines
 
 
+def sharing(records: Sequence[Record]) -> str:
+    """Whether trials with a noise floor of their own, as users have it, go as well as those that share one."""
+    single = [r for r in records if r["kind"] == "single" and "steps" in r]
+    own, shared = ([r for r in single if r.get("shared", False) is told] for told in (False, True))
+    if not own or not shared:
+        return ""
+    return (
+        f"One hidden effect was first in {_count(own, hit)} of {len(own)} with a floor of their own and in "
+        f"{_count(shared, hit)} of {len(shared)} that share one."
+    )
+
+
 def page(results: Mapping[tuple[str, int], Record]) -> str:
     """The page's text."""
     known = cells()
@@ -258,7 +270,7 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
             "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
             f"and {sum(r.get('shared', False) for r in records)} of all share one noise floor in their cell: in them "
-            "lacet is given that of another trial.", "",
+            "lacet is given that of another trial. " + sharing(records), "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",

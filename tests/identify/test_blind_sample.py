@@ -8,12 +8,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
+import cars
 import pytest
 
-from benchmarks.blind import making, page, scoring
+from benchmarks.blind import identifying, making, page, scoring
 from benchmarks.blind.__main__ import append, results
 from benchmarks.blind.cases import SINGLES, Campaign, Cell, cells
+from identify.catalogue import catalogue
 
 pytest.importorskip("mujoco")
 SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=8.0)
@@ -62,6 +65,27 @@ def test_what_is_given_away_does_not_tell(tmp_path: Path, monkeypatch: pytest.Mo
     source = (Path(scoring.__file__).with_name("identifying.py")).read_text(encoding="utf-8")
     assert "simulate import" not in source
     assert "benchmarks" not in source
+
+
+def test_shapes_are_those_of_the_grid_at_a_reference_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    vehicle, _ = cars.reference_car()
+    known = SimpleNamespace(known=catalogue(vehicle, "hub"))
+    monkeypatch.setattr(identifying, "tables", lambda _: known)
+    grid = known.known["coulomb.front"].grids["v0"]
+    added = (("anti_roll_bar.front", ()), ("coulomb.front", (("v0", grid[1] + 0.3 * (grid[2] - grid[1])),)))
+    here, there = Path("a"), Path("b")
+    assert identifying.at_reference(here, here, added) == added
+    assert identifying.at_reference(here, there, added) == (added[0], ("coulomb.front", (("v0", grid[1]),)))
+
+
+def test_trials_with_a_floor_of_their_own_are_counted_apart(records: dict[str, dict]) -> None:
+    assert not records["bar"]["shared"]
+    assert records["null"]["shared"]
+    assert page.sharing([records["bar"]]) == ""
+    lost = {**records["bar"], "seed": 2, "shared": True, "steps": [{**records["bar"]["steps"][0], "best": None}]}
+    assert "first in 1 of 1 with a floor of their own and in 0 of 1 that share one" in page.sharing(
+        [records["bar"], lost, records["null"]]
+    )
 
 
 def test_a_run_that_was_cut_off_goes_on(tmp_path: Path) -> None:
