@@ -48,7 +48,7 @@ def test_a_floor_that_is_a_little_low_is_simulated_again(
         assert second.fitted is fitted
 
 
-def test_the_sheet_leads_to_the_parameters_of_the_right_scale():
+def test_the_sheet_leads_to_the_parameters_of_the_right_scale(fitted: Fit):
     """A scale five tolerances off: the fit's wheel stiffness goes with it, and where the sheet leads is nearer."""
     record, channel = exact(), "wheel.rr.force"
     record = record.with_signals(
@@ -56,7 +56,7 @@ def test_the_sheet_leads_to_the_parameters_of_the_right_scale():
             {channel: record.signals.value[channel] * (1.0 + 5.0 * RIG.tolerance(channel, "gain"))}, 250.0
         )
     )
-    off, right = fit_of(driven(record, 7, 0.0)), fit_of(driven(exact(), 7, 0.0))
+    off, right = fit_of(driven(record, 7, 0.0), fitted), fit_of(driven(exact(), 7, 0.0), fitted)
     space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
     names = [q.name for effect in MODEL.physics for q in effect.parameters]
     assert len(space.led) == len(names)
@@ -65,19 +65,18 @@ def test_the_sheet_leads_to_the_parameters_of_the_right_scale():
     assert np.all(np.abs(space.led - right.physics)[moved] < 0.5 * np.abs(off.physics - right.physics)[moved])
 
 
-def test_latencies_within_tolerance_are_read_away_to_the_last():
+def test_latencies_within_tolerance_are_read_away_to_the_last(fitted: Fit):
     """A first-order column is right to a part of the noise; without noise that part is seen, and goes."""
-    off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0))
+    off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
     own = floor_of(off, 9)
     space = TrialSpace.of(Reading.of(off, own), TRIED, 0)
     assert not space.reading.late
     closer = ranking._read_closely(space, lambda _: None)
-    assert closer.late == read_again(Reading.of(off, own), straight=STILL).late
     assert closer.late
-    left = [left_by(s, []).ratios for s in (space, TrialSpace.of(closer, TRIED, 0))]
+    spaces = [TrialSpace.of(reading, TRIED, 0, space.noise) for reading in (space.reading, closer)]
+    left = [left_by(s, []).ratios for s in spaces]
     assert left[1]["chassis.fx"] < 0.3 * left[0]["chassis.fx"]
-    again = TrialSpace.of(closer, TRIED, 0)
-    assert ranking._read_closely(again, lambda _: None) is closer
+    assert ranking._read_closely(spaces[1], lambda _: None) is closer
 
 
 def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
@@ -86,7 +85,7 @@ def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
     """What noise adds cancels in what the model explains at the zeros of its own fit only."""
     low = scaled(floor, 1.0 / 1.12)
     noise = TrialSpace.of(Reading.of(fitted, low), TRIED, 0).noise
-    other = fit_of(later("sensor_latency.imu", 0.003, 0))
+    other = fit_of(later("sensor_latency.imu", 0.003, 0), fitted)
     closer = replace(read_again(Reading.of(other, floor), straight=STILL), floor=floor)
     assert closer.fitted is not fitted
     monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: closer)
@@ -95,10 +94,10 @@ def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
     assert any(np.any(found.noise.totals[row] != total) for row, total in noise.totals.items())
 
 
-def test_a_cause_stays_where_rows_are_looked_at_twice(floor: NoiseFloor):
+def test_a_cause_stays_where_rows_are_looked_at_twice(fitted: Fit, floor: NoiseFloor):
     """A law of a size that lifts its rows by a part of their floor is missing before and after."""
     told: list[str] = []
-    off = fit_of(driven(exact_with(HIDDEN, 0.12 * SIZE), 1))
+    off = fit_of(driven(exact_with(HIDDEN, 0.12 * SIZE), 1), fitted)
     found = diagnose(off, floor, [HIDDEN, *CANDIDATES[:2]], tell=told.append)
     assert AGAIN in told
     assert found.best is not None, found.says
