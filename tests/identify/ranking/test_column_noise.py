@@ -17,6 +17,7 @@ from identify.floor import NoiseFloor, floor_of
 from identify.freed import Freed
 from identify.partialling import Partialled, at_gain
 from identify.reading import Reading
+from identify.trial_columns import TrialColumns
 from identify.trial_sums import columns_of
 from identify.trials import TrialSpace
 from identify.unlisted import beside
@@ -27,7 +28,7 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
     quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
-    calm = ColumnNoise.of(quiet, TrialSpace.of(Reading.of(quiet, floor), CANDIDATES, 0, space.noise).sums, floor.sigma)
+    calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0).sums, floor.sigma)
     assert calm.labels == space.noise.labels
     for row, total in space.noise.totals.items():
         assert total.shape == 2 * (space.layout.width,)
@@ -106,7 +107,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
     four = fit(MODEL, runs, draws=2)
-    own = TrialSpace.of(Reading.of(four, floor_of(four, 3)), CANDIDATES, 0, space.noise).sums
+    own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
     monkeypatch.setattr("identify.column_noise._SECONDS", 1.9 * SECONDS)
