@@ -106,7 +106,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
 ):
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
-    four = fit(MODEL, runs, draws=2)
+    four = fit(MODEL, runs, unbias=False)
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
