@@ -21,13 +21,15 @@ from daq.log_run import build_run
 from daq.rig import Rig
 from daq.run import Run
 from daq.vehicle import Vehicle
+from identify.candidate import Candidate
 from identify.catalogue import base_model, catalogue
-from identify.diagnose import SIGNIFICANCE, Candidate, Diagnosis, diagnose
+from identify.diagnose import Diagnosis, diagnose
 from identify.drive import Drive
 from identify.fit import fit
 from identify.floor import floor_of
 from identify.model import Model
 from identify.score import compare
+from identify.verdicts import SIGNIFICANCE
 from services.capturing import encode_rig, simulated_start
 from services.commands.simulate import HOUR_NS, RUN_STEP
 from services.decoding import Decoder, decode_frames

@@ -20,31 +20,19 @@ from identify.excused import excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
-from identify.lack_of_fit import LOUDEST, Left
+from identify.lack_of_fit import Left
 from identify.late_or_missing import columns_as_read
+from identify.look import Look, look, strength
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
-from identify.ties import with_ties
 from identify.trials import TrialSpace
-from identify.unlisted import best_set, left_by
-from identify.verdicts import SIGNIFICANCE, implausible, judged
-from identify.whiteness import whiteness
+from identify.verdicts import judged
 
-HALF = 0.5
-"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
-MAIN = 0.75
-"""… and this part where what they leave is more than chance leaves."""
-OWN = 0.3
-"""Part of that excess that the one proposed must take away itself: of three alike each has a third."""
-STAYS = 0.15
-"""Part of all excess that may stay behind the best set; if more does and is no noise, it is not listed either."""
-MOST = 0.5
-"""Part of an excess that must stand above the noise's level to be no noise."""
-QUIET = 0.25
-"""Part of a spectrum's bands that is taken for noise alone."""
 MARGINAL = 1.25
 """Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""
+BENT = 0.25
+"""Part of what a candidate takes off that may be what first-order columns do not tell of latencies."""
 UNUSUAL = 3.0
 """Tolerances beyond which a user is told what the sensor sheet would have to be wrong by."""
 LOUD = 1.3
@@ -97,66 +85,53 @@ def diagnose(
     of the same candidates found it, spares finding it again. `tell` is told what is done now.
     """
     tell("what the sensor sheet leaves open")
-    recorded = Reading.of(fitted, floor)
-    space = TrialSpace(columns_as_read(recorded, candidates, seed, tell), noise, tell)
-    now = left_by(space, [])
+    columns = columns_as_read(Reading.of(fitted, floor), candidates, seed, tell)
+    seen = look(TrialSpace(columns, noise, tell), tell)
     for closer in (_read_closely, _with_its_floor):
-        if now.above and max(now.ratios[row] for row in now.above) < MARGINAL:
+        if _in_doubt(seen):
+            space = seen.space
             reading = closer(space, tell)
             if reading is not space.reading:
                 # What noise adds cancels in what the model explains at this fit's zeros only.
                 same = space.noise if reading.fitted is space.fitted else None
-                space = TrialSpace.of(reading, candidates, seed, same, tell)
-                now = left_by(space, [])
-    tell("how far each takes the error down")
-    found = space.family_wise(space.try_all())
-    effects = {effect.key: effect for effect in space.effects}
-    # What chance does as well comes last.
-    ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -_strength(c)))
-    tell("which cannot be told apart")
-    ranked = with_ties([judged(c, effects[c.key], floor.count) for c in ranked], space)
-    plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
-    tell("what the best explain together")
-    failing = now.above
-    together = best_set(space, plausible)
-    best = next((c for c in ranked if c.answer == "missing"), None)
-    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
-    own = [row for row in failing if best and row in best.rows] or failing
-    excess, explained, unlisted = now.excess(own), 0.0, False
-    if failing:
-        # A gap between two values of the grid would leave what looks like another cause.
-        sharper: list[Candidate] = []
-        for c in [c for c in ranked if c.key in together]:
-            tell(f"the constants of {c.key}")
-            sharper.append(refined(space, c))
-        tell("what they leave")
-        after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
-        explained = (excess - after.excess(own)) / excess
-        stays = after.family <= SIGNIFICANCE and after.excess(failing) > STAYS * now.excess(failing)
-        little = explained < HALF or (explained < MAIN and after.chance(own) <= SIGNIFICANCE)
-        lacking = best is None or little or _strength(best) < OWN * excess or (stays and structured(after))
-        unlisted = lacking and structured(now)
-    if unlisted:
-        best = None
-    elif best is not None:
-        best = refined(space, best)
-        best = replace(best, why=judged(best, effects[best.key], floor.count).why)
+                seen = look(TrialSpace.of(reading, candidates, seed, same, tell), tell)
+    best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
+    if best is not None:
+        best = refined(seen.space, best)
+        best = replace(best, why=judged(best, seen.effects[best.key], floor.count).why)
         ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_open(c, best) for c in ranked]
     formulas: list[Formula] = []
-    if unlisted:
+    if seen.unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(space.reading, failing, seed)
-        verdict, says = "unlisted cause", _unlisted(now, failing, explained, together, formulas)
+        formulas = propose(seen.space.reading, failing, seed)
+        verdict, says = "unlisted cause", _unlisted(seen, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)
     else:
-        verdict, says = "nothing missing", _nothing(space, now, ranked)
-    untestable = [c for c in found if not c.tested]
+        verdict, says = "nothing missing", _nothing(seen.space, seen.now, ranked)
     return Diagnosis(
-        verdict, says, best, (*ranked, *untestable), _ratios(fitted, floor), excess, explained, floor.count,
-        space.columns.louder, failing, tuple(together), space.noise, tuple(formulas),
+        verdict, says, best, (*ranked, *seen.untestable), _ratios(fitted, floor), seen.excess, seen.explained,
+        floor.count, seen.space.columns.louder, failing, seen.together, seen.space.noise, tuple(formulas),
     )  # fmt: skip
+
+
+def _in_doubt(seen: Look) -> bool:
+    """Whether a closer look may change the answer: rows fail by little, and what is said may be for that alone."""
+    now = seen.now
+    if not now.above or max(now.ratios[row] for row in now.above) >= MARGINAL:
+        return False
+    return seen.unlisted or (seen.best is not None and _bent(seen.space) > BENT * strength(seen.best))
+
+
+def _bent(space: TrialSpace) -> float:
+    """Weighted squares that latencies leave at most beside their first-order columns: (ω τ / 2)² of what those do."""
+    layout, omega = space.layout, space.reading.omega
+    found = dict(zip(space.partialled.taken.tolist(), space.partialled.gain[:, layout.right].tolist(), strict=True))
+    places = [layout.model + layout.sheet.index(entry) for entry in space.reading.clocks]
+    late = np.array([found.get(place, 0.0) for place in places])
+    reach = omega * np.max(np.abs(late * list(space.reading.clocks.values())), initial=0.0)
+    return float((reach / 2.0) ** 2 * late @ space.sums.total[np.ix_(places, places)] @ late)
 
 
 def _read_closely(space: TrialSpace, tell: Tell) -> Reading:
@@ -180,28 +155,6 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
     return out
 
 
-def _strength(c: Candidate) -> float:
-    """Weighted squares it takes off; a latency's gain is told beside the rig's clocks, which tolerances may move."""
-    return min(c.total_gain, c.drop)
-
-
-def structured(left: Left) -> bool:
-    """Whether what is above the floor has another colour than the noise; sensors louder than their sheet leave it.
-
-    The noise's level is read from the quietest bands of each row's spectrum: most of the excess must stand above it.
-    """
-    smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
-    for key, residual in left.residual.items():
-        found = whiteness(residual, left.draws[key], np.arange(residual.size), 1.0) if key[1] in left.above else None
-        if found is not None and found.frequency.size > 1:
-            smallest, count = min(smallest, found.ljung_box), count + 1
-            width = np.gradient(found.frequency)
-            level = min(LOUDEST**2, float(np.quantile(found.spectrum / found.floor, QUIET)))
-            excess += float(np.sum(width * (found.spectrum - found.floor)))
-            coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
-    return smallest * count <= SIGNIFICANCE and coloured > MOST * excess > 0.0
-
-
 def _open(c: Candidate, best: Candidate | None) -> Candidate:
     """A candidate that passes is missing only if it is the one proposed, or tied with it; else it is judged later."""
     if c.answer != "missing" or (best and (c.key == best.key or c.key in dict(best.ties))):
@@ -215,14 +168,13 @@ def _missing(best: Candidate) -> str:
     return f"{best.key} is missing. {best.why}{tied}"
 
 
-def _unlisted(
-    now: Left, failing: Sequence[str], explained: float, together: Sequence[str], formulas: Sequence[Formula]
-) -> str:
-    worst = max(failing, key=lambda row: now.ratios[row])
+def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
+    now = seen.now
+    worst = max(now.above, key=lambda row: now.ratios[row])
     says = (
         f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
-        f"set of effects of the catalogue ({', '.join(together) or 'none'}) explains "
-        f"{100 * max(0.0, explained):.0f} % of what is above the floor, and the rest is no noise."
+        f"set of effects of the catalogue ({', '.join(seen.together) or 'none'}) explains "
+        f"{100 * max(0.0, seen.explained):.0f} % of what is above the floor, and the rest is no noise."
     )
     if not formulas:
         return f"{says} No law of the measured states describes it: it may depend on something that is not measured."

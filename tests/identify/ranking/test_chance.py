@@ -10,10 +10,11 @@ from exact_car import driven, exact, fit_of
 from exact_ranking import CANDIDATES, DRAWS
 
 from identify.candidate import Candidate
-from identify.diagnose import diagnose, structured
+from identify.diagnose import diagnose
 from identify.drive import Drive
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.look import structured
 from identify.reading import Reading
 from identify.trials import TrialSpace
 from identify.unlisted import left_by

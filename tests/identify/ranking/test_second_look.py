@@ -11,8 +11,10 @@ from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from identify import diagnose as ranking
 from identify.diagnose import diagnose
-from identify.fit import Fit
+from identify.fit import Fit, at_faults
 from identify.floor import NoiseFloor, floor_at, floor_of
+from identify.look import Look
+from identify.news import Tell
 from identify.reading import STILL, Reading, read_again
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
@@ -26,10 +28,27 @@ def scaled(floor: NoiseFloor, factor: float) -> NoiseFloor:
     return NoiseFloor.of([{row: factor * draws for row, draws in part.items()} for part in floor.draws])
 
 
+@pytest.fixture
+def unlisted_at_first(monkeypatch: pytest.MonkeyPatch) -> list[TrialSpace]:
+    """The first look at candidates calls what it sees unlisted; the spaces looked at."""
+    seen: list[TrialSpace] = []
+
+    def look(space: TrialSpace, tell: Tell) -> Look:
+        seen.append(space)
+        found = sober(space, tell)
+        return replace(found, unlisted=len(seen) == 1 and bool(found.now.above))
+
+    sober = ranking.look
+    monkeypatch.setattr(ranking, "look", look)
+    monkeypatch.setattr(ranking, "propose", lambda *_: [])
+    return seen
+
+
 @pytest.mark.parametrize(("factor", "again"), [(1.0, False), (1.0 / 1.12, True), (1.0 / 1.6, False)])
 def test_a_floor_that_is_a_little_low_is_simulated_again(
-    fitted: Fit, floor: NoiseFloor, factor: float, again: bool, monkeypatch: pytest.MonkeyPatch
-):
+    fitted: Fit, floor: NoiseFloor, factor: float, again: bool, unlisted_at_first: list[TrialSpace],
+    monkeypatch: pytest.MonkeyPatch,
+):  # fmt: skip
     """By as much as other parameters may do; not where nothing fails, nor where rows fail by more."""
     monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: space.reading)
     told: list[str] = []
@@ -37,15 +56,41 @@ def test_a_floor_that_is_a_little_low_is_simulated_again(
     noise = TrialSpace.of(Reading.of(fitted, low), TRIED, 0).noise
     found = diagnose(fitted, low, TRIED, noise=noise, tell=told.append)
     assert (AGAIN in told) == again
+    assert found.verdict == ("nothing missing" if again else "unlisted cause" if factor < 1.0 else found.verdict)
     assert bool(found.failing) == (factor < 1.0 and not again), found.failing
     assert found.noise is noise  # it is of this fit's zeros
+    assert len(unlisted_at_first) == 1 + again
     if again:
-        space = TrialSpace.of(Reading.of(fitted, low), TRIED, 0, noise)
-        assert left_by(space, []).above
-        second = ranking._with_its_floor(space, told.append)
-        own = floor_at(fitted, space.led, DRAWS)
-        assert second.floor.sigma == own.sigma
+        first, second = unlisted_at_first
+        assert left_by(first, []).above
+        assert second.floor.sigma == floor_at(fitted, first.led, DRAWS).sigma
         assert second.fitted is fitted
+
+
+@pytest.mark.parametrize("bent", [False, True])
+def test_an_effect_is_looked_at_again_where_latencies_may_have_made_it(
+    fitted: Fit, floor: NoiseFloor, bent: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A law that lifts its rows by a part of their floor; what first-order columns leave of latencies is far less."""
+    told: list[str] = []
+    late = at_faults(exact_with(HIDDEN, 0.12 * SIZE), [KNOWN["sensor_latency.imu"]], np.array([-0.0015]))
+    off = fit_of(driven(late, 1), fitted)
+    if bent:
+        monkeypatch.setattr(ranking, "BENT", 1e-6)
+    found = diagnose(off, floor, [HIDDEN, *CANDIDATES[:2]], tell=told.append)
+    assert bool(found.failing)
+    assert any("read again" in line for line in told) == bent
+    assert found.best is not None, found.says
+    assert found.best.key == HIDDEN.key
+
+
+def test_what_columns_leave_of_latencies_is_no_less_than_they_do(fitted: Fit):
+    """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
+    off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
+    space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
+    left = {key: float(np.sum(series**2)) for key, series in left_by(space, []).residual.items()}
+    assert ranking._bent(space) > 0.3 * sum(left.values())
+    assert ranking._bent(space) < 30.0 * sum(left.values())
 
 
 def test_the_sheet_leads_to_the_parameters_of_the_right_scale(fitted: Fit):
@@ -80,7 +125,7 @@ def test_latencies_within_tolerance_are_read_away_to_the_last(fitted: Fit):
 
 
 def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
-    fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+    fitted: Fit, floor: NoiseFloor, unlisted_at_first: list[TrialSpace], monkeypatch: pytest.MonkeyPatch
 ):
     """What noise adds cancels in what the model explains at the zeros of its own fit only."""
     low = scaled(floor, 1.0 / 1.12)
@@ -90,18 +135,9 @@ def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
     assert closer.fitted is not fitted
     monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: closer)
     found = diagnose(fitted, low, TRIED, noise=noise)
+    assert len(unlisted_at_first) == 2
     assert found.noise is not noise
     assert any(np.any(found.noise.totals[row] != total) for row, total in noise.totals.items())
-
-
-def test_a_cause_stays_where_rows_are_looked_at_twice(fitted: Fit, floor: NoiseFloor):
-    """A law of a size that lifts its rows by a part of their floor is missing before and after."""
-    told: list[str] = []
-    off = fit_of(driven(exact_with(HIDDEN, 0.12 * SIZE), 1), fitted)
-    found = diagnose(off, floor, [HIDDEN, *CANDIDATES[:2]], tell=told.append)
-    assert AGAIN in told
-    assert found.best is not None, found.says
-    assert found.best.key == HIDDEN.key
 
 
 def test_what_the_sheet_leads_to_is_no_other_model(fitted: Fit, floor: NoiseFloor):

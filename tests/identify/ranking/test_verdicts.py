@@ -106,7 +106,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
         before = measured(space, []).squares
         return replace(found, squares={row: rest * a for row, a in before.items()}) if added else found
 
-    monkeypatch.setattr("identify.diagnose.left_by", leaving)
+    monkeypatch.setattr("identify.look.left_by", leaving)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
