@@ -56,7 +56,7 @@ class Diagnosis:
     louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
-    noise : in the columns, for the next ranking.
+    noise : in the columns at the first look, for that of the next ranking.
     formulas : for an unlisted cause, laws that part of the residual follows, best first.
     """
 
@@ -86,7 +86,7 @@ def diagnose(
     """
     tell("what the sensor sheet leaves open")
     columns = columns_as_read(Reading.of(fitted, floor), candidates, seed, tell)
-    seen = look(TrialSpace(columns, noise, tell), tell)
+    first = seen = look(TrialSpace(columns, noise, tell), tell)
     for closer in (_read_closely, _with_its_floor):
         if _in_doubt(seen):
             space = seen.space
@@ -112,12 +112,16 @@ def diagnose(
         verdict, says = "nothing missing", _nothing(seen.space, seen.now, ranked)
     return Diagnosis(
         verdict, says, best, (*ranked, *seen.untestable), _ratios(fitted, floor), seen.excess, seen.explained,
-        floor.count, seen.space.columns.louder, failing, seen.together, seen.space.noise, tuple(formulas),
+        floor.count, seen.space.columns.louder, failing, seen.together, first.space.noise, tuple(formulas),
     )  # fmt: skip
 
 
 def _in_doubt(seen: Look) -> bool:
-    """Whether a closer look may change the answer: rows fail by little, and what is said may be for that alone."""
+    """Whether a closer look may change the answer, where rows fail by little.
+
+    For an unlisted cause latencies and floor may be to blame. What is proposed was compared with simulated runs as loud
+    as this one, so that a floor somewhat low has not made it; latencies may have.
+    """
     now = seen.now
     if not now.above or max(now.ratios[row] for row in now.above) >= MARGINAL:
         return False
@@ -125,7 +129,7 @@ def _in_doubt(seen: Look) -> bool:
 
 
 def _bent(space: TrialSpace) -> float:
-    """Weighted squares that latencies leave at most beside their first-order columns: (ω τ / 2)² of what those do."""
+    """Weighted squares that latencies may leave beside their first-order columns: about (ω τ / 2)² of what those do."""
     layout, omega = space.layout, space.reading.omega
     found = dict(zip(space.partialled.taken.tolist(), space.partialled.gain[:, layout.right].tolist(), strict=True))
     places = [layout.model + layout.sheet.index(entry) for entry in space.reading.clocks]

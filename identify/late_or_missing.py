@@ -1,7 +1,7 @@
 """Whether latencies that the sensor sheet takes up are late instruments, or do the work of an effect that is missing.
 
 Where a model lacks an effect of many floors, clocks move by many tolerances to make up for some of it. Runs are read
-again only for latencies that stay when the effects that take most off are beside them.
+again only where one stays far off when what takes most off is beside it.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def columns_as_read(recorded: Reading, candidates: Sequence[Effect], seed: int, 
 
 
 def _beside_effects(columns: TrialColumns) -> Array:
-    """(clocks,) latencies in tolerances, beside up to three effects that together take most off."""
+    """(clocks,) latencies in tolerances, beside up to three shapes of effects that together take most off."""
     known = Partialled(columns.sums, columns.taken, columns.prior, None, columns.pull)
     layout = columns.sums.layout
     tried = {str(n): trial for n, trial in enumerate(layout.trials) if _no_clock(trial)}

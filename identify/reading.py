@@ -119,6 +119,7 @@ def read_again(recorded: Reading, tell: Tell = silent, straight: float = STRAIGH
         tell(f"the runs read again, latencies up to {1e3 * np.max(np.abs(late)):.1f} ms taken out ({reading + 1})")
         drives = [Drive(at_faults(drive.recording, faults, late)) for drive in first.drives]
         now = Reading.of(refitted(first, drives, _stored(first)), recorded.floor.without_draws())
+        assert list(now.clocks) == entries
     if now is recorded:
         return recorded
     fitted = refitted(first, now.fitted.drives)

@@ -39,7 +39,7 @@ def engine_library() -> Any:
         lib = importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
-    # Its own way is a file MUJOCO_LOG.TXT in whatever folder one happens to be in.
+    # Its own way is a file MUJOCO_LOG.TXT in whatever folder one happens to be in; a failed run is told by its name.
     lib.set_mju_user_warning(logging.getLogger(__name__).debug)
     return lib
 

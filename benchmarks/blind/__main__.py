@@ -69,6 +69,8 @@ def append(path: Path, record: dict[str, Any]) -> None:
 def run_cell(cell: Cell, seeds: Sequence[int], path: Path, digest: str, draws: int, keep: bool) -> list[str]:
     """Every trial of a cell; its motion is simulated once. Returns a line for each."""
     out: list[str] = []
+    # A reference left by a run that was cut off may be of another size.
+    shutil.rmtree(BUILD / "tables" / cell.name.replace("/", "-"), ignore_errors=True)
     with threadpool_limits(1):
         for seed in seeds:
             begin = time.process_time()

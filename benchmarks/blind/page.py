@@ -233,8 +233,8 @@ def sharing(records: Sequence[Record]) -> str:
     if not own or not shared:
         return ""
     return (
-        f"One hidden effect was first in {_count(own, hit)} of {len(own)} with a floor of their own and in "
-        f"{_count(shared, hit)} of {len(shared)} that share one."
+        f"A hidden effect was first, or tied with it, in {_count(own, hit)} of {len(own)} with a floor of their own and "
+        f"in {_count(shared, hit)} of {len(shared)} that share one."
     )
 
 
@@ -269,8 +269,8 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "share. A fault of the instruments is at least 5 tolerances of the sheet.", "",
             "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
             "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
-            f"and {sum(r.get('shared', False) for r in records)} of all share one noise floor in their cell: in them "
-            "lacet is given that of another trial. " + sharing(records), "",
+            f"and {sum(r.get('shared', False) for r in records)} of all share a noise floor and noise moments in their "
+            "cell: those of one more measurement of the same drive. " + sharing(records), "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",

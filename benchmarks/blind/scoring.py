@@ -32,8 +32,8 @@ def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) ->
     """Run one trial; JSON-able record. The identifying side is given folders of tables."""
     begin = time.process_time()
     folder = write_trial(build / "tables" / cell.name.replace("/", "-") / f"{seed}", cell, seed)
-    # Many trials are needed, and those of a cell share a noise floor: a little wrong for each, which makes false alarms
-    # more likely, not less. The first has its own, as a user has it, unless nothing is hidden.
+    # Many trials are needed, and those of a cell share a noise floor, a little wrong for each: with nothing hidden that
+    # makes false alarms more likely, not less. Elsewhere the first has its own, as users have it; the page tells both.
     known = folder if seed == OWN and cell.kind != "null" else reference_of(cell, build)
     made = time.process_time() - begin
     record: dict[str, Any] = {

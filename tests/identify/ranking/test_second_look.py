@@ -56,7 +56,7 @@ def test_a_floor_that_is_a_little_low_is_simulated_again(
     noise = TrialSpace.of(Reading.of(fitted, low), TRIED, 0).noise
     found = diagnose(fitted, low, TRIED, noise=noise, tell=told.append)
     assert (AGAIN in told) == again
-    assert found.verdict == ("nothing missing" if again else "unlisted cause" if factor < 1.0 else found.verdict)
+    assert found.verdict == ("nothing missing" if again or factor == 1.0 else "unlisted cause")
     assert bool(found.failing) == (factor < 1.0 and not again), found.failing
     assert found.noise is noise  # it is of this fit's zeros
     assert len(unlisted_at_first) == 1 + again
@@ -84,7 +84,7 @@ def test_an_effect_is_looked_at_again_where_latencies_may_have_made_it(
     assert found.best.key == HIDDEN.key
 
 
-def test_what_columns_leave_of_latencies_is_no_less_than_they_do(fitted: Fit):
+def test_what_columns_leave_of_latencies_is_about_what_they_do(fitted: Fit):
     """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
     off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
     space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
@@ -136,8 +136,9 @@ def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
     monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: closer)
     found = diagnose(fitted, low, TRIED, noise=noise)
     assert len(unlisted_at_first) == 2
-    assert found.noise is not noise
-    assert any(np.any(found.noise.totals[row] != total) for row, total in noise.totals.items())
+    own = unlisted_at_first[1].noise
+    assert any(np.any(own.totals[row] != total) for row, total in noise.totals.items())
+    assert found.noise is noise  # the next ranking begins at this fit again
 
 
 def test_what_the_sheet_leads_to_is_no_other_model(fitted: Fit, floor: NoiseFloor):
