@@ -233,7 +233,7 @@ def sharing(records: Sequence[Record]) -> str:
     if not own or not shared:
         return ""
     return (
-        f"A hidden effect was first, or tied with it, in {_count(own, hit)} of {len(own)} with a floor of their own and "
+        f"A hidden effect was first, or tied, in {_count(own, hit)} of {len(own)} with a floor of their own and "
         f"in {_count(shared, hit)} of {len(shared)} that share one."
     )
 
