@@ -40,7 +40,7 @@ demo: .venv/.run
 # Lint runs beside the tests and is told after them.
 test: .venv/.dev
 	@$(MAKE) --no-print-directory lint >.venv/.lint 2>&1 & lint=$$!; failed=0; \
-	$(PY) -m pytest -n auto --dist loadgroup --no-loadscope-reorder $(ARGS) || failed=1; \
+	$(PY) -m pytest -n auto --dist loadfile --no-loadscope-reorder $(ARGS) || failed=1; \
 	if wait $$lint; then tail -n 1 .venv/.lint; else cat .venv/.lint; failed=1; fi; \
 	exit $$failed
 

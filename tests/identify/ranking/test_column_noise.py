@@ -101,6 +101,7 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     assert abs(np.mean(sound_free)) < 0.5 * np.mean(free)
 
 
+@pytest.mark.slow
 def test_noise_of_many_runs_is_that_of_some_scaled_up(
     fitted: Fit, floor: NoiseFloor, space: TrialSpace, monkeypatch: pytest.MonkeyPatch
 ):

@@ -74,7 +74,10 @@ def test_small_latencies_are_left_to_their_columns(fitted: Fit, floor: NoiseFloo
     assert not reading.late
 
 
-@pytest.mark.parametrize(("key", "seconds"), [("sensor_latency.imu", 0.02), ("sensor_latency.laser", -0.025)])
+@pytest.mark.parametrize(
+    ("key", "seconds"),
+    [("sensor_latency.imu", 0.02), pytest.param("sensor_latency.laser", -0.025, marks=pytest.mark.slow)],
+)
 def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float):
     """Ten tolerances: no first-order column holds, and what one leaves looks like an engine on mounts."""
     recorded, reading = very_late(key, seconds)
@@ -116,7 +119,7 @@ def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor
     np.testing.assert_allclose(recorded.remaining(alone), recorded.remaining(0.0 * alone) - alone, atol=1e-6)
 
 
-@pytest.mark.parametrize("key", ["spring_cubic.front", "coulomb.rear"])
+@pytest.mark.parametrize("key", ["spring_cubic.front", pytest.param("coulomb.rear", marks=pytest.mark.slow)])
 def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, fitted: Fit, monkeypatch: pytest.MonkeyPatch):
     """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
     bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
