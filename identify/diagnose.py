@@ -16,7 +16,7 @@ import numpy as np
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
 from identify.effect import Effect
-from identify.excused import excused
+from identify.excused import Excused, excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
@@ -35,6 +35,8 @@ BENT = 0.25
 """Part of what a candidate takes off that may be what first-order columns do not tell of latencies."""
 UNUSUAL = 3.0
 """Tolerances beyond which a user is told what the sensor sheet would have to be wrong by."""
+MOST_TOLD = 4
+"""No more of its entries are told."""
 LOUD = 1.3
 """Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
 
@@ -104,7 +106,7 @@ def diagnose(
     formulas: list[Formula] = []
     if seen.unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(seen.space.reading, failing, seed)
+        formulas = propose(seen.space.reading, _worst(_ratios(fitted, floor)) if seen.strained else failing, seed)
         verdict, says = "unlisted cause", _unlisted(seen, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)
@@ -173,6 +175,8 @@ def _missing(best: Candidate) -> str:
 
 
 def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
+    if seen.strained:
+        return _strained(seen, seen.strained, formulas)
     now = seen.now
     worst = max(now.above, key=lambda row: now.ratios[row])
     says = (
@@ -182,11 +186,38 @@ def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
     )
     if not formulas:
         return f"{says} No law of the measured states describes it: it may depend on something that is not measured."
-    best = formulas[0]
+    return f"{says} {_described(formulas[0])}"
+
+
+def _strained(seen: Look, sheet: Excused, formulas: Sequence[Formula]) -> str:
+    """Why a sensor sheet that would have to be so wrong is a cause that is not listed."""
+    beside = f"Beside {seen.best.key}, the best of the catalogue, the" if seen.best else "The"
+    says = (
+        f"{beside} model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(sheet)}): their "
+        f"squares sum to {sheet.squares:.0f}, in simulated runs that lack nothing to {np.mean(sheet.null):.0f} and "
+        f"never above {np.max(sheet.null):.0f}. Either several instruments are off (calibrate them, or write their "
+        f"true tolerances into the rig file), or the cause is not listed."
+    )
+    return f"{says} {_described(formulas[0])}" if formulas else says
+
+
+def _described(best: Formula) -> str:
     return (
-        f"{says} What comes nearest of simple laws is '{best.text}', which takes {100 * best.gain:.0f} % off "
+        f"What comes nearest of simple laws is '{best.text}', which takes {100 * best.gain:.0f} % off "
         f"{', '.join(best.rows)} in parts of the runs it was not fitted to: a description, not a cause."
     )
+
+
+def _worst(ratios: Mapping[str, float]) -> list[str]:
+    """Rows at least half as far above their floor as the worst, before any tolerance is taken out."""
+    above = {row: ratio**2 - 1.0 for row, ratio in ratios.items()}
+    return [row for row in above if above[row] >= 0.5 * max(above.values())]
+
+
+def _off(sheet: Excused, least: float = 0.0) -> str:
+    """Entries of the sensor sheet that are farthest off, in tolerances."""
+    most = sorted(sheet.sizes.items(), key=lambda one: -abs(one[1]))[:MOST_TOLD]
+    return ", ".join(f"{name} {size:+.1f}" for name, size in most if abs(size) > least)
 
 
 def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
@@ -200,10 +231,9 @@ def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
     loud = [f"{row} {ratio:.1f} times" for row, ratio in space.columns.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
-    off = [f"{name} {size:+.1f}" for name, size in excused(space).items() if abs(size) > UNUSUAL]
-    if off:
+    if off := _off(excused(space), UNUSUAL):
         says += (
             f" For that the sensor sheet would have to be off by more than {UNUSUAL:g} of its tolerances "
-            f"({', '.join(off)}): look at these instruments (lacet check measures latencies)."
+            f"({off}): look at these instruments (lacet check measures latencies)."
         )
     return says

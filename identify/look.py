@@ -9,6 +9,7 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.effect import Effect
+from identify.excused import Excused, excused
 from identify.lack_of_fit import LOUDEST, Left
 from identify.news import Tell
 from identify.refine import refined
@@ -45,7 +46,9 @@ class Look:
     together : the best set of up to three.
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set takes away.
-    unlisted : whether what is above the floor has a cause that no candidate stands for.
+    strained : what the sensor sheet takes up beside the best, if the sheet would have to be wrong for that and the best
+        takes away less, where rows do not already call the cause unlisted; else None.
+    unlisted : whether what is above the floor, or strains the sheet, has a cause that no candidate stands for.
     """
 
     space: TrialSpace
@@ -56,6 +59,7 @@ class Look:
     together: tuple[str, ...]
     excess: float
     explained: float
+    strained: Excused | None
     unlisted: bool
 
     @property
@@ -95,7 +99,13 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         lacking = best is None or little or strength(best) < OWN * excess or (stays and structured(after))
         unlisted = lacking and structured(now)
     untestable = tuple(c for c in found if not c.tested)
-    return Look(space, now, tuple(ranked), untestable, best, tuple(together), excess, explained, unlisted)
+    # Where the sheet's tolerances take the whole cause up no row fails, and some fault is larger than any tolerance.
+    sheet = excused(space, best.key if best else "")
+    beyond = not unlisted and sheet.strained and (best is None or strength(best) < sheet.excess)
+    return Look(
+        space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
+        sheet if beyond else None, unlisted or beyond,
+    )  # fmt: skip
 
 
 def strength(c: Candidate) -> float:
