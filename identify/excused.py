@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from daq.channels import CHANNELS
+from identify.sheet import SheetEntry
 from identify.trials import TrialSpace
 from identify.vectors import Array
 
@@ -43,28 +44,33 @@ class Excused:
 
 def excused(space: TrialSpace, key: str = "") -> Excused:
     """What the sheet takes up beside the candidate `key` at its best shape, or beside none."""
-    layout, columns, late = space.layout, space.columns, space.reading.late
-    rig, known = space.fitted.drives[0].recording.rig, space.partialled
+    layout, columns, known = space.layout, space.columns, space.partialled
     drawn = known.inverse @ space.null[known.taken]
     found = _taken_up(space, key)
     sizes: dict[str, float] = {}
     squares, null = 0.0, np.zeros(drawn.shape[1])
-    for position, place in enumerate(known.taken.tolist()):
+    for position, place in enumerate(map(int, known.taken)):
         if place < layout.model:
             continue
-        name, size = columns.sheet[place], float(found[position]) / columns.sigma[place]
-        entry = layout.sheet[place - layout.model] if place < layout.model + len(layout.sheet) else None
-        if entry and entry[0] == "latency":
-            size += late.get(entry, 0.0) / rig.tolerance(entry[1], "latency")
-            sensor = rig.sensor_of(entry[1])
-            name = f"latency of {sensor.name if sensor else entry[1]}"
-        else:
-            squares += size**2
-            null += (drawn[position] / columns.sigma[place]) ** 2
-        if entry and entry[0] != "latency":
-            name = f"{entry[0]} of {CHANNELS[entry[1]].columns[entry[2]]}"
+        size, among = float(found[position]) / columns.sigma[place], place - layout.model
+        entry = layout.sheet[among] if among < len(layout.sheet) else None
+        if entry is not None and entry[0] == "latency":
+            name, taken_out = _clock(space, entry)
+            sizes[name] = size + taken_out
+            continue
+        squares += size**2
+        null += (drawn[position] / columns.sigma[place]) ** 2
+        name = columns.sheet[place] if entry is None else f"{entry[0]} of {CHANNELS[entry[1]].columns[entry[2]]}"
         sizes[name] = size
     return Excused(sizes, squares, null)
+
+
+def _clock(space: TrialSpace, entry: SheetEntry) -> tuple[str, float]:
+    """A latency's name, and how much of it was taken out of the runs before, in tolerances."""
+    rig, channel = space.fitted.drives[0].recording.rig, entry[1]
+    sensor = rig.sensor_of(channel)
+    taken_out = space.reading.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
+    return f"latency of {sensor.name if sensor else channel}", taken_out
 
 
 def _taken_up(space: TrialSpace, key: str) -> Array:
