@@ -124,6 +124,12 @@ def test_hits_are_counted_as_said() -> None:
     assert not page.declared(cause)
 
 
+def test_an_alarm_is_whatever_is_told_where_nothing_is_missing() -> None:
+    assert page.alarm(_record("n.0", "null", [], ("a", [], "missing")))
+    assert page.alarm(_record("n.0", "null", [], (None, [], "unlisted cause")))
+    assert not page.alarm(_record("n.0", "null", [], (None, [], "nothing missing")))
+
+
 def test_the_table_counts_what_is_wanted() -> None:
     found = cells()
     singles = {c.name.rpartition("/")[0] for c in found.values() if c.kind == "single"}
