@@ -163,7 +163,10 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:
     """A candidate that passes is missing only if it is the one proposed, or tied with it; else it is judged later."""
-    if c.answer != "missing" or (best and (c.key == best.key or c.key in dict(best.ties))):
+    tied = best is not None and c.key in dict(best.ties)
+    if best is not None and tied and c.answer == "not needed":
+        return replace(c, answer="undecided", why=f"{c.why} But it cannot be told apart from {best.key}.")
+    if c.answer != "missing" or tied or (best and c.key == best.key):
         return c
     later = f"It is judged again once {best.key} is added." if best else "It does not explain what is left."
     return replace(c, answer="undecided", why=f"{c.why} {later}")

@@ -16,7 +16,7 @@ from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
 from identify.unlisted import best_set, left_by
-from identify.verdicts import SIGNIFICANCE, implausible, judged
+from identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
 from identify.whiteness import whiteness
 
 HALF = 0.5
@@ -77,7 +77,8 @@ def look(space: TrialSpace, tell: Tell) -> Look:
     # What chance does as well comes last.
     ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -strength(c)))
     tell("which cannot be told apart")
-    ranked = with_ties([judged(c, effects[c.key], draws) for c in ranked], space)
+    standing_out = {c.key for c in ranked if stands_out(c, effects[c.key])}
+    ranked = with_ties([judged(c, effects[c.key], draws) for c in ranked], space, standing_out)
     plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
     tell("what the best explain together")
     together = best_set(space, plausible)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,16 +20,17 @@ SAME = 0.98
 """Candidates more correlated than this are one law on these runs (a rebound stop, a helper spring that pulls): tied."""
 
 
-def with_ties(ranked: Sequence[Candidate], space: TrialSpace) -> list[Candidate]:
-    """Each candidate that could be missing, with those that could be in its place.
+def with_ties(ranked: Sequence[Candidate], space: TrialSpace, standing_out: Collection[str]) -> list[Candidate]:
+    """Each candidate that could be missing, with those `standing_out` that could be in its place.
 
-    Their block losses do not differ from its own, or they are one law on these runs.
+    Their block losses do not differ from its own, or they are one law on these runs. A law that acts on many rows may
+    take too little of each to be proposed, and still be the one that is missing.
     """
-    open_ = [c for c in ranked if c.answer == "missing"]
+    rivals = [c for c in ranked if c.key in standing_out]
     out: list[Candidate] = []
     for c in ranked:
         ties: list[tuple[str, float]] = []
-        for other in open_ if c.answer == "missing" else []:
+        for other in rivals if c.answer == "missing" else []:
             if other.key != c.key:
                 correlation = space.correlation(c.key, other.key)
                 alike = correlation >= ALIKE and same_losses(c.block_gain, other.block_gain)

@@ -45,6 +45,11 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
     return replace(c, answer="not needed", why=why)
 
 
+def stands_out(c: Candidate, effect: Effect) -> bool:
+    """Whether chance does not do as well and its size is plausible, however little it takes away."""
+    return c.p <= SIGNIFICANCE and c.gain > 0.0 and not implausible(c, effect.parameters)
+
+
 def implausible(c: Candidate, parameters: Sequence[Parameter]) -> str:
     """Which of its parameters would lie outside what is plausible on any car, by more than its interval; or nothing."""
     for q, value, half in zip(parameters, c.values, c.interval, strict=True):

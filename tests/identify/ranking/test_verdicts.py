@@ -21,7 +21,7 @@ from identify.lack_of_fit import Left
 from identify.ties import same_losses, with_ties
 from identify.trials import TrialSpace
 from identify.unlisted import left_by
-from identify.verdicts import SIGNIFICANCE, judged
+from identify.verdicts import SIGNIFICANCE, judged, stands_out
 
 
 def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: Diagnosis):
@@ -115,8 +115,52 @@ def test_one_law_with_two_names_is_a_tie_whatever_its_losses(correlation: float,
     losses = np.random.default_rng(4).uniform(5.0, 9.0, 12)
     a, b = (Candidate(key, {}, "missing", block_gain=gain) for key, gain in (("a", losses), ("b", 0.9 * losses)))
     assert not same_losses(a.block_gain, b.block_gain)
-    told = with_ties([a, b], SimpleNamespace(correlation=lambda *_: correlation))
+    told = with_ties([a, b], SimpleNamespace(correlation=lambda *_: correlation), {"a", "b"})
     assert [bool(c.ties) for c in told] == [tied, tied]
+
+
+def test_what_takes_too_little_of_each_row_is_still_in_the_tie_set():
+    """It acts on more rows than the one proposed, and takes as much away; chance never does."""
+    losses = np.random.default_rng(4).uniform(5.0, 9.0, 12)
+    best, small, chance = (
+        Candidate(key, {}, answer, block_gain=losses)
+        for key, answer in (("a", "missing"), ("b", "not needed"), ("c", "not needed"))
+    )
+    told = with_ties([best, small, chance], SimpleNamespace(correlation=lambda *_: 0.9), {"a", "b"})
+    assert [c.ties for c in told] == [(("b", 0.9),), (), ()]
+
+
+@pytest.mark.parametrize(
+    ("changed", "out"),
+    [({}, True), ({"p": 0.06}, False), ({"gain": -0.001}, False), ({"values": (1e9,)}, False)],
+)
+def test_what_stands_out_may_be_small_but_is_plausible_and_no_chance(changed: dict, out: bool):
+    effect = KNOWN["anti_roll_bar.front"]
+    small = Candidate(effect.key, {}, p=0.01, gain=0.002, most=0.004, values=(400.0,), interval=(50.0,))
+    assert judged(small, effect, DRAWS).answer == "not needed"
+    assert stands_out(replace(small, **changed), effect) == out
+
+
+def test_a_small_one_that_is_tied_is_not_called_needless(
+    unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    """With the hidden law proposed, all others that stand out tied with it."""
+    monkeypatch.setattr("identify.ties.ALIKE", 0.0)
+    monkeypatch.setattr("identify.ties.same_losses", lambda *_: True)
+    measured = judged
+    small = "coulomb.front"
+
+    def needless(c: Candidate, effect: Effect, draws: int) -> Candidate:
+        return replace(measured(c, effect, draws), **({"answer": "not needed"} if c.key == small else {}))
+
+    monkeypatch.setattr("identify.look.judged", needless)
+    found = diagnose(unlisted, floor, [*CANDIDATES, HIDDEN])
+    assert found.verdict == "missing"
+    assert found.best
+    assert small in dict(found.best.ties)
+    told = next(c for c in found.candidates if c.key == small)
+    assert told.answer == "undecided"
+    assert told.why.endswith(f"But it cannot be told apart from {found.best.key}.")
 
 
 def test_losses_that_differ_in_most_blocks_are_no_tie():
