@@ -19,10 +19,10 @@ from identify.unlisted import best_set, left_by
 from identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
 from identify.whiteness import whiteness
 
-MAIN = 0.75
+HALF = 0.5
 """Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
-RARE = 0.01
-"""… if no more than this part of simulated runs leave as much: a small effect's excess is mostly scatter."""
+MAIN = 0.75
+"""… and this part where what they leave is more than chance leaves."""
 OWN = 0.3
 """Part of that excess that the one proposed must take away itself: of three alike each has a third."""
 STAYS = 0.15
@@ -96,7 +96,7 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(now.above) > STAYS * now.excess(now.above)
-        little = explained < MAIN and after.chance(own) <= max(RARE, 1.0 / (1 + draws))
+        little = explained < HALF or (explained < MAIN and after.chance(own) <= SIGNIFICANCE)
         lacking = best is None or little or strength(best) < OWN * excess or (stays and structured(after))
         unlisted = lacking and structured(now)
     untestable = tuple(c for c in found if not c.tested)
