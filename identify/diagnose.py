@@ -20,14 +20,13 @@ from identify.excused import Excused, excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
-from identify.lack_of_fit import Left
 from identify.late_or_missing import columns_as_read
 from identify.look import Look, look, strength
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
 from identify.trials import TrialSpace
-from identify.verdicts import judged
+from identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
 MARGINAL = 1.25
 """Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""
@@ -111,7 +110,7 @@ def diagnose(
     elif best is not None:
         verdict, says = "missing", _missing(best)
     else:
-        verdict, says = "nothing missing", _nothing(seen.space, seen.now, ranked)
+        verdict, says = "nothing missing", _nothing(seen, ranked)
     return Diagnosis(
         verdict, says, best, (*ranked, *seen.untestable), _ratios(fitted, floor), seen.excess, seen.explained,
         floor.count, seen.space.columns.louder, failing, seen.together, first.space.noise, tuple(formulas),
@@ -223,7 +222,8 @@ def _off(sheet: Excused, least: float = 0.0) -> str:
     return ", ".join(f"{name} {size:+.1f}" for name, size in most if abs(size) > least)
 
 
-def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
+def _nothing(seen: Look, ranked: Sequence[Candidate]) -> str:
+    space, now = seen.space, seen.now
     worst = max(now.ratios, key=lambda row: now.ratios[row])
     least = min((c.p for c in ranked), default=1.0)
     says = (
@@ -231,6 +231,12 @@ def _nothing(space: TrialSpace, now: Left, ranked: Sequence[Candidate]) -> str:
         f"above its noise floor is {worst}, at {now.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
         f"does, chance does with p = {least:.2g}."
     )
+    if small := [c for c in ranked if stands_out(c, seen.effects[c.key])]:
+        told = ", ".join(f"{c.key} {c.gain_rms:.3g} {unit_of(c)} RMS, p = {c.p:.2g}" for c in small[:MOST_TOLD])
+        says += (
+            f" Chance does not explain all: {told}. That is less than {100 * LEAST_GAIN:g} % of any row; add it if so "
+            f"little matters to you."
+        )
     loud = [f"{row} {ratio:.1f} times" for row, ratio in space.columns.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from exact_car import KNOWN, driven, exact, fit_of
+from exact_car import KNOWN, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from identify.candidate import Candidate
@@ -108,6 +108,18 @@ def test_a_rest_above_chance_calls_for_another_cause(
 
     monkeypatch.setattr("identify.look.left_by", leaving)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
+
+
+def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
+    floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
+):
+    small = fit_of(driven(exact_with(HIDDEN, 0.05 * SIZE), 1))
+    assert diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == "missing"
+    monkeypatch.setattr("identify.verdicts.LEAST_GAIN", 0.5)
+    found = diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]])
+    assert found.verdict == "nothing missing"
+    assert "Chance does not explain all: hidden.front " in found.says
+    assert " N RMS, p = 0.025" in found.says
 
 
 @pytest.mark.parametrize(("correlation", "tied"), [(0.99, True), (0.9, False)])
