@@ -21,6 +21,7 @@ from identify.ties import ALIKE
 from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 from services.cli import main
 
+pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")
 CANDIDATES = [effect for effect in KNOWN.values() if not effect.base]
@@ -120,7 +121,6 @@ def test_a_cause_nobody_has_listed_gets_no_wrong_name(
     assert found.best is None
 
 
-@pytest.mark.slow  # two minutes
 def test_the_reference_car_by_the_command_line(tmp_path: Path):
     """Both bars and nothing else are named and added on four runs, and the parameters are those of the truth."""
     tables = [str(cars.CAR / f"{name}.parquet") for name in cars.RUNS]
