@@ -85,6 +85,7 @@ def middle(ratios: dict[str, float]) -> float:
     return float(np.exp(np.mean(np.log(list(ratios.values())))))
 
 
+@pytest.mark.slow  # the simulator drives a whole campaign
 def test_a_braking_run_shrinks_what_was_predicted():
     chosen = plans("braking")
     (one,) = planned(chosen)
