@@ -16,7 +16,7 @@ import numpy as np
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
 from identify.effect import Effect
-from identify.excused import Excused, excused
+from identify.excused import Excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
@@ -35,7 +35,7 @@ BENT = 0.25
 UNUSUAL = 3.0
 """Tolerances beyond which a user is told what the sensor sheet would have to be wrong by."""
 MOST_TOLD = 4
-"""No more of its entries are told."""
+"""No more of its entries are told, and no more candidates."""
 LOUD = 1.3
 """Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
 
@@ -102,17 +102,17 @@ def diagnose(
         best = replace(best, why=judged(best, seen.effects[best.key], floor.count).why)
         ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_open(c, best) for c in ranked]
-    formulas: list[Formula] = []
+    ratios, formulas = _ratios(fitted, floor), list[Formula]()
     if seen.unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(seen.space.reading, _worst(_ratios(fitted, floor)) if seen.strained else failing, seed)
+        formulas = propose(seen.space.reading, _worst(ratios) if seen.strained else failing, seed)
         verdict, says = "unlisted cause", _unlisted(seen, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)
     else:
         verdict, says = "nothing missing", _nothing(seen, ranked)
     return Diagnosis(
-        verdict, says, best, (*ranked, *seen.untestable), _ratios(fitted, floor), seen.excess, seen.explained,
+        verdict, says, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained,
         floor.count, seen.space.columns.louder, failing, seen.together, first.space.noise, tuple(formulas),
     )  # fmt: skip
 
@@ -162,13 +162,14 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:
     """A candidate that passes is missing only if it is the one proposed, or tied with it; else it is judged later."""
-    tied = best is not None and c.key in dict(best.ties)
-    if best is not None and tied and c.answer == "not needed":
-        return replace(c, answer="undecided", why=f"{c.why} But it cannot be told apart from {best.key}.")
-    if c.answer != "missing" or tied or (best and c.key == best.key):
+    tied = c.key in dict(best.ties) if best else False
+    if c.answer == "missing" and not tied and not (best and c.key == best.key):
+        more = f"It is judged again once {best.key} is added." if best else "It does not explain what is left."
+    elif c.answer == "not needed" and best and tied:
+        more = f"But it cannot be told apart from {best.key}."
+    else:
         return c
-    later = f"It is judged again once {best.key} is added." if best else "It does not explain what is left."
-    return replace(c, answer="undecided", why=f"{c.why} {later}")
+    return replace(c, answer="undecided", why=f"{c.why} {more}")
 
 
 def _missing(best: Candidate) -> str:
@@ -178,7 +179,7 @@ def _missing(best: Candidate) -> str:
 
 def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
     if seen.strained:
-        return _strained(seen, seen.strained, formulas)
+        return _strained(seen, formulas)
     now = seen.now
     worst = max(now.above, key=lambda row: now.ratios[row])
     says = (
@@ -191,14 +192,15 @@ def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
     return f"{says} {_described(formulas[0])}"
 
 
-def _strained(seen: Look, sheet: Excused, formulas: Sequence[Formula]) -> str:
+def _strained(seen: Look, formulas: Sequence[Formula]) -> str:
     """Why a sensor sheet that would have to be so wrong is a cause that is not listed."""
+    sheet = seen.sheet
     beside = f"Beside {seen.best.key}, the best of the catalogue, the" if seen.best else "The"
     says = (
-        f"{beside} model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(sheet)}): their "
-        f"squares sum to {sheet.squares:.0f}, in simulated runs that lack nothing to {np.mean(sheet.null):.0f} and "
-        f"never above {np.max(sheet.null):.0f}. Either several instruments are off (calibrate them, or write their "
-        f"true tolerances into the rig file), or the cause is not listed."
+        f"{beside} model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(sheet)}). The squares "
+        f"of all but latencies sum to {sheet.squares:.0f}, in simulated runs that lack nothing to "
+        f"{np.mean(sheet.null):.0f} and never above {np.max(sheet.null):.0f}. Either several instruments are off "
+        f"(calibrate them, or write their true tolerances into the rig file), or the cause is not listed."
     )
     return f"{says} {_described(formulas[0])}" if formulas else says
 
@@ -212,8 +214,8 @@ def _described(best: Formula) -> str:
 
 def _worst(ratios: Mapping[str, float]) -> list[str]:
     """Rows at least half as far above their floor as the worst, before any tolerance is taken out."""
-    above = {row: ratio**2 - 1.0 for row, ratio in ratios.items()}
-    return [row for row in above if above[row] >= 0.5 * max(above.values())]
+    half = 0.5 * (max(ratios.values()) ** 2 - 1.0)
+    return [row for row, ratio in ratios.items() if ratio > 1.0 and ratio**2 - 1.0 >= half]
 
 
 def _off(sheet: Excused, least: float = 0.0) -> str:
@@ -223,7 +225,7 @@ def _off(sheet: Excused, least: float = 0.0) -> str:
 
 
 def _nothing(seen: Look, ranked: Sequence[Candidate]) -> str:
-    space, now = seen.space, seen.now
+    now = seen.now
     worst = max(now.ratios, key=lambda row: now.ratios[row])
     least = min((c.p for c in ranked), default=1.0)
     says = (
@@ -237,10 +239,10 @@ def _nothing(seen: Look, ranked: Sequence[Candidate]) -> str:
             f" Chance does not explain all: {told}. That is less than {100 * LEAST_GAIN:g} % of any row; add it if so "
             f"little matters to you."
         )
-    loud = [f"{row} {ratio:.1f} times" for row, ratio in space.columns.louder.items() if ratio > LOUD]
+    loud = [f"{row} {ratio:.1f} times" for row, ratio in seen.space.columns.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
-    if off := _off(excused(space), UNUSUAL):
+    if off := _off(seen.sheet, UNUSUAL):
         says += (
             f" For that the sensor sheet would have to be off by more than {UNUSUAL:g} of its tolerances "
             f"({off}): look at these instruments (lacet check measures latencies)."

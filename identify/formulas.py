@@ -69,6 +69,8 @@ def propose(reading: Reading, failing: Sequence[str], seed: int) -> list[Formula
             cls = effect_class(read_line(f"{name} = {kind}: {law}"))
             laws_by_name[name] = kind, law.removesuffix(_BAND)
             effects += cls.variants(recording.vehicle, recording.reference)
+    if not effects:
+        return []
     space = TrialSpace.of(reading, effects, seed)
     found = [c for c in space.family_wise(space.try_all()) if c.tested and c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN]
     out: list[Formula] = []

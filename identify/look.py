@@ -46,8 +46,9 @@ class Look:
     together : the best set of up to three.
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set takes away.
-    strained : what the sensor sheet takes up beside the best, if the sheet would have to be wrong for that and the best
-        takes away less, where rows do not already call the cause unlisted; else None.
+    sheet : what the sensor sheet takes up beside the best, or beside none.
+    strained : whether the sheet would have to be wrong for that, the best takes away less, and the rows do not already
+        call the cause unlisted.
     unlisted : whether what is above the floor, or strains the sheet, has a cause that no candidate stands for.
     """
 
@@ -59,7 +60,8 @@ class Look:
     together: tuple[str, ...]
     excess: float
     explained: float
-    strained: Excused | None
+    sheet: Excused
+    strained: bool
     unlisted: bool
 
     @property
@@ -102,10 +104,10 @@ def look(space: TrialSpace, tell: Tell) -> Look:
     untestable = tuple(c for c in found if not c.tested)
     # Where the sheet's tolerances take the whole cause up no row fails, and some fault is larger than any tolerance.
     sheet = excused(space, best.key if best else "")
-    beyond = not unlisted and sheet.strained and (best is None or strength(best) < sheet.excess)
+    strained = not unlisted and sheet.strained and (best is None or strength(best) < sheet.excess)
     return Look(
         space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
-        sheet if beyond else None, unlisted or beyond,
+        sheet, strained, unlisted or strained,
     )  # fmt: skip
 
 
