@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -23,6 +23,8 @@ from identify.vectors import Array
 
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
+TOGETHER = 64
+"""So many series go through the filter at once."""
 
 
 class Drive:
@@ -78,18 +80,33 @@ class Drive:
 
     def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
         """Filter (…, N) series of rows and keep their samples; rows this drive lacks are left out."""
-        here = {row: series for row, series in rows.items() if row in self.index}
-        if not here:
-            return {}
-        # All series go through the filter at once: preparing it costs as much as running it over one.
-        flat = np.concatenate([series.reshape(-1, series.shape[-1]) for series in here.values()])
-        filtered = zero_phase_of(flat, self.recording.filters)
-        ends = np.cumsum([series[..., 0].size for series in here.values()])
-        parts = np.split(filtered, ends[:-1])
-        return {
-            row: part[:, self.index[row]].reshape(*series.shape[:-1], len(self.index[row]))
-            for (row, series), part in zip(here.items(), parts, strict=True)
-        }
+        return self.decimated_each([rows])[0]
+
+    def decimated_each(self, found: Iterable[Mapping[str, Array]]) -> list[dict[str, Array]]:
+        """`decimated` of many, some at a time: the filter costs as much to prepare as to run over one series."""
+        out: list[dict[str, Array]] = []
+        batch: list[tuple[dict[str, Array], str, Array]] = []
+        for rows in found:
+            out.append({})
+            batch += [(out[-1], row, series) for row, series in rows.items() if row in self.index]
+            if sum(series[..., 0].size for _, _, series in batch) >= TOGETHER:
+                self._through_filter(batch)
+                batch = []
+        self._through_filter(batch)
+        return out
+
+    def _through_filter(self, batch: Sequence[tuple[dict[str, Array], str, Array]]) -> None:
+        """Put each row's kept samples where they belong."""
+        if not batch:
+            return
+        flat = np.concatenate([series.reshape(-1, series.shape[-1]) for _, _, series in batch])
+        moving = np.any(flat, axis=-1)
+        flat[moving] = zero_phase_of(flat[moving], self.recording.filters)
+        start = 0
+        for place, row, series in batch:
+            stop, keep = start + series[..., 0].size, self.index[row]
+            place[row] = flat[start:stop, keep].reshape(*series.shape[:-1], len(keep))
+            start = stop
 
     def matrix(self, effects: Sequence[Effect], row: str) -> Array:
         """(n, p) observation matrix of a row, all effects side by side, zero where an effect does not act."""
@@ -107,19 +124,8 @@ class Drive:
         fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]
         if not fresh:
             return
-        made = [
-            (key, row, series) for key, effect in fresh for row, series in checked_columns(effect, self.motion).items()
-        ]
-        stacks: dict[str, list[Array]] = {}
-        for _, row, series in made:
-            stacks.setdefault(row, []).append(series)
-        done = self.decimated({row: np.concatenate(parts) for row, parts in stacks.items()})
-        self._columns |= {key: {} for key, _ in fresh}
-        taken = dict.fromkeys(done, 0)
-        for key, row, series in made:
-            if row in done:
-                self._columns[key][row] = done[row][taken[row] : taken[row] + len(series)]
-                taken[row] += len(series)
+        done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
+        self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
 
     def pieces(self, seconds: float = PIECE) -> Iterator[Drive]:
         """The run itself, or when it is longer than 1.5 × `seconds`, drives that together keep just its samples.

@@ -91,11 +91,9 @@ def sensor_columns(
         for row, series in responses.get(entry, {}).items():
             if row in out and np.any(series):
                 out[row].append((slice(place, place + 1), series[None]))
-    found = [(place, sensitivity.fault(fault)) for place, fault in faults]
-    for row in out:
-        having = [(place, response[row]) for place, response in found if row in response and np.any(response[row])]
-        if having:
-            # Through the filter together.
-            series = drive.decimated({row: np.stack([one for _, one in having])})[row]
-            out[row] += [(place, one[None]) for (place, _), one in zip(having, series, strict=True)]
+    found = drive.decimated_each(sensitivity.fault(fault) for _, fault in faults)
+    for (place, _), response in zip(faults, found, strict=True):
+        for row, series in response.items():
+            if row in out and np.any(series):
+                out[row].append((place, series[None]))
     return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -36,14 +36,16 @@ def sheet_responses(drive: Drive, sensitivity: Sensitivity) -> dict[SheetEntry, 
     recording = drive.recording
     values, rig = recording.signals.value, recording.rig
     seen = dict.fromkeys(name for name, _, _ in sensitivity.coarse)
-    out: dict[SheetEntry, dict[str, Array]] = {}
-    for (what, channel, k), members in sheet_entries(rig, seen).items():
-        if what == "latency":
-            tolerance = rig.tolerance(channel, "latency")
-            changes = {name: tolerance * a for name, a in late(members, recording).items()}
-            out[what, channel, k] = drive.decimated(sensitivity.response(changes))
-        else:
-            change = np.zeros_like(values[channel])
-            change[k] = rig.tolerance(channel, "gain") * values[channel][k]
-            out[what, channel, k] = drive.decimated(sensitivity.response({channel: change}))
-    return out
+    entries = sheet_entries(rig, seen)
+
+    def changes() -> Iterator[dict[str, Array]]:
+        for (what, channel, k), members in entries.items():
+            if what == "latency":
+                tolerance = rig.tolerance(channel, "latency")
+                yield {name: tolerance * a for name, a in late(members, recording).items()}
+            else:
+                change = np.zeros_like(values[channel])
+                change[k] = rig.tolerance(channel, "gain") * values[channel][k]
+                yield {channel: change}
+
+    return dict(zip(entries, drive.decimated_each(map(sensitivity.response, changes())), strict=True))
