@@ -18,6 +18,8 @@ from identify.vectors import Array
 
 Weights = Mapping[str, float]
 """σ of each row [N or N·m]."""
+_APART = 1e5
+"""Rows of nearly exact data have σ farther apart than this: too far for normal equations."""
 
 
 @dataclass
@@ -113,7 +115,7 @@ class Equations:
         sigma = dict(start)
         for _ in range(50):
             x, zeros = self._solve_normal(sigma)
-            if not np.all(np.isfinite(x)):  # nearly exact data: σ of many sizes are too much for normal equations
+            if not np.all(np.isfinite(x)):
                 x = self.solve(sigma)
                 zeros = self.zeros(x, sigma)
             before, sigma = sigma, self._row_sigma(x, zeros, least)
@@ -131,6 +133,8 @@ class Equations:
 
     def _solve_normal(self, sigma: Weights) -> tuple[Array, list[Array]]:
         """Quick, by normal equations: good enough to iterate the weights, which need three digits; or NaN."""
+        if max(sigma.values()) > _APART * min(sigma.values()):
+            return np.full(self.p, np.nan), []
         total = self.known.T @ self.known
         right = np.zeros(self.p)
         kept: list[tuple[Array, Array]] = []
