@@ -24,6 +24,9 @@ _SEGMENT = 128
 _UPPER, _LOWER = (0.80, 1.00), (0.55, 0.75)
 """Bands of the spectrum as parts of half the sample rate: for σ, and for comparison with it."""
 
+_ALIKE = 2.24
+"""The window makes neighbouring bins alike: Σ |c_k|² of the coefficients of its square, over those of twelve bins."""
+
 _FLAT = 1.25
 """White noise has the same σ in both bands; a ratio beyond this either way is no white noise."""
 
@@ -149,6 +152,6 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
 def _middle(variances: Array) -> tuple[float, float]:
     """Median over the segments, so that a kerb does not count, made the mean of a χ² variable; and its 1 σ."""
     bins = (_UPPER[1] - _UPPER[0]) * 0.5 * _SEGMENT
-    freedom = 2.0 * bins / 1.73  # the window makes neighbouring bins alike (its noise bandwidth)
+    freedom = 2.0 * bins / _ALIKE
     middle = float(np.median(variances)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3
     return middle, 1.25 * middle * float(np.sqrt(2.0 / freedom / len(variances)))
