@@ -29,10 +29,11 @@ DESCRIPTION = """Hide effects in a simulated car, give its tables to lacet, and 
   python -m benchmarks.blind --table                docs/benchmarks/blind.md from what is there
   python -m benchmarks.blind --size                 sizes of effects that have none (benchmarks/blind/sizes.json)
 
-Results are in build/blind/results.jsonl, one line a trial. Lines of other sources of identify/, simulate/ or daq/ are
-left alone and not counted.
+Results are in benchmarks/blind/trials.jsonl, one line a trial. Lines of other sources of identify/, simulate/ or daq/
+(comments aside) are left alone and not counted.
 """
-RESULTS = BUILD / "results.jsonl"
+RESULTS = Path(__file__).with_name("trials.jsonl")
+"""Kept with the sources: days of processor time."""
 
 
 def code() -> str:
@@ -97,7 +98,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, help="no more seeds than these a cell")
     parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations (default 199)")
     parser.add_argument("--processes", type=int, default=1, help="cells side by side (default 1, at most 2)")
-    parser.add_argument("--results", type=Path, default=RESULTS, help=f"default {RESULTS.name} in build/blind")
+    parser.add_argument("--results", type=Path, default=RESULTS, help=f"default {RESULTS.name} in benchmarks/blind")
     parser.add_argument("--table", action="store_true", help="only write the page")
     parser.add_argument("--any-code", action="store_true", help="with --table: count results of older sources too")
     parser.add_argument("--page", type=Path, help="where the page goes (default docs/benchmarks/blind.md)")

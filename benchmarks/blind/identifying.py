@@ -2,7 +2,7 @@
 
 Nothing here imports the simulator or the cases. What depends on the motion and hardly on the noise (sensitivities,
 noise moments, noise floor) is taken from a *reference*: the very tables, as a user has it, or for many trials tables of
-the same drive measured once more, by a seed no trial has. The noise in the columns is always found on the very tables.
+the same drive measured once more, those of another trial. The noise in the columns is always found on the very tables.
 """
 
 from __future__ import annotations

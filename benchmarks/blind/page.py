@@ -20,9 +20,8 @@ HELD_LIMIT = 1.10
 KNOWN_WHY = {
     "anti_dive.front": "It acts on many rows and takes less than 1 % off each: too little to be proposed, and told as "
     "standing out from chance.",
-    "jacking.rear": "It takes as much away as other laws of the rear axle, from more rows.",
-    "series_damper.front": "A spring's law takes most of what fails away on the runs used, and nothing on those held "
-    "out, which the ranking does not look at.",
+    "series_damper.front": "A spring's law takes most of what fails away on the runs used, and next to nothing on "
+    "those held out, which the ranking does not look at.",
 }
 """What is known of why a case is missed, by its name."""
 Record = Mapping[str, Any]
@@ -263,7 +262,8 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             f"**{len(records)} of {len(wanted)} trials run**" + (f", {failed} of them failed" if failed else "")
             + (f", by {versions} versions of the sources" if versions > 1 else "")
             + ("; what is not run counts for nothing below" if len(records) < len(wanted) else "")
-            + (f"; {np.median(seconds):.0f} s of processor time each (median)." if seconds else "."), "",
+            + (f"; {np.median(seconds):.0f} s of processor time each (median)." if seconds else ".")
+            + " Each is a line of [trials.jsonl](../../benchmarks/blind/trials.jsonl).", "",
             f"Car `{CAMPAIGN.car}` (what the paper measured: springs, dampers and tyres differ from side to side, so "
             f"that no symmetry hides a fault), rig `{CAMPAIGN.rig}`. The same runs of {CAMPAIGN.duration:g} s for "
             f"every case: {', '.join(CAMPAIGN.used)} used; {', '.join(CAMPAIGN.held)} held out. Each trial draws "
@@ -273,7 +273,7 @@ def page(results: Mapping[tuple[str, int], Record]) -> str:
             "A hit: the truth is proposed first or in the tie set printed with it; \"not testable\" is a miss. Bounds "
             "are one-sided 95 % (Clopper–Pearson). Trials of a cell share its motion, "
             f"and {sum(r.get('shared', False) for r in records)} of all share a noise floor and noise moments in their "
-            "cell: those of one more measurement of the same drive. " + sharing(records), "",
+            "cell: those of its first trial, which has them as users do. " + sharing(records), "",
             "| goal | reached, % | 95 % bound, % | |", "|---|---|---|---|",
             *(goal.line() for goal in found),
             *missed(records, found), "",

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import shutil
 import time
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from benchmarks.blind import identifying
 from benchmarks.blind.cases import UNLISTED_FAMILIES, Cell
@@ -15,26 +16,24 @@ from benchmarks.blind.sizing import tolerated
 from daq.errors import LacetError
 
 OWN = 1
-"""Seed of the trial of a cell with a noise floor of its own."""
-SHOWN = 6
+"""Seed of the trial of a cell with a noise floor of its own, which the others share."""
+SHOWN = 4
 """Candidates of each diagnosis that are kept in the record, beside what was hidden."""
 
 
-def reference_of(cell: Cell, build: Path) -> Path:
-    """Folder of the cell's drive measured once by a seed no trial has."""
-    folder = build / "tables" / cell.name.replace("/", "-") / "reference"
-    if not (folder / "vehicle.toml").is_file():
-        write_trial(folder, cell, 0)
-    return folder
+def tables_of(cell: Cell, seed: int, build: Path) -> Path:
+    """Folder of a trial's tables, written if it is not there."""
+    folder = build / "tables" / cell.name.replace("/", "-") / f"{seed}"
+    return folder if (folder / "vehicle.toml").is_file() else write_trial(folder, cell, seed)
 
 
 def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) -> dict[str, Any]:
     """Run one trial; JSON-able record. The identifying side is given folders of tables."""
     begin = time.process_time()
-    folder = write_trial(build / "tables" / cell.name.replace("/", "-") / f"{seed}", cell, seed)
-    # Many trials are needed, and those of a cell share a noise floor, a little wrong for each: with nothing hidden that
-    # makes false alarms more likely, not less. Elsewhere the first has its own, as users have it; the page tells both.
-    known = folder if seed == OWN and cell.kind != "null" else reference_of(cell, build)
+    folder = tables_of(cell, seed, build)
+    # Many trials are needed. The first of a cell has a noise floor of its own, as users have it; the others share it, a
+    # little wrong for each: with nothing hidden that makes false alarms more likely, not less. The page tells both.
+    known = tables_of(cell, OWN, build)
     made = time.process_time() - begin
     record: dict[str, Any] = {
         "cell": cell.name, "kind": cell.kind, "band": cell.band, "seed": seed,
@@ -57,8 +56,20 @@ def trial(cell: Cell, seed: int, build: Path, draws: int = identifying.DRAWS) ->
     except LacetError as cause:
         record["failed"] = str(cause)
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
-    return record
+        if folder != known:
+            shutil.rmtree(folder, ignore_errors=True)
+    return _rounded(record)
+
+
+def _rounded(value: Any) -> Any:
+    """Six digits of every number: the trials are kept with the sources."""
+    if isinstance(value, float):
+        return float(f"{value:.6g}")
+    if isinstance(value, dict):
+        return {key: _rounded(one) for key, one in cast(dict[str, Any], value).items()}
+    if isinstance(value, (list, tuple)):
+        return [_rounded(one) for one in cast(Sequence[Any], value)]
+    return value
 
 
 def _models(cell: Cell, added: Added) -> dict[str, Added]:
@@ -72,7 +83,4 @@ def _models(cell: Cell, added: Added) -> dict[str, Added]:
 def _short(step: dict[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
     asked = {*keys, step["best"], *step["ties"]}
     kept = [c for i, c in enumerate(step["candidates"]) if i < SHOWN or c["key"] in asked]
-    for c in kept:
-        for name in ("p", "gain", "total", "drop", "size", "coverage"):
-            c[name] = float(f"{c[name]:.4g}")
     return {**step, "candidates": kept}

@@ -81,12 +81,19 @@ def test_shapes_are_those_of_the_grid_at_a_reference_alone(monkeypatch: pytest.M
 
 def test_trials_with_a_floor_of_their_own_are_counted_apart(records: dict[str, dict]) -> None:
     assert records["bar"]["shared"]
-    assert records["null"]["shared"]
+    assert not records["null"]["shared"]
     assert page.sharing([records["bar"]]) == ""
     lost = {**records["bar"], "seed": 1, "shared": False, "steps": [{**records["bar"]["steps"][0], "best": None}]}
     assert "in 0 of 1 with a floor of their own and in 1 of 1 that share one" in page.sharing(
         [records["bar"], lost, records["null"]]
     )
+
+
+def test_words_do_not_make_other_code() -> None:
+    plain = "def f(x):\n    return x + 1\n\nclass A:\n    pass\n"
+    said = '"""A module."""\n\ndef f(x):\n    """One more."""\n    return x + 1  # so\n\nclass A:\n    """Empty."""\n'
+    assert making.without_words(said) == making.without_words(plain)
+    assert making.without_words(said.replace("+ 1", "+ 2")) != making.without_words(plain)
 
 
 def test_a_run_that_was_cut_off_goes_on(tmp_path: Path) -> None:
