@@ -64,6 +64,22 @@ def test_chunks_and_merged_runs_are_the_one_big_problem(seed: int, cuts: list[in
     assert root[p, p] ** 2 == pytest.approx(np.sum((A @ whole - b) ** 2))
 
 
+def test_an_exact_row_does_not_drown_one_that_alone_sees_the_rest() -> None:
+    """Squares of weights 10⁹ apart are beyond double precision: what the noisy row says would be lost."""
+    rng = np.random.default_rng(3)
+    true, z = np.array([1.0, -2.0, 3.0, 0.5]), 1
+    exact = rng.standard_normal((400, 2)) @ rng.standard_normal((2, 4))
+    noisy = rng.standard_normal((400, 4))
+    run = RunEquations(("z0",), np.ones(z))
+    run.add("a", np.concatenate([np.zeros((400, z)), exact], axis=1), exact @ true)
+    run.add("b", np.concatenate([np.ones((400, z)), noisy], axis=1), noisy @ true + 0.3 + rng.standard_normal(400))
+    known = 1e-6 * np.eye(4)
+    x, sigma = Equations([run], known, ("a", "b")).iterate({"a": 1.0, "b": 1.0}, {"a": 1e-10, "b": 1e-10})
+    assert sigma["b"] == pytest.approx(1.0, rel=0.1)
+    np.testing.assert_allclose(exact @ x, exact @ true, atol=1e-6)
+    assert np.max(np.abs(x - true)) < 0.3
+
+
 def test_weights_come_to_the_fixed_point() -> None:
     """Each row's σ is the RMS of its own residual at the solution that those σ give."""
     rng = np.random.default_rng(3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import exact_car
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -132,3 +133,27 @@ def test_prefilter_takes_out_what_would_alias() -> None:
     t = np.arange(4000) / 500.0
     out = bring_to_grid(t, np.sin(2 * np.pi * 40 * t)[:, None], np.arange(2.0, 6.0, 1 / RATE), 20.0, 6)
     assert np.max(np.abs(out)) < 10 ** (-60 / 20)
+
+
+def test_many_series_go_through_the_filter_as_each_would_alone() -> None:
+    """More than one batch, none, empty ones, and a row that the drive lacks."""
+    rng = np.random.default_rng(5)
+    drive = exact_car.driven(exact_car.exact(), 1)
+    n = drive.recording.t.size
+    many = [
+        {"suspension.fl": rng.standard_normal((3, n)), "tyre.rr": np.zeros((2, n))},
+        {},
+        {"suspension.fl": rng.standard_normal(n), "nowhere": np.ones(n)},
+        *({"chassis.fz": rng.standard_normal((40, n))} for _ in range(3)),
+    ]
+    found = drive.decimated_each(iter(many))
+    assert [set(rows) for rows in found] == [
+        {"suspension.fl", "tyre.rr"},
+        set(),
+        {"suspension.fl"},
+        *[{"chassis.fz"}] * 3,
+    ]
+    for rows, got in zip(many, found, strict=True):
+        for row, series in got.items():
+            np.testing.assert_array_equal(series, decimate(rows[row], drive.recording.filters, drive.index[row]))
+    assert drive.decimated_each([]) == []
