@@ -11,6 +11,7 @@ from identify.effect import Effect
 from identify.excused import Excused, excused
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.formulas import propose
 from identify.look import look
 from identify.news import silent
 from identify.reading import Reading
@@ -66,6 +67,17 @@ def test_a_sheet_that_is_wrong_in_many_places_is_no_fault_of_one(floor: NoiseFlo
     assert "only if the sensor sheet is wrong" in found.says
     assert "gain of wheel." in found.says
     assert "None" not in found.says
+
+
+def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
+    floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[list[str]] = []
+    monkeypatch.setattr("identify.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or [])
+    above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
+    assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
+    assert len(asked[0]) < len(above)
+    assert propose(Reading.of(many_off, floor), [], 0) == []
 
 
 def test_what_takes_more_away_than_it_leaves_is_named(
