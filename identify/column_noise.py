@@ -64,6 +64,15 @@ class ColumnNoise:
                 totals[row] += products / share
         return cls(column_labels(fitted, sums.layout), totals, dict(sigma))
 
+    @classmethod
+    def of_run(
+        cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int = NOISE_PAIRS
+    ) -> ColumnNoise:  # fmt: skip
+        """What one run's noise alone adds."""
+        pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
+        totals = _of_run(fitted, sums, sigma, run, pieces, pairs, lambda: None)
+        return cls(column_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
+
     def fits(self, labels: tuple[str, ...], rows: Iterable[str]) -> bool:
         """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
@@ -72,7 +81,7 @@ class ColumnNoise:
         """(w, w) for the columns of `sums`, rows so much `louder` than their sheet; nothing for the residual's own."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
-        scaled = {row: louder[row] * self.sigma[row] / sigma[row] for row in louder}
+        scaled = {row: louder[row] * self.sigma[row] / sigma[row] for row in louder if row in self.totals}
         out = turn.T @ np.sum([scale**2 * self.totals[row] for row, scale in scaled.items()], axis=0) @ turn
         out[-1, -1] = 0.0
         return out

@@ -15,6 +15,7 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
+from identify.constancy import Constancy
 from identify.effect import Effect
 from identify.excused import Excused
 from identify.fit import Fit
@@ -105,7 +106,8 @@ def diagnose(
     ratios, formulas = _ratios(fitted, floor), list[Formula]()
     if seen.unlisted:
         tell("simple laws that the residual follows")
-        formulas = propose(seen.space.reading, _worst(ratios) if seen.strained else failing, seed)
+        hidden = seen.strained or not failing
+        formulas = propose(seen.space.reading, _worst(ratios) if hidden else failing, seed)
         verdict, says = "unlisted cause", _unlisted(seen, formulas)
     elif best is not None:
         verdict, says = "missing", _missing(best)
@@ -180,6 +182,8 @@ def _missing(best: Candidate) -> str:
 def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
     if seen.strained:
         return _strained(seen, formulas)
+    if seen.changing and seen.best:
+        return _changing(seen.changing, seen.best, seen.effects[seen.best.key], formulas)
     now = seen.now
     worst = max(now.above, key=lambda row: now.ratios[row])
     says = (
@@ -201,6 +205,18 @@ def _strained(seen: Look, formulas: Sequence[Formula]) -> str:
         f"of all but latencies sum to {sheet.squares:.0f}, in simulated runs that lack nothing to "
         f"{np.mean(sheet.null):.0f} and never above {np.max(sheet.null):.0f}. Either several instruments are off "
         f"(calibrate them, or write their true tolerances into the rig file), or the cause is not listed."
+    )
+    return f"{says} {_described(formulas[0])}" if formulas else says
+
+
+def _changing(runs: Constancy, best: Candidate, effect: Effect, formulas: Sequence[Formula]) -> str:
+    """Why a law that would have to be another in each run is none."""
+    k, *two = runs.apart
+    q = effect.parameters[k]
+    told = " and ".join(f"{runs.values[r][k]:.3g} ± {1.96 * runs.spread[r][k]:.2g} {q.unit} in {r}" for r in two)
+    says = (
+        f"The model lacks something, and the cause is not listed: {best.key} explains most, but it would have to be "
+        f"another law in each run ({q.name} is {told}; simulated runs differ as much with p = {runs.p:.2g})."
     )
     return f"{says} {_described(formulas[0])}" if formulas else says
 

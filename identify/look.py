@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from identify.candidate import Candidate
+from identify.constancy import Constancy, constancy
 from identify.effect import Effect
 from identify.excused import Excused, excused
 from identify.lack_of_fit import LOUDEST, Left
@@ -19,10 +20,10 @@ from identify.unlisted import best_set, left_by
 from identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
 from identify.whiteness import whiteness
 
-HALF = 0.5
-"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
 MAIN = 0.75
-"""… and this part where what they leave is more than chance leaves."""
+"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
+RARE = 0.01
+"""… where no more of simulated runs leave as much: one in twenty leaves half the excess of a small effect."""
 OWN = 0.3
 """Part of that excess that the one proposed must take away itself: of three alike each has a third."""
 STAYS = 0.15
@@ -47,9 +48,12 @@ class Look:
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set takes away.
     sheet : what the sensor sheet takes up beside the best, or beside none.
-    strained : whether the sheet would have to be wrong for that, the best takes away less, and the rows do not already
-        call the cause unlisted.
-    unlisted : whether what is above the floor, or strains the sheet, has a cause that no candidate stands for.
+    strained : whether the sheet would have to be wrong for that, the best takes away less, and nothing else calls the
+        cause unlisted already.
+    changing : the best run by run, if it would have to be another law in each and the rows do not already call the
+        cause unlisted; else None.
+    unlisted : whether what is above the floor, strains the sheet or changes from run to run has a cause that no
+        candidate stands for.
     """
 
     space: TrialSpace
@@ -62,6 +66,7 @@ class Look:
     explained: float
     sheet: Excused
     strained: bool
+    changing: Constancy | None
     unlisted: bool
 
     @property
@@ -74,10 +79,10 @@ def look(space: TrialSpace, tell: Tell) -> Look:
     """Try all candidates of a space."""
     now, draws = left_by(space, []), space.floor.count
     tell("how far each takes the error down")
-    found = space.family_wise(space.try_all())
+    all_tried = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
     # What chance does as well comes last.
-    ranked = sorted((c for c in found if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -strength(c)))
+    ranked = sorted((c for c in all_tried if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -strength(c)))
     tell("which cannot be told apart")
     standing_out = {c.key for c in ranked if stands_out(c, effects[c.key])}
     ranked = with_ties([judged(c, effects[c.key], draws) for c in ranked], space, standing_out)
@@ -98,16 +103,21 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
         stays = after.family <= SIGNIFICANCE and after.excess(now.above) > STAYS * now.excess(now.above)
-        little = explained < HALF or (explained < MAIN and after.chance(own) <= SIGNIFICANCE)
+        little = explained < MAIN and after.chance(own) <= max(RARE, 1.0 / (1.0 + draws))
         lacking = best is None or little or strength(best) < OWN * excess or (stays and structured(after))
         unlisted = lacking and structured(now)
-    untestable = tuple(c for c in found if not c.tested)
+    untestable = tuple(c for c in all_tried if not c.tested)
+    changing = None
+    if best is not None and not unlisted:
+        tell(f"whether {best.key} is the same in all runs")
+        found = constancy(space, best, [c for c in ranked if c.key in together and c.key != best.key])
+        changing = found if found is not None and found.broken else None
     # Where the sheet's tolerances take the whole cause up no row fails, and some fault is larger than any tolerance.
     sheet = excused(space, best.key if best else "")
-    strained = not unlisted and sheet.strained and (best is None or strength(best) < sheet.excess)
+    strained = not (unlisted or changing) and sheet.strained and (best is None or strength(best) < sheet.excess)
     return Look(
         space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
-        sheet, strained, unlisted or strained,
+        sheet, strained, changing, unlisted or strained or changing is not None,
     )  # fmt: skip
 
 

@@ -107,7 +107,7 @@ class TrialSums:
             z = len(priors)
             mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
             first = 1 + max((int(b.number.max()) for b in mine), default=first)
-            folds, noise = _products(mine, z, w, draws)
+            folds, noise = products_of(mine, z, w, draws)
             whole = folds.sum(axis=0)
             gain, left = without_zeros(whole, z)
             total += left
@@ -187,8 +187,8 @@ def columns_of(
         yield row, (np.concatenate(parts, axis=1) / sigma[row], np.array(active, np.intp))
 
 
-def _products(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:
-    """(FOLDS, z + w, z + w) products of a run's columns, and row → (z + w, D) those with its noise."""
+def products_of(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:
+    """(FOLDS, z + w, z + w) products of a run's columns, zeros first, and row → (z + w, D) those with its noise."""
     folds = np.zeros((FOLDS, z + w, z + w))
     noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
     for block in blocks:

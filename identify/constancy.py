@@ -1,0 +1,171 @@
+"""Whether a law holds in every run alike, or would have to be another in each: a Chow test against simulated runs.
+
+A cause that is in no catalogue may look like a listed law in one run and not in the next. A law's parameters belong to
+the car: how much more they explain when each run may have its own tells whether they are the same.
+
+Source: G. C. Chow, Tests of equality between sets of coefficients in two linear regressions, Econometrica 28 (1960).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from identify.candidate import Candidate
+from identify.column_noise import ColumnNoise
+from identify.lack_of_fit import solved, with_columns
+from identify.trial_sums import TrialSums, products_of, without_zeros
+from identify.trials import TrialSpace
+from identify.unlisted import beside
+from identify.vectors import Array
+from identify.verdicts import SIGNIFICANCE
+
+ACTS = 1e-3
+"""Part of a law's energy that a run must hold to have a say."""
+DIFFERS = 0.25
+"""A law is not one law when its differences between runs explain this part of what it explains itself."""
+SECONDS = 90.0
+"""Runs beyond so much data, those that show least, are taken as one [s]: noise is drawn for each of the others."""
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """One law run by run.
+
+    Attributes
+    ----------
+    values : name of a run → (k,) parameters that it would have by itself, of the runs that show it; `spread` 1 σ of
+        each as if residuals were independent.
+    common : fall of the weighted squares with the same parameters in all runs.
+    further : fall beyond it when each run has its own; `null` (D,) the same in simulated runs.
+    """
+
+    values: Mapping[str, Array]
+    spread: Mapping[str, Array]
+    common: float
+    further: float
+    null: Array = field(repr=False)
+
+    @property
+    def p(self) -> float:
+        """Part of simulated runs in which parameters differ as much."""
+        return float((1 + np.count_nonzero(self.null >= self.further)) / (1 + self.null.size))
+
+    @property
+    def apart(self) -> tuple[int, str, str]:
+        """Place of the parameter that differs most, in its σ, and the two runs in which it does."""
+        off = {
+            (k, a, b): abs(self.values[a][k] - self.values[b][k]) / np.hypot(self.spread[a][k], self.spread[b][k])
+            for a, b in itertools.combinations(self.values, 2)
+            for k in range(len(self.values[a]))
+        }
+        return max(off, key=lambda place: off[place])
+
+    @property
+    def broken(self) -> bool:
+        """Whether it is another law in each run: more than chance, and enough to matter."""
+        return self.p <= SIGNIFICANCE and self.further - float(np.mean(self.null)) > DIFFERS * self.common
+
+
+def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ()) -> Constancy | None:
+    """A candidate run by run, beside all that is known and `others`, all at their shapes; None where one run shows it.
+
+    Model, sensor tolerances and the others are the same in all runs; each run's zeros are its own.
+    """
+    effects = {effect.key: effect for effect in space.effects}
+    inside, trials = beside(space, [replace(effects[one.key], shape=one.shape) for one in (c, *others)])
+    sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
+    kept = np.arange(len(inside.taken))
+    if (freed := space.tried[c.key].freed) is not None:  # what stands for a fault does not excuse it
+        kept = np.setdiff1d(kept, freed.own)
+    sheet, drawn = inside.taken[kept[model:]], space.columns.drawn[kept[model:] - model]
+    fresh = {
+        i: q.prior
+        for trial in trials[1:]
+        for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
+    }
+    known = with_columns(inside.taken[kept], inside.prior[np.ix_(kept, kept)], inside.pull[kept], fresh)
+    names, groups, chance = _groups(space, sums, inside.column_noise, mine)
+    chance = [noise + products[:, sheet] @ drawn for noise, products in zip(chance, groups, strict=True)]
+    energy = [float(np.trace(one[mine, mine])) for one in groups]
+    shown = [i for i, own in enumerate(energy) if own > ACTS * sum(energy)]
+    if len(shown) < 2:
+        return None
+    right = [products[:, [sums.layout.right]] for products in groups]
+    return _compared([names[i] for i in shown], groups, right, chance, shown, mine, known)
+
+
+def _compared(
+    names: Sequence[str], groups: Sequence[Array], right: Sequence[Array], chance: Sequence[Array],
+    shown: Sequence[int], mine: slice, known: tuple[NDArray[np.intp], Array, Array],
+) -> Constancy:  # fmt: skip
+    """Falls with parameters of the columns at `mine` alike in all `shown` groups of runs, and another in each.
+
+    `groups` products (w, w) of all columns, run by run; `right` (w, 1) and `chance` (w, D) those with the residual and
+    with simulated ones; `known` places, normal matrix and right side of the columns that are the same in all runs.
+    """
+    taken, prior, pull = known
+    k, m = mine.stop - mine.start, len(shown)
+    across = np.concatenate([groups[i][taken, mine] for i in shown], axis=1)
+    gain = solved(np.sum([one[np.ix_(taken, taken)] for one in groups], axis=0) + prior, across)
+    normal = -across.T @ gain
+    for at, i in enumerate(shown):
+        normal[at * k : (at + 1) * k, at * k : (at + 1) * k] += groups[i][mine, mine]
+    alike = np.tile(np.eye(k), (m, 1))
+
+    def falls(parts: Sequence[Array], beforehand: Array) -> tuple[Array, Array, Array]:
+        score = np.concatenate([parts[i][mine] for i in shown])
+        score = score - gain.T @ (np.sum([one[taken] for one in parts], axis=0) + beforehand)
+        each, both = solved(normal, score), alike.T @ score
+        common = np.einsum("kd,kd->d", both, solved(alike.T @ normal @ alike, both))
+        return each, common, np.einsum("kd,kd->d", score, each) - common
+
+    each, common, further = falls(right, pull[:, None])
+    spread = np.sqrt(np.maximum(0.0, np.diag(solved(normal, np.eye(k * m)))))
+    null = falls(chance, np.zeros((len(taken), 1)))[2]
+    return Constancy(
+        dict(zip(names, each[:, 0].reshape(m, k), strict=True)), dict(zip(names, spread.reshape(m, k), strict=True)),
+        float(common[0]), float(further[0]), null,
+    )  # fmt: skip
+
+
+def _groups(
+    space: TrialSpace, sums: TrialSums, noise: Array, mine: slice
+) -> tuple[list[str], list[Array], list[Array]]:
+    """Names, products (w, w) less the noise in columns, and products (w, D) with simulated noise, run by run.
+
+    `noise` is that of all runs: what is not drawn for runs by themselves belongs to the others together.
+    """
+    drives = space.fitted.drives
+    found = [_of_run(space, sums, run) for run in range(len(drives))]
+    left, seconds, single = SECONDS, [float(np.ptp(drive.recording.t)) for drive in drives], list[int]()
+    for run in sorted(range(len(drives)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
+        left -= seconds[run]
+        if left >= 0.0 or not single:
+            single.append(run)
+    rest = [run for run in range(len(drives)) if run not in single]
+    names, products, chance = [drives[run].name for run in single], list[Array](), [found[run][1] for run in single]
+    for run in single:
+        drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run)
+        own = drawn.products(sums, space.columns.louder, space.floor.sigma)
+        products.append(found[run][0] - own)
+        noise = noise - own
+    if rest:
+        names.append("the other run" if len(rest) == 1 else f"the {len(rest)} other runs")
+        products.append(np.sum([found[run][0] for run in rest], axis=0) - noise)
+        chance.append(np.sum([found[run][1] for run in rest], axis=0))
+    return names, products, chance
+
+
+def _of_run(space: TrialSpace, sums: TrialSums, run: int) -> tuple[Array, Array]:
+    """(w, w) products of one run's columns and (w, D) those with its simulated noise, its zeros eliminated."""
+    blocks = [block for block in sums.blocks if block.run == run]
+    z, w = blocks[0].zeros.shape[1], sums.layout.width
+    folds, drawn = products_of(blocks, z, w, len(blocks[0].draws))
+    gain, left = without_zeros(folds.sum(axis=0), z)
+    noise = np.sum([space.columns.louder[row] * products for row, products in drawn.items()], axis=0)
+    return left, noise[z:] - gain.T @ noise[:z]
