@@ -65,9 +65,7 @@ class ColumnNoise:
         return cls(column_labels(fitted, sums.layout), totals, dict(sigma))
 
     @classmethod
-    def of_run(
-        cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int = NOISE_PAIRS
-    ) -> ColumnNoise:  # fmt: skip
+    def of_run(cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int) -> ColumnNoise:
         """What one run's noise alone adds."""
         pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
         totals = _of_run(fitted, sums, sigma, run, pieces, pairs, lambda: None)

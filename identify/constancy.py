@@ -26,10 +26,13 @@ from identify.verdicts import SIGNIFICANCE
 
 ACTS = 1e-3
 """Part of a law's energy that a run must hold to have a say."""
-DIFFERS = 0.25
-"""A law is not one law when its differences between runs explain this part of what it explains itself."""
-SECONDS = 90.0
+DIFFERS = 0.15
+"""A law is not one law when its differences between runs explain this part of what it explains itself: parameters that
+scatter by two fifths."""
+SECONDS = 64.0
 """Runs beyond so much data, those that show least, are taken as one [s]: noise is drawn for each of the others."""
+PAIRS = 1
+"""Pairs of draws of that noise."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +153,7 @@ def _groups(
     rest = [run for run in range(len(drives)) if run not in single]
     names, products, chance = [drives[run].name for run in single], list[Array](), [found[run][1] for run in single]
     for run in single:
-        drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run)
+        drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run, PAIRS)
         own = drawn.products(sums, space.columns.louder, space.floor.sigma)
         products.append(found[run][0] - own)
         noise = noise - own
