@@ -9,10 +9,11 @@ import numpy as np
 
 from identify.candidate import Candidate
 from identify.constancy import Constancy, constancy
-from identify.effect import Effect
+from identify.effect import Effect, SensorFault
 from identify.excused import Excused, excused
 from identify.lack_of_fit import LOUDEST, Left
 from identify.news import Tell
+from identify.noisy_law import noise_through
 from identify.refine import refined
 from identify.ties import with_ties
 from identify.trials import TrialSpace
@@ -102,10 +103,10 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         tell("what they leave")
         after = left_by(space, [replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
-        stays = after.family <= SIGNIFICANCE and after.excess(now.above) > STAYS * now.excess(now.above)
         little = explained < MAIN and after.chance(own) <= max(RARE, 1.0 / (1.0 + draws))
-        lacking = best is None or little or strength(best) < OWN * excess or (stays and structured(after))
-        unlisted = lacking and structured(now)
+        unlisted = structured(now) and (
+            best is None or little or strength(best) < OWN * excess or _stays(space, now, after, best, tell)
+        )
     untestable = tuple(c for c in all_tried if not c.tested)
     changing = None
     if best is not None and not unlisted:
@@ -119,6 +120,20 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
         sheet, strained, changing, unlisted or strained or changing is not None,
     )  # fmt: skip
+
+
+def _stays(space: TrialSpace, now: Left, after: Left, best: Candidate, tell: Tell) -> bool:
+    """Whether the best set leaves too much of the excess, and that is no noise, the noise through the best included."""
+    left, most = after.excess(now.above), STAYS * now.excess(now.above)
+    if after.family > SIGNIFICANCE or left <= most or not structured(after):
+        return False
+    effect = space.tried[best.key].trial.effect
+    if isinstance(effect, SensorFault):
+        return True
+    tell(f"what noise does through {best.key}")
+    c = refined(space, best)
+    through = noise_through(space, replace(effect, shape=c.shape), np.array(c.values))
+    return left - sum(max(0.0, through[row]) for row in now.above) > most
 
 
 def strength(c: Candidate) -> float:
