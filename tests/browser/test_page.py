@@ -72,8 +72,10 @@ def test_keyboard_only(opened: Opened) -> None:
     for key, view in enumerate(VIEWS, 1):
         page.keyboard.press(str(key))
         page.wait_for_url(re.compile(f"#/{view}"))
-        assert page.locator("#tabs [aria-current=page]").get_attribute("data-view") == view
+        # The page follows its address a moment later.
+        watch.expect(page.locator("#tabs [aria-current=page]")).to_have_attribute("data-view", view)
     page.keyboard.press("4")
+    watch.expect(page.locator("#tabs [aria-current=page]")).to_have_attribute("data-view", VIEWS[3])
     rows = page.evaluate("[...document.querySelectorAll('.row-list [data-row]')].map((e) => e.dataset.row)")
     first = page.locator(".row-list [aria-selected=true]").get_attribute("data-row")
     page.keyboard.press("ArrowDown")
