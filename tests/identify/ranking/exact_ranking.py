@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
 from exact_car import KNOWN, VEHICLE
 
+from identify.effect import Effect
+from identify.lack_of_fit import Left
 from identify.one_line import read_line
 from identify.one_line_effect import effect_class
+from identify.trials import TrialSpace
+from identify.unlisted import left_by
 
 CANDIDATES = [
     KNOWN[key]
@@ -20,3 +27,13 @@ LAW = "travel**2*tanh(rate/v0), v0 = 0.03 m/s"
 HIDDEN = effect_class(read_line(f"hidden = suspension: p * {LAW}")).variants(VEHICLE, "hub")[0]
 SIZE = 60000.0
 """Of the hidden law [N/m²]: some 30 N RMS where 6 N are noise."""
+
+
+def leaving(share: float, **more: object) -> Callable[[TrialSpace, Sequence[Effect]], Left]:
+    """`left_by`, but that effects beside the model leave that share of each row's excess."""
+
+    def left(space: TrialSpace, added: Sequence[Effect]) -> Left:
+        found, before = left_by(space, added), left_by(space, []).squares
+        return replace(found, squares={row: share * a for row, a in before.items()}, **more) if added else found
+
+    return left

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from exact_car import KNOWN
-from exact_ranking import CANDIDATES, HIDDEN, SIZE
+from exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
 from identify.diagnose import diagnose
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor, simulate_floor
-from identify.lack_of_fit import Left
 from identify.noisy_law import noise_through
 from identify.sensitivity import Sensitivity
 from identify.trials import TrialSpace
@@ -48,19 +46,13 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
     unlisted: Fit, floor: NoiseFloor, share: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """A fifth of the excess stays behind the right law, where the limit is 15 %."""
-    measured = left_by
-
-    def leaving(space: TrialSpace, added: Sequence[Effect]) -> Left:
-        found = measured(space, added)
-        before = measured(space, []).squares
-        return replace(found, squares={row: 0.2 * a for row, a in before.items()}, family=0.01) if added else found
 
     def through(space: TrialSpace, effect: Effect, values: np.ndarray) -> dict[str, float]:
         assert effect.key == HIDDEN.key
         assert values == pytest.approx(SIZE, rel=0.2)
-        return {row: share * a for row, a in measured(space, []).squares.items()}
+        return {row: share * a for row, a in left_by(space, []).squares.items()}
 
-    monkeypatch.setattr("identify.look.left_by", leaving)
+    monkeypatch.setattr("identify.look.left_by", leaving(0.2, family=0.01))
     monkeypatch.setattr("identify.look.noise_through", through)
     monkeypatch.setattr("identify.look.structured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from exact_car import KNOWN, driven, exact, exact_with, fit_of
-from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
+from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
 
 from identify.candidate import Candidate
 from identify.diagnose import Diagnosis, diagnose
@@ -17,10 +17,8 @@ from identify.drive import Drive
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
-from identify.lack_of_fit import Left
 from identify.ties import same_losses, with_ties
 from identify.trials import TrialSpace
-from identify.unlisted import left_by
 from identify.verdicts import SIGNIFICANCE, judged, stands_out
 
 
@@ -99,14 +97,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
     unlisted: Fit, floor: NoiseFloor, rest: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """Six tenths explained are enough where chance leaves the others, and not where it does not."""
-    measured = left_by
-
-    def leaving(space: TrialSpace, added: Sequence[Effect]) -> Left:
-        found = measured(space, added)
-        before = measured(space, []).squares
-        return replace(found, squares={row: rest * a for row, a in before.items()}) if added else found
-
-    monkeypatch.setattr("identify.look.left_by", leaving)
+    monkeypatch.setattr("identify.look.left_by", leaving(rest))
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
