@@ -9,6 +9,7 @@ Source: G. C. Chow, Tests of equality between sets of coefficients in two linear
 from __future__ import annotations
 
 import itertools
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from identify.candidate import Candidate
 from identify.column_noise import ColumnNoise
+from identify.drive import Drive
 from identify.lack_of_fit import solved, with_columns
 from identify.trial_sums import TrialSums, products_of, without_zeros
 from identify.trials import TrialSpace
@@ -79,6 +81,8 @@ def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ())
 
     Model, sensor tolerances and the others are the same in all runs; each run's zeros are its own.
     """
+    if len(space.fitted.drives) < 2:
+        return None
     effects = {effect.key: effect for effect in space.effects}
     inside, trials = beside(space, [replace(effects[one.key], shape=one.shape) for one in (c, *others)])
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
@@ -151,7 +155,7 @@ def _groups(
         if left >= 0.0 or not single:
             single.append(run)
     rest = [run for run in range(len(drives)) if run not in single]
-    names, products, chance = [drives[run].name for run in single], list[Array](), [found[run][1] for run in single]
+    names, products, chance = _told_apart(drives, single), list[Array](), [found[run][1] for run in single]
     for run in single:
         drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run, PAIRS)
         own = drawn.products(sums, space.columns.louder, space.floor.sigma)
@@ -162,6 +166,12 @@ def _groups(
         products.append(np.sum([found[run][0] for run in rest], axis=0) - noise)
         chance.append(np.sum([found[run][1] for run in rest], axis=0))
     return names, products, chance
+
+
+def _told_apart(drives: Sequence[Drive], runs: Sequence[int]) -> list[str]:
+    """Names of runs, with their numbers where two are called the same."""
+    often = Counter(drive.name for drive in drives)
+    return [drives[run].name if often[drives[run].name] == 1 else f"{drives[run].name} ({run + 1})" for run in runs]
 
 
 def _of_run(space: TrialSpace, sums: TrialSums, run: int) -> tuple[Array, Array]:

@@ -140,6 +140,14 @@ def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, monkeypatch
     assert part.common == pytest.approx(whole.common, rel=0.01)
 
 
+def test_runs_of_one_name_are_told_apart(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+    found = {c.key: c for c in same.try_all()}
+    monkeypatch.setattr(Drive, "name", "sinus")
+    told = constancy(same, found[CUBIC.key])
+    assert told
+    assert set(told.values) == {"sinus (1)", "sinus (2)"}
+
+
 def test_one_run_cannot_tell() -> None:
     fitted = fit_of_runs(4e6)
     space = TrialSpace.of(Reading.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
