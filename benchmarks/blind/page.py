@@ -103,10 +103,12 @@ class Goal:
         if not self.of:
             return f"| {self.text} | – | – | not run |"
         low, high = bounds(self.hits, self.of)
-        met = high <= self.limit if self.upper else self.hits / self.of >= self.limit
+        rate = self.hits / self.of
+        met = high <= self.limit if self.upper else rate >= self.limit
+        missed = "too few trials to tell" if self.upper and rate <= self.limit else "**missed**"
         band = f"≤ {100 * high:.1f}" if self.upper else f"≥ {100 * low:.1f}"
         return f"| {self.text} | {self.hits} of {self.of}, {100 * self.hits / self.of:.1f} | {band} | " + (
-            "met |" if met else "**missed** |"
+            "met |" if met else f"{missed} |"
         )
 
 
