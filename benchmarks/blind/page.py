@@ -20,8 +20,6 @@ HELD_LIMIT = 1.10
 KNOWN_WHY = {
     "anti_dive.front": "It acts on many rows and takes less than 1 % off each: too little to be proposed, and told as "
     "standing out from chance.",
-    "series_damper.front": "A spring's law takes most of what fails away on the runs used, and next to nothing on "
-    "those held out, which the ranking does not look at.",
 }
 """What is known of why a case is missed, by its name."""
 Record = Mapping[str, Any]

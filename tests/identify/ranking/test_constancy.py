@@ -11,13 +11,14 @@ from exact_car import KNOWN, MODEL, driven, exact_with
 from exact_ranking import DRAWS
 
 from identify.column_noise import ColumnNoise
-from identify.constancy import constancy
+from identify.constancy import Constancy, constancy
 from identify.diagnose import diagnose
 from identify.drive import Drive
 from identify.fit import Fit, fit
 from identify.floor import floor_of
 from identify.reading import Reading
 from identify.trials import TrialSpace
+from identify.unlisted import beside
 
 CUBIC = KNOWN["spring_cubic.front"]
 TRIED = [CUBIC, *(KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.force.rr"))]
@@ -114,6 +115,18 @@ def test_a_law_of_the_car_is_named(same: TrialSpace) -> None:
         assert values[0] == pytest.approx(4e6, abs=4.0 * told.spread[name][0])
 
 
+def test_it_is_tried_beside_the_others_of_the_best_set(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What another missing effect does in some runs is not laid to the strongest."""
+    asked: list[set[str]] = []
+    monkeypatch.setattr(
+        "identify.look.constancy", lambda space, c, others: asked.append({c.key, *(o.key for o in others)})
+    )
+    found = diagnose(same.fitted, same.floor, TRIED, noise=same.noise)
+    assert found.best
+    assert len(found.together) > 1
+    assert asked[-1] == {found.best.key, *found.together}
+
+
 def test_a_law_that_changes_from_run_to_run_is_none(changing: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the rows' own colour does not tell it already."""
     monkeypatch.setattr("identify.look.structured", lambda left: False)
@@ -125,19 +138,49 @@ def test_a_law_that_changes_from_run_to_run_is_none(changing: Fit, monkeypatch: 
     assert "in run 2" in found.says
 
 
-def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("common", "further", "broken"), [(100.0, 20.0, True), (100.0, 16.5, False), (10.0, 4.0, False), (0.0, 20.0, True)]
+)
+def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, further: float, broken: bool) -> None:
+    """Simulated runs give 2 on average, and 5 in one of ten."""
+    null = np.array([*[5.0] * 10, *[1.5] * 60, *[5.0 / 3.0] * 30])
+    told = Constancy({"a": np.zeros(1)}, {"a": np.ones(1)}, common, further, null)
+    assert told.broken == broken
+    assert told.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
+
+
+def test_the_two_runs_told_are_those_farthest_apart_in_their_own_sigma() -> None:
+    values = {"a": np.array([0.0, 1.0]), "b": np.array([9.0, 1.5]), "c": np.array([1.0, 9.0])}
+    spread = {"a": np.array([1.0, 0.1]), "b": np.array([9.0, 0.1]), "c": np.array([1.0, 9.0])}
+    assert Constancy(values, spread, 1.0, 1.0, np.ones(9)).apart == (1, "a", "b")
+
+
+@pytest.mark.parametrize("key", [CUBIC.key, "coulomb.rear"])
+def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, key: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Noise in theirs is what all have, less what is drawn for the others: nearly what is drawn for them."""
     found = {c.key: c for c in same.try_all()}
-    whole = constancy(same, found[CUBIC.key])
+    whole = constancy(same, found[key])
     monkeypatch.setattr("identify.constancy.SECONDS", 1.0)
-    part = constancy(same, found[CUBIC.key])
+    part = constancy(same, found[key])
     assert whole
     assert part
     (name,) = set(part.values) - {"the other run"}
     (other,) = set(whole.values) - {name}
     for a, b in ((name, name), (other, "the other run")):
         assert part.values[b][0] == pytest.approx(whole.values[a][0], abs=0.3 * whole.spread[a][0])
-    assert part.common == pytest.approx(whole.common, rel=0.01)
+    assert part.common == pytest.approx(whole.common, rel=0.01, abs=0.05)
+
+
+def test_with_the_others_as_one_all_noise_is_taken_out(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is drawn for runs by themselves and what is left to the others is together what all runs have."""
+    found = {c.key: c for c in same.try_all()}
+    given: list[list[np.ndarray]] = []
+    monkeypatch.setattr("identify.constancy.SECONDS", 1.0)
+    monkeypatch.setattr("identify.constancy._compared", lambda names, groups, *rest: given.append(groups))
+    assert constancy(same, found["coulomb.rear"]) is None
+    inside, _ = beside(same, [replace(KNOWN["coulomb.rear"], shape=found["coulomb.rear"].shape)])
+    assert len(given[0]) == 2
+    np.testing.assert_allclose(np.sum(given[0], axis=0), inside.sums.total - inside.column_noise, rtol=1e-7, atol=1e-6)
 
 
 def test_runs_of_one_name_are_told_apart(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
