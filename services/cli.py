@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import importlib
+import importlib.resources
 import pkgutil
 import sys
 from collections.abc import Sequence
@@ -29,15 +31,33 @@ The usual order:
   lacet add       add it, fit again, and see the error fall"""
 
 
+def _files() -> dict[str, str]:
+    """Name of each sub-command and of its module, in alphabetical order."""
+    names = sorted(module.name for module in pkgutil.iter_modules(commands.__path__))
+    return {name.replace("_", "-"): name for name in names}
+
+
 def find_commands(only: str | None = None) -> dict[str, ModuleType]:
     """Every sub-command module by name, in alphabetical order; or just one, which loads much quicker."""
-    files = {module.name.replace("_", "-"): module.name for module in pkgutil.iter_modules(commands.__path__)}
-    names = [only] if only in files else sorted(files)
+    files = _files()
+    names = [only] if only in files else list(files)
     return {name: importlib.import_module(f"services.commands.{files[name]}") for name in names}
 
 
-def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """The whole command line, or that of one sub-command."""
+def _help(module: str) -> str:
+    """A sub-command's line of help, read from its source: loading all of them takes seconds."""
+    source = importlib.resources.files(commands).joinpath(f"{module}.py").read_text(encoding="utf-8")
+    for statement in ast.parse(source).body:
+        match statement:
+            case ast.Assign(targets=[ast.Name(id="HELP")], value=value):
+                return str(ast.literal_eval(value))
+            case _:
+                pass
+    raise AssertionError(f"services/commands/{module}.py has no HELP")
+
+
+def _top_level() -> argparse.ArgumentParser:
+    """The command line without its sub-commands."""
     parser = argparse.ArgumentParser(
         prog="lacet", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -45,6 +65,21 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
         parser.add_argument("--version", action="version", version=f"lacet {version('lacet')}")
     except PackageNotFoundError:
         parser.add_argument("--version", action="version", version="lacet (not installed)")
+    return parser
+
+
+def build_overview() -> argparse.ArgumentParser:
+    """What ``lacet --help`` shows: every sub-command with its line of help, none of them loaded."""
+    parser = _top_level()
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name, module in _files().items():
+        subparsers.add_parser(name, help=_help(module))
+    return parser
+
+
+def build_parser(only: str | None = None) -> argparse.ArgumentParser:
+    """The whole command line, or that of one sub-command."""
+    parser = _top_level()
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in find_commands(only).items():
         sub = subparsers.add_parser(
@@ -62,6 +97,8 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one sub-command. Returns 0 done, 2 bad usage or input, 3 done with losses or nothing identifiable."""
     words = sys.argv[1:] if argv is None else list(argv)
+    if not words or words[0] not in _files():  # help, the version, or a word that is no command
+        build_overview().parse_args(words)
     args = build_parser(words[0] if words else None).parse_args(words)
     try:
         # Matrices here are small: more threads gain nothing (measured), and the other cores are the recorder's.

@@ -1,0 +1,35 @@
+"""The top of the command line: what a user sees before any sub-command is loaded."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from services.cli import build_parser, find_commands, main
+
+
+def test_the_overview_names_every_command_without_loading_any() -> None:
+    """`lacet --help` is what a new user types first, and loading all of lacet takes seconds."""
+    asked = "import sys; from services.cli import build_overview; print(build_overview().format_help()); " + (
+        "print([name for name in sys.modules if name.startswith(('services.commands.', 'scipy', 'identify'))])"
+    )
+    told = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
+    words, _, loaded = told.strip().rpartition("\n")
+    assert loaded == "[]"
+    flat = " ".join(words.split())
+    for name, module in find_commands().items():
+        assert f" {name} {' '.join(module.HELP.split())}" in flat
+
+
+@pytest.mark.parametrize("words", [[], ["--help"], ["--version"], ["identfy"], ["--", "identfy"]])
+def test_what_is_no_command_ends_as_the_whole_parser_would(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    found = capsys.readouterr()
+    with pytest.raises(SystemExit) as expected:
+        build_parser().parse_args(words)
+    assert (found, ended.value.code) == (capsys.readouterr(), expected.value.code)
