@@ -6,18 +6,15 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from daq.errors import UsageError
-from identify.effect import Effect
 from identify.expression_states import STATES, SUFFIXES
 from identify.linear_expression import FUNCTIONS
 from identify.one_line_effect import OneLine
-from identify.own_files import checked_columns
 from identify.study import Study
 from services import tables
 from services.loading import load
 from services.own_effects import line_result, may_have, own_classes, own_folder, own_lines, put, take_out, with_name
+from services.own_trial import outcome, try_effect
 from services.progress import Line
 from services.result import DONE, write_result
 
@@ -84,9 +81,12 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     cls, stored = with_name(text, study)
     may_have(study, cls)
     found = _told(cls, study)
+    first = study.paths()[0]
     with Line() as line:
-        acts = _tried(cls, study, line)
-    print(f"  tried on {study.paths()[0].name}: {_outcome(acts)}")
+        line.show(f"trying it on {first.name}")
+        loaded = load([first], study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
+        acts = try_effect(cls, loaded.drives[0], loaded.vehicle, loaded.reference)
+    print(f"  tried on {first.name}: {outcome(acts)}")
     if not only_try:
         replaced = put(study, cls, stored)
         print(f"\n{'Replaced' if replaced else 'Kept'} in {own_folder(study)}. Rank it: lacet diagnose {study.folder}")
@@ -110,30 +110,6 @@ def _told(cls: type[OneLine], study: Study) -> dict[str, Any]:
         wheel = {"other": ", at the other wheel of the axle", "own": "", "": ""}.get(use.wheel, f", at {use.wheel}")
         print(f"  state {name} [{use.state.unit}]: {use.state.about}{wheel}")
     return line_result(cls, study.vehicle, study.rig.wheel_reference)
-
-
-def _tried(cls: type[Effect], study: Study, line: Line) -> list[dict[str, Any]]:
-    """Each variant, with every combination of its constants, on the first run: where it acts, or why it cannot."""
-    line.show(f"trying it on {study.paths()[0].name}")
-    loaded = load(study.paths()[:1], study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
-    drive = next(loaded.drives[0].pieces())
-    out: list[dict[str, Any]] = []
-    for effect in cls.variants(loaded.vehicle, loaded.reference):
-        why = drive.can(effect)
-        found = [] if why else [checked_columns(one, drive.motion) for one in effect.shapes()]
-        acts = [row for row in drive.rows if any(row in table and np.any(table[row]) for table in found)]
-        if not why and not acts:
-            why = "it never acts in a row that this run has"
-        out.append({"effect": effect.key, "acts_on": acts, "why_not": why})
-    return out
-
-
-def _outcome(tried: list[dict[str, Any]]) -> str:
-    acts = [item["effect"] for item in tried if not item["why_not"]]
-    cannot = [f"{item['effect']} cannot be tested ({item['why_not']})" for item in tried if item["why_not"]]
-    if not cannot:
-        return "acts, with finite values"
-    return "; ".join([*([f"acts: {', '.join(acts)}"] if acts else []), *cannot])
 
 
 def _own(study: Study) -> dict[str, Any]:

@@ -29,6 +29,8 @@ from services.result import plain
 from services.ui.refusals import Busy, Needs
 from services.where import Where, find_where, says, where_result
 
+WAIT = 2.0
+"""How long a small question waits for a job to end [s]."""
 WORKS = 2
 """Choices of runs whose motions are kept in memory."""
 PREVIEWS = 50

@@ -12,11 +12,8 @@ from identify.spectra import row_spectrum
 from services.fitting import silent
 from services.result import plain
 from services.ui.binary import packed
-from services.ui.desk import Desk
+from services.ui.desk import WAIT, Desk
 from services.ui.refusals import Needs, NotThere
-
-WAIT = 2.0
-"""How long a small question waits for a job to end [s]."""
 
 
 def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:

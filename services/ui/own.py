@@ -8,11 +8,15 @@ from daq.errors import LacetError, UsageError
 from identify.expression_states import STATES, SUFFIXES
 from identify.linear_expression import FUNCTIONS
 from identify.one_line import LineFault
+from identify.one_line_effect import OneLine
 from identify.study import Study
 from services.effect_list import effect_records
+from services.fitting import silent
 from services.own_effects import line_result, may_have, own_lines, put, with_name
+from services.own_trial import outcome, try_effect
 from services.result import plain
-from services.ui.desk import Desk
+from services.ui.desk import WAIT, Desk
+from services.ui.refusals import Busy
 
 LONGEST = 2000
 """Characters a line may have."""
@@ -39,12 +43,28 @@ def check(desk: Desk, name: str, line: str) -> dict[str, Any]:
 
 
 def keep(desk: Desk, name: str, line: str) -> dict[str, Any]:
-    """Write a line into the study. Raises UsageError, LineFault."""
+    """Try a line on the study's first run and write it into the study.
+
+    Raises UsageError, LineFault, LacetError where its values are not finite: it is then not written.
+    """
     study = desk.study
     cls, stored = with_name(_joined(name, line), study)
+    may_have(study, cls)
+    tried, tells = _tried(desk, study, cls)
     replaced = put(study, cls, stored)
     found = line_result(cls, study.vehicle, _reference(study))
-    return plain({"ok": True, **found, "line": stored, "replaced": replaced})
+    return plain({"ok": True, **found, "line": stored, "replaced": replaced, "tried": tried, "tells": tells})
+
+
+def _tried(desk: Desk, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:
+    """What comes of trying an effect, and the same in words; while a job is at work nothing is tried."""
+    try:
+        with desk.computing(WAIT):
+            loaded = desk.work(study, silent).loaded
+            tried = try_effect(cls, loaded.drives[0], loaded.vehicle, loaded.reference)
+    except Busy:
+        return [], "not tried on a run yet: lacet is at work on something else"
+    return tried, f"tried on {study.paths()[0].name}: {outcome(tried)}"
 
 
 def catalogue_payload(desk: Desk) -> dict[str, Any]:

@@ -230,10 +230,33 @@ def test_a_line_is_kept_and_in_the_catalogue(page: Page):
     assert checked["ok"]
     assert checked["parameters"][0]["unit"] == "N/m²"
     assert not (page.folder / "effects" / "lines.txt").exists()
-    assert page.post("effect", {"name": "bump", "line": line})["line"] == f"bump = {line}"
+    kept = page.post("effect", {"name": "bump", "line": line})
+    assert kept["line"] == f"bump = {line}"
+    acts = {item["effect"]: item["acts_on"] for item in kept["tried"]}
+    assert acts["bump.front"] == ["suspension.fl", "suspension.fr"]
+    assert acts["bump.rl"] == ["suspension.rl"]
+    assert kept["tells"] == "tried on sine.parquet: acts, with finite values"
     own = [e for e in page.get("effects")["effects"] if e["own"]]
     assert {e["effect"] for e in own} >= {"bump.front", "bump.rear"}
     assert not page.post("effect/check", {"name": "anti_roll_bar", "line": line})["ok"]
+
+
+def test_a_line_without_finite_values_is_not_kept(page: Page):
+    line = "suspension: p * log(travel/1 m)"
+    assert page.post("effect/check", {"name": "bump", "line": line})["ok"]
+    said = page.post("effect", {"name": "bump", "line": line}, 400)["error"]
+    assert "no finite value in suspension.fl at t = " in said
+    assert not (page.folder / "effects" / "lines.txt").exists()
+
+
+def test_a_line_is_kept_untried_while_a_job_is_at_work(page: Page, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("services.ui.own.WAIT", 0.05)
+    app: Any = page.client.app
+    with app.state.bench.desk.computing():
+        kept = page.post("effect", {"name": "bump", "line": "suspension: p * travel**2"})
+    assert kept["tried"] == []
+    assert kept["tells"] == "not tried on a run yet: lacet is at work on something else"
+    assert page.post("effect", {"name": "bump", "line": "suspension: p * travel**3"})["tried"]
 
 
 def test_a_question_that_cannot_be_read_is_answered(page: Page):

@@ -132,7 +132,7 @@ export function createOwnLine(app, act) {
         may = true;
         await act.add(made[0]);
       } else {
-        app.toast(`Kept in the study: ${answer.effect ?? "the effect"}.`, "good");
+        app.toast(`Kept in the study: ${answer.effect ?? "the effect"}, ${answer.tells}.`, "good");
         offer(made);
       }
     } catch (cause) {

@@ -1,0 +1,40 @@
+"""A user's effect tried on a run before it is kept: where it acts, or why these measurements cannot test it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from daq.vehicle import Vehicle
+from identify.drive import Drive
+from identify.effect import Effect
+from identify.own_files import checked_columns
+
+
+def try_effect(cls: type[Effect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
+    """Each variant, with every combination of its constants, on the first minute of a run.
+
+    Plain data (``docs/json.md``, ``effect``, `tried`): rows it acts on, or why it cannot be tested. Raises UsageError
+    where the law gives values that are not finite.
+    """
+    part = next(drive.pieces())
+    out: list[dict[str, Any]] = []
+    for effect in cls.variants(vehicle, reference):
+        why = part.can(effect)
+        found = [] if why else [checked_columns(one, part.motion) for one in effect.shapes()]
+        acts = [row for row in part.rows if any(row in table and np.any(table[row]) for table in found)]
+        if not why and not acts:
+            why = "it never acts in a row that this run has"
+        out.append({"effect": effect.key, "acts_on": acts, "why_not": why})
+    return out
+
+
+def outcome(tried: Sequence[Mapping[str, Any]]) -> str:
+    """What `try_effect` found, in a few words."""
+    acts = [item["effect"] for item in tried if not item["why_not"]]
+    cannot = [f"{item['effect']} cannot be tested ({item['why_not']})" for item in tried if item["why_not"]]
+    if not cannot:
+        return "acts, with finite values"
+    return "; ".join([*([f"acts: {', '.join(acts)}"] if acts else []), *cannot])
