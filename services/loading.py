@@ -14,6 +14,7 @@ from identify.checks import exchanged_wheels
 from identify.drive import Drive
 from identify.filters import Filters
 from identify.news import Progress, unheard
+from services.plausible import implausible
 
 
 @dataclass(frozen=True)
@@ -114,6 +115,7 @@ def load(
 
 def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> tuple[Run, Drive]:
     drive = Drive.of(run, vehicle, rig, filters)
+    warnings += [f"{run.name}: {line}" for line in implausible(drive)]
     moved = exchanged_wheels(drive)
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())

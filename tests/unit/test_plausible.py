@@ -1,0 +1,109 @@
+"""Mistakes of unit and sign that people make, in the reference car's runs; and none where there is none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.rig import Rig
+from daq.run import Run
+from daq.vehicle import Vehicle
+from identify.drive import Drive
+from services.loading import load
+from services.plausible import implausible
+from tests.support.tables import CAR, piece, without, written
+
+RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+DEGREES = 180.0 / math.pi
+SEEN = (
+    # channels, components, factor, run; what is said of them
+    ("imu.accel", "xyz", 1 / 9.80665, "sine", "imu.accel is 1.05 m/s², where gravity alone is 9.81: is it in g?"),
+    ("imu.accel", "xyz", 1000.0, "sine", "is it in mm/s²?"),
+    ("imu.accel", "z", -1.0, "sine", "m/s² upwards, where gravity is +9.81: look at its signs and axes"),
+    ("imu.accel", "y", -1.0, "sine", "imu.accel y is against imu.rate z times the speed"),
+    ("imu.accel", "x", -1.0, "liftoff", "the wheel forces' x are against imu.accel x"),
+    ("imu.rate", "xyz", DEGREES, "sine", "times as fast as imu.rate z says: is the rate in °/s?"),
+    ("imu.rate", "z", -1.0, "sine", "imu.attitude yaw turns against imu.rate z: one of them has the wrong sign"),
+    ("imu.attitude", "xyz", DEGREES, "sine", "times as fast as imu.rate z says: is it in degrees?"),
+    ("imu.attitude", "x", -1.0, "rough", "imu.attitude roll turns against imu.rate x"),
+    ("imu.attitude", "y", -1.0, "rough", "imu.attitude pitch turns against imu.rate y"),
+    ("imu.[ra]*t*e", "xyz", DEGREES, "sine", "imu.accel y is 0.0174 times imu.rate z times the speed"),
+    ("wheel.*.force", "xyz", 1e-3, "sine", "the wheel forces' z add up to 13.6 N, a car of 1.4 kg: are they in kN?"),
+    ("wheel.*.force", "xyz", -1.0, "sine", "N: they are positive when the wheels carry the car"),
+    ("wheel.*.force", "y", -1.0, "sine", "the wheel forces' y are against imu.accel y"),
+    ("laser.*", "x", 1000.0, "sine", "laser.fl.hub, laser.fr.hub, laser.rl.hub, laser.rr.hub are up to 332 m: in mm?"),
+    ("laser.rr.hub", "x", 1000.0, "sine", "laser.rr.hub is up to 331 m: in mm?"),
+    ("laser.*.ground", "x", 100.0, "sine", "m: in cm?"),
+    ("laser.*.ground", "x", 39.37, "sine", "m: in inches?"),
+    ("camera.*.steer", "x", DEGREES, "sine", "camera.fl.steer, camera.fr.steer are up to 1.6 rad: in degrees?"),
+    ("camera.*.steer", "x", -1.0, "sine", "camera steer is against imu.rate z: both are positive to the left"),
+    ("correvit.speed", "xy", 3.6, "sine", "correvit.speed x is 90.3 m/s where the wheels roll at 25.6: is it in km/h?"),
+    ("wheel.*.speed", "x", 60 / math.tau, "sine", "where correvit.speed x is 25.1: is it in 1/min?"),
+    ("wheel.*.speed", "x", 1 / math.tau, "sine", "where correvit.speed x is 25.1: is it in revolutions a second?"),
+    ("wheel.fr.speed", "x", -1.0, "sine", "wheel.fr.speed times the tyre's radius: -25.6 m/s where"),
+)  # fmt: skip
+
+
+def drive_of(run: Run) -> Drive:
+    return Drive.of(run, VEHICLE, RIG)
+
+
+def changed(run: Run, pattern: str, components: str, factor: float | Callable[[np.ndarray], np.ndarray]) -> Run:
+    """The run with some components of the channels that match in another unit."""
+    places = ["xyz".index(c) for c in components]
+    values = {name: s.values.copy() for name, s in run.signals.items() if fnmatch(name, pattern)}
+    assert values
+    for table in values.values():
+        table[:, places] = factor(table[:, places]) if callable(factor) else factor * table[:, places]
+    return run.with_values(values)
+
+
+@pytest.mark.parametrize(("pattern", "components", "factor", "name", "says"), SEEN)
+def test_a_mistake_is_told_with_what_it_looks_like(
+    pattern: str, components: str, factor: float, name: str, says: str
+) -> None:
+    found = implausible(drive_of(changed(piece(name, 0.0, 20.0), pattern, components, factor)))
+    assert any(says in line for line in found), found
+    assert len(found) <= 2
+
+
+@pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
+def test_nothing_is_said_of_sound_runs(name: str) -> None:
+    assert implausible(drive_of(Run.open(CAR / f"{name}.parquet"))) == []
+
+
+@pytest.mark.parametrize("gone", [
+    "imu.", "imu.accel", "imu.rate", "imu.attitude", "correvit", "laser.", "laser.fl", "camera.", "camera.fl", "wheel.",
+    "wheel.fl", "wheel.fl.speed", "wheel.rr.force",
+])  # fmt: skip
+def test_what_was_not_measured_is_no_mistake(gone: str) -> None:
+    assert implausible(drive_of(without(piece(), gone))) == []
+
+
+def test_a_car_that_stands_tells_nothing_of_motion() -> None:
+    still = changed(piece(), "*", "x", lambda values: 0.0 * values + 0.3)
+    assert implausible(drive_of(changed(still, "imu.*", "y", 0.0))) == []
+
+
+def test_a_model_car_is_not_taken_for_one_in_kilonewtons() -> None:
+    """A tenth the size: a tenth of the wheelbase, a thousandth of the mass."""
+    corners = {
+        name: replace(corner, position=tuple(0.1 * x for x in corner.position), tyre_radius=0.1 * corner.tyre_radius)
+        for name, corner in VEHICLE.corners.items()
+    }
+    small = replace(VEHICLE, corners=corners)
+    run = changed(changed(piece(), "wheel.*.force", "xyz", 1e-3), "laser.*", "x", 0.1)
+    run = changed(changed(run, "correvit.speed", "xy", 0.1), "imu.rate", "z", 1.0)
+    found = implausible(Drive.of(run, small, RIG))
+    assert not any("kN" in line for line in found), found
+
+
+def test_a_user_is_told_when_runs_are_read(tmp_path: Path) -> None:
+    run = written(changed(piece(), "imu.accel", "xyz", 1 / 9.80665), tmp_path / "run.parquet")
+    assert any(w.endswith("is it in g?") for w in load([run], CAR / "rig.toml", CAR / "vehicle.toml").warnings)
