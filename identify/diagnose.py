@@ -120,15 +120,17 @@ def diagnose(
 
 
 def _in_doubt(seen: Look) -> bool:
-    """Whether a closer look may change the answer, where rows fail by little.
+    """Whether a closer look may change the answer, where rows fail by little or not at all.
 
     For an unlisted cause latencies and floor may be to blame. What is proposed was compared with simulated runs as loud
     as this one, so that a floor somewhat low has not made it; latencies may have.
     """
     now = seen.now
-    if not now.above or max(now.ratios[row] for row in now.above) >= MARGINAL:
+    if any(now.ratios[row] >= MARGINAL for row in now.above):
         return False
-    return seen.unlisted or (seen.best is not None and _bent(seen.space) > BENT * strength(seen.best))
+    # Latencies may also make a candidate where no row fails.
+    unsure = seen.unlisted and bool(now.above)
+    return unsure or (seen.best is not None and _bent(seen.space) > BENT * strength(seen.best))
 
 
 def _bent(space: TrialSpace) -> float:
