@@ -22,7 +22,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
 from identify.late_or_missing import columns_as_read
-from identify.look import Look, look, strength
+from identify.look import Look, look, strength, structured
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
@@ -126,7 +126,9 @@ def _in_doubt(seen: Look) -> bool:
     as this one, so that a floor somewhat low has not made it; latencies may have.
     """
     now = seen.now
-    if any(now.ratios[row] >= MARGINAL for row in now.above):
+    # Sensors louder than their sheet lift all rows; a cause has a colour.
+    louder = seen.space.columns.louder if now.above and not structured(now) else dict[str, float]()
+    if any(now.ratios[row] >= MARGINAL * louder.get(row, 1.0) for row in now.above):
         return False
     # Latencies may also make a candidate where no row fails.
     unsure = seen.unlisted and bool(now.above)
