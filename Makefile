@@ -28,7 +28,7 @@ help:
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
-	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)'
+	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
@@ -76,7 +76,7 @@ coverage: .venv/.dev
 
 blind: .venv/.dev
 	@$(PY) -m benchmarks.blind --size
-	@$(PY) -m benchmarks.blind --processes 2
+	@$(PY) -m benchmarks.blind --processes $(or $(PROCESSES),2)
 
 catalogue: .venv/.dev
 	@$(PY) -m benchmarks.catalogue_page

@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("--only", action="append", metavar="PATTERN", help="cells, as case/band; * stands for anything")
     parser.add_argument("--seeds", type=int, help="no more seeds than these a cell")
     parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations (default 199)")
-    parser.add_argument("--processes", type=int, default=1, help="cells side by side (default 1, at most 2)")
+    parser.add_argument("--processes", type=int, default=1, help="cells side by side (default 1; 3 GB of memory each)")
     parser.add_argument("--results", type=Path, default=RESULTS, help=f"default {RESULTS.name} in benchmarks/blind")
     parser.add_argument("--table", action="store_true", help="only write the page")
     parser.add_argument("--any-code", action="store_true", help="with --table: count results of older sources too")
@@ -128,16 +128,18 @@ def main() -> None:
         if seeds and not cell.left_out and not args.table:
             jobs[name] = (cell, seeds)
     if args.processes > 1:
-        with ProcessPoolExecutor(min(2, args.processes), mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(args.processes, mp_context=get_context("spawn")) as pool:
             running = [
                 pool.submit(run_cell, cell, seeds, args.results, digest, args.draws, args.keep)
                 for cell, seeds in jobs.values()
             ]
-            for job in as_completed(running):
+            for count, job in enumerate(as_completed(running), 1):
                 job.result()
+                print(f"{count} of {len(jobs)} cells", flush=True)
     else:
-        for cell, seeds in jobs.values():
+        for count, (cell, seeds) in enumerate(jobs.values(), 1):
             run_cell(cell, seeds, args.results, digest, args.draws, args.keep)
+            print(f"{count} of {len(jobs)} cells", flush=True)
     write_page(results(args.results, "any" if args.any_code else digest), args.page)
 
 
