@@ -26,6 +26,7 @@ from identify.look import Look, look, strength, structured
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
+from identify.taken_out import explained_by, may_leave_more, others, without_best
 from identify.trials import TrialSpace
 from identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
@@ -87,16 +88,10 @@ def diagnose(
     of the same candidates found it, spares finding it again. `tell` is told what is done now.
     """
     tell("what the sensor sheet leaves open")
-    columns = columns_as_read(Reading.of(fitted, floor), candidates, seed, tell)
-    first = seen = look(TrialSpace(columns, noise, tell), tell)
-    for closer in (_read_closely, _with_its_floor):
-        if _in_doubt(seen):
-            space = seen.space
-            reading = closer(space, tell)
-            if reading is not space.reading:
-                # What noise adds cancels in what the model explains at this fit's zeros only.
-                same = space.noise if reading.fitted is space.fitted else None
-                seen = look(TrialSpace.of(reading, candidates, seed, same, tell), tell)
+    found, seen = _looked(Reading.of(fitted, floor), candidates, seed, noise, tell)
+    if may_leave_more(seen):
+        _, beside = _looked(without_best(seen, tell), others(seen, candidates), seed, None, tell)
+        seen = explained_by(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
     if best is not None:
         best = refined(seen.space, best)
@@ -115,8 +110,26 @@ def diagnose(
         verdict, says = "nothing missing", _nothing(seen, ranked)
     return Diagnosis(
         verdict, says, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained,
-        floor.count, seen.space.columns.louder, failing, seen.together, first.space.noise, tuple(formulas),
+        floor.count, seen.space.columns.louder, failing, seen.together, found, tuple(formulas),
     )  # fmt: skip
+
+
+def _looked(
+    reading: Reading, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None, tell: Tell
+) -> tuple[ColumnNoise, Look]:
+    """Noise in the columns of the first look at runs, and what was seen at last, more closely where that may matter."""
+    columns = columns_as_read(reading, candidates, seed, tell)
+    seen = look(TrialSpace(columns, noise, tell), tell)
+    found = seen.space.noise
+    for closer in (_read_closely, _with_its_floor):
+        if _in_doubt(seen):
+            space = seen.space
+            closest = closer(space, tell)
+            if closest is not space.reading:
+                # What noise adds cancels in what the model explains at this fit's zeros only.
+                same = space.noise if closest.fitted is space.fitted else None
+                seen = look(TrialSpace.of(closest, candidates, seed, same, tell), tell)
+    return found, seen
 
 
 def _in_doubt(seen: Look) -> bool:

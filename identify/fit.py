@@ -14,7 +14,7 @@ from daq.errors import NotIdentifiable
 from identify.assembly import Assembly, Known
 from identify.base import BaseParameters, find_base
 from identify.drive import Drive
-from identify.effect import SensorFault
+from identify.effect import Effect, SensorFault
 from identify.equations import Equations, RunEquations, zeros_following
 from identify.explain import refuse_not_finite
 from identify.model import Model
@@ -331,11 +331,22 @@ def refitted(fitted: Fit, drives: Sequence[Drive], stored: Stored | None = None)
 
     Sizes of the model's sensor faults are those that remain.
     """
-    robust, unbias = bool(fitted.assembly.weights), bool(np.any(fitted.moments.slopes))
-    draws = fitted.moments.draws
-    return _fit_linear(
-        fitted.model, tuple(drives), None, fitted.assembly.zeros, unbias, robust, draws, stored, near=fitted.physics
-    )
+    return _fit_linear(fitted.model, tuple(drives), None, *_as_fitted(fitted), stored, near=fitted.physics)
+
+
+def extended(fitted: Fit, effect: Effect) -> Fit:
+    """The model with one more effect, fitted in the same way to the same runs.
+
+    Sizes of the sensor faults that the model has already are those that remain.
+    """
+    zeros, unbias, robust, draws = _as_fitted(fitted)
+    return fit(fitted.model + effect, fitted.drives, None, zeros, unbias, robust, draws)
+
+
+def _as_fitted(fitted: Fit) -> tuple[bool, bool, bool, int]:
+    """Whether zeros were estimated, noise's bias taken out and bad seconds counted less; pairs of noise draws."""
+    moments = fitted.moments
+    return fitted.assembly.zeros, bool(np.any(moments.slopes)), bool(fitted.assembly.weights), moments.draws
 
 
 def at_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:

@@ -54,6 +54,14 @@ def left_by(space: TrialSpace, added: Sequence[Effect]) -> Left:
     return left_after(inside.sums, inside.total, *with_columns(inside.taken, inside.prior, inside.pull, fresh))
 
 
+def left_unexcused(space: TrialSpace, key: str) -> Left:
+    """The residual after model, zeros and sensor sheet, where nothing of a sensor fault is excused by its tolerance."""
+    known, freed = space.partialled, space.tried[key].freed
+    kept = np.setdiff1d(np.arange(len(known.taken)), freed.own if freed else [])
+    prior = known.prior[np.ix_(kept, kept)]
+    return left_after(space.sums, known.total, known.taken[kept], prior, known.pull[kept])
+
+
 def best_set(space: TrialSpace, keys: Sequence[str]) -> list[str]:
     """Up to three candidates, at their best shapes, that together take away most; at most one sensor fault."""
     tried = {key: space.tried[key].trial for key in keys}

@@ -47,11 +47,18 @@ class LaserTilt(SensorFault):
 
     def perturb(self, channel: str, recording: Recording) -> Array:
         """−d n_x / n_z or d n_y / n_z, n the road's normal in body axes."""
+        return recording.signals.value[channel] * self._slope(recording)
+
+    def correct(self, channel: str, recording: Recording, p: float) -> Array:
+        """What a beam straight down would read: d (cos p + sin p n_x / n_z), or with −n_y; 5° alone read 0.4 % more."""
+        return recording.signals.value[channel] * (np.cos(p) - np.sin(p) * self._slope(recording))
+
+    def _slope(self, recording: Recording) -> Array:
+        """(N,) of the road across the axis the beams turn about: −n_x / n_z or n_y / n_z."""
         signals, n = recording.signals, recording.t.size
         road = Road(signals, recording.rig, recording.vehicle, n)
         normal = road.normal(body_attitude(signals.value, recording.rig), unit(2) * np.zeros(n))[0]
-        slope = -normal[0] / normal[2] if self.where == "pitch" else normal[1] / normal[2]
-        return signals.value[channel] * slope
+        return -normal[0] / normal[2] if self.where == "pitch" else normal[1] / normal[2]
 
     @property
     def tolerance(self) -> str:
