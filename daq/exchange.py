@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,18 @@ def read_table(path: str | Path) -> Run:
     if fields["brakes"] not in (*BRAKES, ""):
         raise RunError(path, [f"brakes must be off, used or unknown, found {fields['brakes']!r}"])
     fields["brakes"] = fields["brakes"] or "unknown"
+    for key in ("rig", "vehicle"):
+        fields[key] = _beside(file, fields[key])
     return Run(name=file.stem, signals=signals, problems=tuple(problems), **fields)
+
+
+def _beside(file: Path, named: str) -> str:
+    """A file that a table names, from the table's own folder where it is there."""
+    beside = file.parent / named
+    try:
+        return str(beside) if beside.is_file() else named
+    except OSError:  # a name no file system takes
+        return named
 
 
 def write_table(run: Run, path: str | Path) -> None:
@@ -93,6 +105,8 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
     except ValueError as cause:
         problems.append(f"metadata is not valid JSON and was left out: {cause}")
         metadata = {}
+    if twice := [name for name, n in Counter(table.column_names).items() if n > 1]:
+        raise RunError(file, [f"{', '.join(twice)}: more than one column of that name; give each its own"])
     columns: dict[str, NDArray[np.float64]] = {}
     for name in table.column_names:
         try:
@@ -106,14 +120,23 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     """Read a CSV file as far as it goes: lines that were cut are left out and reported."""
     cut: list[str] = []
     with file.open("rb") as stream:
-        if b"\0" in stream.read(2**16):
-            raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
+        begin = stream.read(2**16)
+    if b"\0" in begin:
+        raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
+    header, _, numbers = begin.decode("utf-8", "replace").partition("\n")
+    # As spreadsheets write it where the decimal sign is a comma.
+    separator = next((sign for sign in ",;\t" if sign in header), ",")
+    decimal = "," if separator != "," and "," in numbers else "."
 
     def skip(row: pa_csv.InvalidRow) -> str:
         cut.append(row.text)
         return "skip"
 
-    table = pa_csv.read_csv(file, parse_options=pa_csv.ParseOptions(invalid_row_handler=skip))
+    table = pa_csv.read_csv(
+        file,
+        parse_options=pa_csv.ParseOptions(delimiter=separator, invalid_row_handler=skip),
+        convert_options=pa_csv.ConvertOptions(decimal_point=decimal),
+    )
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - 2**16))
         last = stream.read().rpartition(b"\n")[2].decode("utf-8", "replace")

@@ -30,7 +30,7 @@ from identify.chain import FrameMotion
 from identify.filters import Filters
 from identify.motion import CornerMotion, Motion
 from identify.reconstruct import Recording, Signals, bring_together
-from identify.road import Road
+from identify.road import ABOVE, Road
 from identify.rows import PRESSURE, RELEASED, Torque, available, needs
 from identify.vectors import Array, cross, dot, turn, unit
 
@@ -98,13 +98,27 @@ def build_motion(recording: Recording) -> Motion:
     masks, braking = _masks(recording, rows, grounds)
     why = f"the brakes act all the time ({PRESSURE}) and the torques on this wheel are not all measured"
     left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
-    extra = () if not flat else ("fewer than three ground lasers: a flat road and the attitude give the road's normal",)
+    extra = (
+        _beside_the_wheels(road.ahead)
+        if not flat
+        else ("fewer than three ground lasers: a flat road and the attitude give the road's normal",)
+    )
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
         rows=tuple(rows), left_out=left_out, usable=masks, channels=frozenset(values),
-        notes=(*recording.notes, *extra, *braking),
+        notes=(*recording.notes, *extra, *braking), ahead=road.ahead,
     )  # fmt: skip
+
+
+def _beside_the_wheels(ahead: float) -> tuple[str, ...]:
+    if abs(ahead) <= ABOVE:
+        return ()
+    return (
+        f"a ground laser stands {1e3 * abs(ahead):.0f} mm {'ahead of' if ahead > 0 else 'behind'} its wheel's centre: "
+        "on a rough road it sees bumps earlier or later than the tyre, and tyre rows fail as if tyres had damping. "
+        "Mount lasers above the wheels, or identify from smooth roads",
+    )
 
 
 def _torques(

@@ -84,6 +84,7 @@ class Motion:
     usable : (N,) samples outside flagged intervals and filter transients, by row.
     channels : channels the run has.
     notes : what a reader of the result must know, one line each.
+    ahead : how far the ground laser farthest from above its wheel's centre stands ahead of it [m].
     """
 
     name: str
@@ -99,6 +100,7 @@ class Motion:
     usable: Mapping[str, NDArray[np.bool_]]
     channels: frozenset[str]
     notes: tuple[str, ...] = ()
+    ahead: float = 0.0
 
     def measured(self, row: str) -> Array:
         """(N,) the measured left side of a row [N or N·m].

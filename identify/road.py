@@ -10,6 +10,9 @@ from daq.vehicle import Corner, Vehicle
 from identify.reconstruct import Signals
 from identify.vectors import Array, cross, dot, turn, unit
 
+ABOVE = 0.005
+"""A ground laser no farther than this from its wheel's centre along x sees the road under the tyre [m]."""
+
 
 class Road:
     """Laser mounts, wheel-centre heights and the plane through the points the ground lasers see.
@@ -23,6 +26,12 @@ class Road:
         self.signals, self.vehicle, self.n = signals, vehicle, n
         self.mount = {c: laser_mount(rig, vehicle.corners[c]) for c in CORNERS}
         self.grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in signals.value)
+
+    @property
+    def ahead(self) -> float:
+        """How far the ground laser farthest from above its wheel's centre stands ahead of it, along x [m]."""
+        every = [float(self.mount[c][0] - self.vehicle.corners[c].position[0]) for c in self.grounds]
+        return max(every, key=abs, default=0.0)
 
     def centre_z(self, c: str) -> tuple[Array, Array, Array]:
         """Wheel-centre height in body axes [m] and its derivatives, (N,); at design where it is not measured."""

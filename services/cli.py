@@ -7,6 +7,7 @@ import ast
 import contextlib
 import importlib
 import importlib.resources
+import os
 import pkgutil
 import sys
 from collections.abc import Sequence
@@ -97,9 +98,12 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one sub-command. Returns 0 done, 2 bad usage or input, 3 done with losses or nothing identifiable."""
     words = sys.argv[1:] if argv is None else list(argv)
-    if not words or words[0] not in _files():  # help, the version, or a word that is no command
-        build_overview().parse_args(words)
-    args = build_parser(words[0] if words else None).parse_args(words)
+    try:
+        if not words or words[0] not in _files():  # help, the version, or a word that is no command
+            build_overview().parse_args(words)
+        args = build_parser(words[0] if words else None).parse_args(words)
+    except BrokenPipeError:
+        return _unread()
     try:
         # Matrices here are small: more threads gain nothing (measured), and the other cores are the recorder's.
         with threadpool_limits(1), contextlib.ExitStack() as stack:
@@ -114,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"lacet {args.command}: {error}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:
-        return BAD_INPUT
+        return _unread()
     except OSError as error:  # a folder that cannot be made, a full disk
         where = f"{error.filename}: " if error.filename else ""
         print(f"lacet {args.command}: {where}{error.strerror or error}", file=sys.stderr)
@@ -122,6 +126,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"\nlacet {args.command}: stopped", file=sys.stderr)
         return WITH_LOSSES
+
+
+def _unread() -> int:
+    """Nobody reads on (``lacet … | head``): what is still to be written goes nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return BAD_INPUT
 
 
 if __name__ == "__main__":

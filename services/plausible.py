@@ -33,6 +33,8 @@ _FAR: Final = 3.0
 """No laser looks so far [m]."""
 _LIGHT: Final = 2.0
 """Mass over wheelbase cubed of the lightest car [kg/m³]: 30 to 200 from models to lorries."""
+_CORNERS: Final = 0.5
+"""Side acceleration from which leaning is looked at [m/s², 1 σ]."""
 _STEP: Final = 0.2
 """Over such times an attitude is compared with its rate [s]."""
 _LEAST: Final = 30
@@ -82,10 +84,14 @@ def _weight(drive: Drive) -> Iterator[str]:
         return
     loads = np.sum([dot(corner.force, corner.normal) for corner in drive.motion.corners.values()], axis=0)
     weight = float(np.median(loads[keep]))
+    each = {c: float(np.median(dot(k.force, k.normal)[keep])) for c, k in drive.motion.corners.items()}
+    pulls = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
     if weight < 0.0:
         yield f"the wheel forces' z add up to {weight:.3g} N: they are positive when the wheels carry the car"
     elif weight / _G < _LIGHT * _wheelbase(drive) ** 3:
         yield f"the wheel forces' z add up to {weight:.3g} N, a car of {weight / _G:.2g} kg: are they in kN?"
+    elif pulls:
+        yield f"{', '.join(pulls)} mostly pulls at the road: z is positive when a wheel carries the car"
 
 
 def _distances(drive: Drive) -> Iterator[str]:
@@ -169,11 +175,32 @@ def _pushing(drive: Drive) -> Iterator[str]:
     if force is None or len(names) < len(CORNERS):
         return
     keep = _usable(drive, "imu.accel", *names)
+    total = np.sum([corner.force for corner in drive.motion.corners.values()], axis=0)
+    alike = np.array([[_slope(force[i][keep], total[k][keep])[1] for i in range(2)] for k in range(2)])
     for k, axis in enumerate("xy"):
-        total = np.sum([corner.force[k] for corner in drive.motion.corners.values()], axis=0)
-        _, alike = _slope(force[k][keep], total[keep])
-        if alike < -_ALIKE:
+        if alike[k, k] < -_ALIKE:
             yield f"the wheel forces' {axis} are against imu.accel {axis}: they should be mass times acceleration"
+    if not np.any(np.abs(np.diag(alike)) > _ALIKE) and np.any(np.abs([alike[0, 1], alike[1, 0]]) > _ALIKE):
+        yield (
+            "the wheel forces' x and y go with imu.accel y and x: is the inertial unit turned by 90°? Look at its "
+            "orientation in the rig"
+        )
+
+
+def _leaning(drive: Drive) -> Iterator[str]:
+    force = _accel(drive)
+    if force is None:
+        return
+    for axle, (left, right) in {"front": CORNERS[:2], "rear": CORNERS[2:]}.items():
+        names = _present(drive, "laser.{}.hub", (left, right))
+        keep = _usable(drive, "imu.accel", *names)
+        if len(names) == 2 and np.any(keep) and float(np.std(force[1][keep])) > _CORNERS:
+            lower = drive.motion.corners[right].travel - drive.motion.corners[left].travel
+            if _slope(force[1][keep], lower[keep])[1] < -_ALIKE:
+                yield (
+                    f"the body leans into the turn at the {axle} axle: its hub lasers look exchanged, left and right, "
+                    "or imu.accel y has the wrong sign"
+                )
 
 
 def _steering(drive: Drive) -> Iterator[str]:
@@ -195,6 +222,7 @@ _CHECKS: tuple[Sequence[_Check], ...] = (
     (_gravity, _weight, _distances, _angles, _rolling),
     (_turning,),
     (_cornering, _pushing, _steering),
+    (_leaning,),
 )
 
 

@@ -340,5 +340,5 @@ CARS = {"peugeot-406": peugeot_406, "peugeot-406-measured": peugeot_406_measured
 def find_car(name: str) -> Car:
     """A car by name. Raises UsageError naming the known ones."""
     if name not in CARS:
-        raise UsageError(f"no simulated car is called '{name}'{nearest(name, CARS)} Known: {', '.join(CARS)}")
+        raise UsageError(f"no simulated car is called '{name}'{nearest(name, CARS) or '.'} Known: {', '.join(CARS)}")
     return CARS[name]()

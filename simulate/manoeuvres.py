@@ -220,5 +220,7 @@ def make_manoeuvre(name: str, **settings: Any) -> Manoeuvre:
     known = [field.name for field in dataclasses.fields(kind)]
     for key in settings:
         if key not in known:
-            raise UsageError(f"manoeuvre '{name}' has no '{key}'{nearest(key, known)} It has: {', '.join(known)}")
+            raise UsageError(
+                f"manoeuvre '{name}' has no '{key}'{nearest(key, known) or '.'} It has: {', '.join(known)}"
+            )
     return kind(**settings)

@@ -87,6 +87,31 @@ def wrong_latency(channel: str, faults: Sequence[Hidden]) -> float:
     return sum(f.size for f in faults if f.effect == "sensor_latency" and applies(f, channel, channel))
 
 
+def gain_error(channel: str, rig: Rig, sheet: Sheet) -> float:
+    """A channel's draw from its gain tolerance, 0 when the sheet draws none."""
+    if not sheet.gains:
+        return 0.0
+    return rig.tolerance(channel, "gain") * float(_rng(sheet.seed, "gain", channel).standard_normal())
+
+
+def zero_error(channel: str, column: str, rig: Rig, seed: int, sheet: Sheet) -> float:
+    """A column's draw from its zero tolerance [its unit] in the run of a seed, 0 when the sheet draws none."""
+    if not sheet.zeros:
+        return 0.0
+    return rig.tolerance(channel, "zero") * float(_rng(seed, "zero", column).standard_normal())
+
+
+def drawn(rig: Rig, seed: int, sheet: Sheet) -> dict[str, dict[str, float]]:
+    """What a sheet draws for the run of a seed: zeros by column, gains by channel, latencies [s] by sensor."""
+    channels = [channel for sensor in rig.sensors for channel in sensor.channels]
+    columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
+    return {
+        "zeros": {column: zero_error(channel, column, rig, seed, sheet) for channel, column in columns},
+        "gains": {channel: gain_error(channel, rig, sheet) for channel in channels},
+        "latencies": {sensor.name: latency_error(sensor, rig, sheet) for sensor in rig.sensors},
+    }
+
+
 def latency_error(sensor: Sensor, rig: Rig, sheet: Sheet) -> float:
     """A sensor's draw from its latency tolerance [s], 0 when the sheet draws none."""
     if not sheet.latencies:
@@ -106,13 +131,9 @@ def sensed(
     out = values.copy()
     for j, column in enumerate(info.columns):
         on = [f for f in faults if applies(f, channel, column)]
-        gain = sum(f.size for f in on if f.effect == "sensor_gain")
-        zero = sum(f.size for f in on if f.effect == "sensor_zero")
+        gain = sum(f.size for f in on if f.effect == "sensor_gain") + gain_error(channel, rig, sheet)
+        zero = sum(f.size for f in on if f.effect == "sensor_zero") + zero_error(channel, column, rig, seed, sheet)
         drift = sum(f.size for f in on if f.effect == "sensor_drift")
-        if sheet.gains:
-            gain += rig.tolerance(channel, "gain") * _rng(sheet.seed, "gain", channel).standard_normal()
-        if sheet.zeros:
-            zero += rig.tolerance(channel, "zero") * _rng(seed, "zero", column).standard_normal()
         out[:, j] = out[:, j] * (1.0 + gain) + zero + drift / 60.0 * t
     if noise:
         out += noise * rig.noise(channel) * _rng(seed, "noise", channel).standard_normal(out.shape)

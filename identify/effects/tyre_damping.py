@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from identify.effect import Parameter, TyreForce
-from identify.motion import CornerMotion
+from identify.motion import CornerMotion, Motion
+from identify.road import ABOVE
 from identify.vectors import Array
 
 
@@ -25,6 +26,11 @@ class TyreDamping(TyreForce):
     def parameters(self) -> tuple[Parameter, ...]:
         """Damping c."""
         return (self.named("c", "N·s/m", 0.0, 2e3, "positive"),)
+
+    def lacks(self, motion: Motion) -> tuple[str, ...]:
+        """The road under the tyres, where a laser sees it by Δx / v too early: that is a damper kt Δx / v."""
+        beside = (f"the road under the wheels (lasers stand {1e3 * abs(motion.ahead):.0f} mm from their centres)",)
+        return (*super().lacks(motion), *(beside if abs(motion.ahead) > ABOVE else ()))
 
     def law(self, corner: CornerMotion) -> Array:
         """δ̇."""

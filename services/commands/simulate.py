@@ -12,9 +12,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from daq.errors import UsageError
+from daq.errors import UsageError, nearest
 from daq.exchange import write_table
 from daq.rig import Rig
+from daq.vehicle import Vehicle
 from services.capturing import encode_rig, simulated_start, write_capture
 from services.result import DONE, plain, write_result
 from simulate import (
@@ -22,6 +23,7 @@ from simulate import (
     KINDS,
     MANOEUVRES,
     START_NS,
+    Car,
     Hidden,
     Manoeuvre,
     Sheet,
@@ -35,6 +37,7 @@ from simulate import (
     run as drive,
 )
 from simulate.kinds import listed
+from simulate.measuring import drawn
 from simulate.vehicle_file import vehicle_text
 
 HELP = "drive a simulated car and write what its sensors measure"
@@ -45,6 +48,8 @@ lacks; the truth (every parameter and hidden effect) is written only where --tru
 
   lacet simulate --rig peugeot-406 --manoeuvre sinus --manoeuvre liftoff -o runs
   lacet simulate --rig rig.toml --manoeuvre rough --set grade=C --format parquet -o runs
+  lacet simulate --rig rig.toml --manoeuvre sinus --manoeuvre rough --set rough.grade=C --set duration=20 -o runs
+  lacet simulate --rig rig.toml --vehicle my-car.toml --manoeuvre sinus -o runs       a car like that of a vehicle file
   lacet simulate --rig rig.toml --manoeuvre sinus --hide anti_roll_bar.front=19780 --seed 3 -o runs --truth truth.json
   lacet simulate --rig rig.toml --manoeuvre rough --hide bump_stop.front=200000,gap=0.02 -o runs
   lacet simulate --rig rig.toml --manoeuvre sinus --noise 2 -o runs      twice the noise the rig file says
@@ -53,7 +58,13 @@ Manoeuvres: {", ".join(MANOEUVRES)}. Cars: {", ".join(CARS)}.
 {fill(f"Hidden effects: {', '.join(KINDS)}.", 118)}
 `lacet simulate --hide` alone lists them with law, unit and constants. Those of an axle end in .front or .rear, laws of
 a suspension also in one corner (coulomb.fl), those of a sensor in its name (sensor_latency.imu).
-The vehicle file to identify with is written beside the runs."""
+The vehicle file to identify with is written beside the runs.
+
+Gains and latencies belong to the instruments: runs of one command share theirs. For runs of the same car made by
+several commands give each its own --seed, and all the same --sheet-seed.
+
+From a vehicle file come geometry and what its [apriori] table says (mass, spring.fl.k, …); the rest is usual for the
+size and is told. Bench tables are not simulated: wheel centres move along body z."""
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
@@ -62,7 +73,9 @@ RUN_STEP = 1000
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("--vehicle", default="peugeot-406", metavar="CAR", help="simulated car (default peugeot-406)")
+    parser.add_argument(
+        "--vehicle", default="peugeot-406", metavar="CAR", help="simulated car (default peugeot-406), or a vehicle file"
+    )
     parser.add_argument("--rig", required=True, metavar="FILE", help="rig file, or the name of one shipped with lacet")
     parser.add_argument(
         "--manoeuvre", action="append", required=True, metavar="NAME", help="what is driven; again for more runs"
@@ -72,7 +85,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="a setting of the manoeuvres: speed=25 (m/s), duration=30 (s), amplitude=0.03 (rad), grade=C …",
+        help="a setting of all manoeuvres, or of one (rough.grade=C): speed=25 (m/s), duration=30 (s), "
+        "amplitude=0.03 (rad), grade=C …",
     )
     parser.add_argument(
         "--hide",
@@ -82,7 +96,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="EFFECT=SIZE",
         help="add a hidden effect, SI units; alone: list all with law, unit and constants",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of road, noise, zeros and clocks (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="of road, noise and zeros (default 0)")
+    parser.add_argument("--sheet-seed", type=int, metavar="SEED", help="of gains and latencies (default --seed)")
     parser.add_argument("--format", choices=("capture", "parquet"), default="capture", help="default capture (.mcap)")
     parser.add_argument("--rate", type=float, default=250.0, metavar="HZ", help="of exchange tables (default 250)")
     parser.add_argument("--no-noise", action="store_true", help="leave the sensors' white noise out")
@@ -99,14 +114,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Simulate; 0 when every run is written."""
-    car, rig = find_car(args.vehicle), Rig.load(args.rig)
-    hidden = [Hidden.parse(text) for text in args.hide]
-    settings = dict(_setting(text) for text in args.set)
-    manoeuvres = [make_manoeuvre(name, **settings) for name in args.manoeuvre]
+    rig = Rig.load(args.rig)
+    car, bars, assumed = _car(args.vehicle, rig)
+    hidden = [*bars, *(Hidden.parse(text) for text in args.hide)]
+    settings = _settings(args)
+    manoeuvres = [make_manoeuvre(name, **settings[name]) for name in args.manoeuvre]
     noise = 0.0 if args.no_noise else args.noise
     if noise < 0.0:
         raise UsageError(f"--noise {noise:g}: a factor of at least 0")
-    sheet = Sheet(not args.no_zeros, args.gains, args.latencies, args.seed)
+    sheet_seed = args.seed if args.sheet_seed is None else args.sheet_seed
+    sheet = Sheet(not args.no_zeros, args.gains, args.latencies, sheet_seed)
     suffix = ".mcap" if args.format == "capture" else ".parquet"
     files = [args.output / f"{name}{suffix}" for name in _names(manoeuvres)]
     vehicle_file = args.output / f"{car.name}.toml"
@@ -131,7 +148,7 @@ def run(args: argparse.Namespace) -> int:
                 write_table(table, file)
             progress.update(task, completed=1.0)
             runs.append({"file": str(file), "manoeuvre": motion.manoeuvre, "duration_s": float(motion.t[-1])})
-            truths.append({"file": file.name, "sheet": _drawn(sheet, noise), **motion.truth()})
+            truths.append({"file": file.name, "sheet": _sheet(sheet, noise, rig, seed), **motion.truth()})
     if args.truth is not None:
         args.truth.parent.mkdir(parents=True, exist_ok=True)
         document = {"format": "lacet-truth 1", "runs": truths}
@@ -139,8 +156,21 @@ def run(args: argparse.Namespace) -> int:
     for row in runs:
         print(f"{row['file']}: {row['manoeuvre']}, {row['duration_s']:g} s")
     print(f"{vehicle_file}: geometry of the car, to identify with")
+    if assumed:
+        print(f"not in {args.vehicle}, taken as usual: {', '.join(assumed)}")
     write_result(args.json, "simulate", {"runs": runs, "vehicle_file": str(vehicle_file), "rig": rig.name})
     return DONE
+
+
+def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]]:
+    """The car, its anti-roll bars, and what was assumed of it."""
+    if named in CARS or not named.endswith(".toml"):
+        return find_car(named), (), ()
+    from services.planned_car import known_values, planned_car  # loads the identification, 2 s
+
+    vehicle = Vehicle.load(named)
+    like = planned_car(vehicle, known_values(vehicle, None, rig.wheel_reference))
+    return replace(like.car, name=vehicle.name), like.bars, like.assumed
 
 
 class _Hide(argparse.Action):
@@ -165,6 +195,19 @@ def _setting(text: str) -> tuple[str, Any]:
     return key, value
 
 
+def _settings(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """Settings by manoeuvre: those of all, then its own."""
+    for_all: dict[str, Any] = {}
+    own: dict[str, dict[str, Any]] = {name: {} for name in args.manoeuvre}
+    for text in args.set:
+        key, value = _setting(text)
+        manoeuvre, found, field = key.rpartition(".")
+        if found and manoeuvre not in own:
+            raise UsageError(f"--set {text}: '{manoeuvre}' is not driven{nearest(manoeuvre, own) or '.'}")
+        (own[manoeuvre] if found else for_all)[field] = value
+    return {name: {**for_all, **settings} for name, settings in own.items()}
+
+
 def _names(manoeuvres: list[Manoeuvre]) -> list[str]:
     """File names: the manoeuvre's, numbered where one is driven more than once."""
     names = [manoeuvre.name for manoeuvre in manoeuvres]
@@ -177,17 +220,12 @@ def _check_places(args: argparse.Namespace, files: list[Path]) -> None:
         raise UsageError(f"{', '.join(there)}: already there; give another folder, or --force to replace")
     if args.truth is not None and args.truth.resolve().parent == args.output.resolve():
         raise UsageError(f"--truth {args.truth}: the truth is not kept among the runs; name another folder")
+    if files[-1].resolve() == Path(args.vehicle).resolve():
+        raise UsageError(f"{files[-1]} would be replaced by the geometry of the simulated car; give another folder")
 
 
-def _drawn(sheet: Sheet, noise: float) -> dict[str, Any]:
-    return {
-        "zeros": sheet.zeros,
-        "gains": sheet.gains,
-        "latencies": sheet.latencies,
-        "seed": sheet.seed,
-        "noise": noise > 0.0,
-        "noise_scale": noise,
-    }
+def _sheet(sheet: Sheet, noise: float, rig: Rig, seed: int) -> dict[str, Any]:
+    return {**drawn(rig, seed, sheet), "seed": sheet.seed, "noise_scale": noise}
 
 
 def _capture(

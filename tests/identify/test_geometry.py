@@ -15,7 +15,7 @@ from daq.blocks import Flag
 from daq.channels import CHANNELS, CORNERS
 from daq.errors import NotIdentifiable, RunError
 from daq.run import Run, Signal
-from identify.catalogue import base_model
+from identify.catalogue import base_model, catalogue
 from identify.drive import Drive
 from identify.effect import SensorFault
 from identify.filters import Filters
@@ -234,6 +234,22 @@ def test_short_holes_and_gap_flags_cost_nothing() -> None:
         np.testing.assert_array_equal(motion.usable["suspension.fl"], whole.usable["suspension.fl"])
         assert not motion.notes
         np.testing.assert_allclose(motion.measured("suspension.fl"), whole.measured("suspension.fl"), atol=2.0)
+
+
+@pytest.mark.parametrize(
+    ("ahead", "told"), [(-0.06, "60 mm behind"), (-0.004, ""), (0.004, ""), (0.05, "50 mm ahead of")]
+)
+def test_a_laser_that_is_not_above_its_wheel_cannot_tell_tyre_damping(ahead: float, told: str) -> None:
+    """It sees a bump earlier or later than the tyre does, which is the column of a damper."""
+    run, _ = made_run()
+    moved = tuple(
+        replace(s, from_wheel_centre=(ahead, 0.0, 0.3)) if s.from_wheel_centre is not None else s for s in RIG.sensors
+    )
+    drive = Drive.of(run, VEHICLE, replace(RIG, sensors=moved))
+    assert any(told in note for note in drive.motion.notes) if told else not drive.motion.notes
+    every = catalogue(VEHICLE, "hub")
+    assert bool(drive.can(every["tyre_damping.front"])) == bool(told)
+    assert not drive.can(every["tyre_progression.front"])
 
 
 def test_a_clock_jump_is_an_edge() -> None:

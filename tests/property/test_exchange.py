@@ -237,3 +237,37 @@ def test_the_reference_runs_have_every_channel() -> None:
         assert run.problems == ()
         assert run.missing == ()
         assert run.duration == pytest.approx(30.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), (";", "."), (";", ","), ("\t", ","), ("\t", ".")])
+def test_tables_as_spreadsheets_write_them(tmp_path: Path, separator: str, decimal: str) -> None:
+    """Semicolons or tabs, with a comma or a point; an empty cell is a missing sample."""
+    lines = [["t", "laser.fl.hub", "laser.fr.hub"], ["0.0", "1.5", ""], ["0.1", "-2.25", "3"], ["0.2", "1e-3", "4.5"]]
+    text = "".join(separator.join(line) + "\n" for line in lines[1:]).replace(".", decimal)
+    file = tmp_path / "run.csv"
+    file.write_text(separator.join(lines[0]) + "\n" + text, encoding="utf-8")
+    run = read_table(file)
+    assert run.problems == ()
+    np.testing.assert_array_equal(run.signals["laser.fl.hub"].values[:, 0], [1.5, -2.25, 1e-3])
+    assert list(run.signals["laser.fr.hub"].usable) == [False, True, True]
+
+
+def test_two_columns_of_one_name_are_refused(tmp_path: Path) -> None:
+    """Which of them is meant is not guessed."""
+    file = tmp_path / "run.csv"
+    file.write_text("t,laser.fl.hub,laser.fl.hub\n0,1,2\n1,2,3\n", encoding="utf-8")
+    with pytest.raises(RunError, match=r"laser\.fl\.hub: more than one column of that name"):
+        read_table(file)
+
+
+def test_files_that_a_table_names_are_looked_for_beside_it(tmp_path: Path) -> None:
+    """Else the name stays as it is: of a file from where lacet is run, or of one that is shipped."""
+    (tmp_path / "runs").mkdir()
+    (tmp_path / "rig.toml").write_text("", encoding="utf-8")
+    file = tmp_path / "runs" / "run.csv"
+    file.write_text("t,laser.fl.hub\n0,1\n1,2\n", encoding="utf-8")
+    named = {"rig": "../rig.toml", "vehicle": "v" * 5000}
+    file.with_suffix(".json").write_text(json.dumps(named), encoding="utf-8")
+    run = read_table(file)
+    assert Path(run.rig).samefile(tmp_path / "rig.toml")
+    assert run.vehicle == named["vehicle"]

@@ -143,6 +143,9 @@ def test_the_same_seed_gives_the_same_bytes(tmp_path: Path, rig: Path) -> None:
         (["--manoeuvre", "sinus", "--set", "amplitud=1"], "amplitude"),
         (["--manoeuvre", "sinus", "--set", "amplitude"], "KEY=VALUE"),
         (["--manoeuvre", "rough", "--set", "grade=Z"], "A, B, C"),
+        (["--manoeuvre", "rough", "--set", "ruogh.grade=C"], "'ruogh' is not driven; did you mean 'rough'?"),
+        (["--manoeuvre", "sinus", "--set", "speed=20", "--set", "sinus.sped=20"], "did you mean 'speed'?"),
+        (["--manoeuvre", "sinus", "--vehicle", "no-such.toml"], "no-such.toml"),
         (["--manoeuvre", "sinus", "--hide", "bump_stpo.front=1"], "bump_stop.front"),
         (["--manoeuvre", "sinus", "--vehicle", "peugeot-407"], "peugeot-406"),
         (["--manoeuvre", "sinus", "--truth", "OUT/truth.json"], "not kept among the runs"),
@@ -163,3 +166,85 @@ def test_runs_are_not_replaced_unless_asked(tmp_path: Path, rig: Path, capsys: p
     assert lacet(*words, "-o", tmp_path / "runs") == 2
     assert "--force" in capsys.readouterr().err
     assert lacet(*words, "-o", tmp_path / "runs", "--force") == 0
+
+
+def test_settings_are_of_all_manoeuvres_or_of_one(tmp_path: Path, rig: Path) -> None:
+    words = ["--manoeuvre", "straight", "--manoeuvre", "sinus", "--set", "duration=1", "--set", "sinus.duration=2"]
+    result = tmp_path / "result.json"
+    lacet("simulate", "--rig", rig, *words, "--format", "parquet", "-o", tmp_path / "runs", "--json", result)
+    runs = json.loads(result.read_text(encoding="utf-8"))["runs"]
+    assert [run["duration_s"] for run in runs] == [1.0, 2.0]
+
+
+def test_instruments_stay_the_same_from_one_command_to_the_next(tmp_path: Path, rig: Path) -> None:
+    """With one seed of the sheet gains and latencies are alike and zeros are not; the truth tells what was drawn."""
+    drawn = []
+    for name, seeds in {"a": [1, 7], "b": [2, 7], "c": [2, 8]}.items():
+        truth = tmp_path / f"{name}.json"
+        words = ["--manoeuvre", "straight", "--set", "duration=0.5", "--gains", "--latencies", "--format", "parquet"]
+        seed = ["--seed", seeds[0], "--sheet-seed", seeds[1], "--no-noise", "--truth", truth]
+        assert lacet("simulate", "--rig", rig, *words, *seed, "-o", tmp_path / name) == 0
+        drawn.append(json.loads(truth.read_text(encoding="utf-8"))["runs"][0]["sheet"])
+    a, b, c = drawn
+    for what in ("gains", "latencies"):
+        assert a[what] == b[what]
+        assert set(b[what].values()) & set(c[what].values()) <= {0.0}
+    assert set(a["zeros"].values()) & set(b["zeros"].values()) <= {0.0}
+    # What is told is what was measured: two runs whose zeros alone differ.
+    ours, other = (Run.open(tmp_path / name / "straight.parquet") for name in "bc")
+    column, channel = "laser.fl.ground", "laser.fl.ground"
+    true = [
+        (run.signals[channel].values[:, 0] - told["zeros"][column]) / (1.0 + told["gains"][channel])
+        for run, told in ((ours, b), (other, c))
+    ]
+    later = b["latencies"]["lasers"] - c["latencies"]["lasers"]
+    n = min(map(len, true)) - 20
+    assert abs(later) < 0.02
+    raw = [run.signals[channel].values[:n, 0] for run in (ours, other)]
+    assert np.max(np.abs(true[0][:n] - true[1][:n])) < 1e-4 < np.max(np.abs(raw[0] - raw[1]))
+
+
+VEHICLE = """
+format = "lacet-vehicle 1"
+name = "kit-car"
+[geometry]
+wheelbase = { value = 2.3, unit = "m", source = "tape" }
+[axle.front]
+track = { value = 1.45, unit = "m", source = "tape" }
+wheel_centre_height = { value = 0.27, unit = "m", source = "tape" }
+tyre_radius = { value = 0.285, unit = "m", source = "tape" }
+[axle.rear]
+track = { value = 1.47, unit = "m", source = "tape" }
+wheel_centre_height = { value = 0.27, unit = "m", source = "tape" }
+tyre_radius = { value = 0.285, unit = "m", source = "tape" }
+driven = true
+[apriori]
+mass = { value = 720, unit = "kg", source = "scales" }
+"anti_roll_bar.front.k" = { value = 9000, unit = "N/m", source = "supplier" }
+"""
+
+
+def test_a_car_like_that_of_a_vehicle_file_is_driven(
+    tmp_path: Path, rig: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine, out, truth = tmp_path / "mine.toml", tmp_path / "runs", tmp_path / "truth.json"
+    mine.write_text(VEHICLE, encoding="utf-8")
+    words = ["--vehicle", mine, "--manoeuvre", "sinus", *SHORT, "--format", "parquet"]
+    assert lacet("simulate", "--rig", rig, *words, "-o", out, "--truth", truth) == 0
+    said = capsys.readouterr().out
+    assert "taken as usual: cog.x" in said
+    told = json.loads(truth.read_text(encoding="utf-8"))["runs"][0]
+    assert [hidden["name"] for hidden in told["hidden"]] == ["anti_roll_bar.front"]
+    written, given = Vehicle.load(out / "kit-car.toml"), Vehicle.load(mine)
+    for name, corner in written.corners.items():
+        assert corner.position[:2] == pytest.approx(given.corners[name].position[:2], abs=1e-6)
+        assert corner.driven == given.corners[name].driven
+    run = Run.open(out / "sinus.parquet")
+    load = sum(np.mean(run.signals[f"wheel.{c}.force"].values[:, 2]) for c in ("fl", "fr", "rl", "rr"))
+    assert 0.8 * 720 * 9.81 < load < 720 * 9.81  # at the hubs: without the wheels
+    # The geometry written for identifying is not written over the file it came from.
+    mine.rename(tmp_path / "kit-car.toml")
+    words[1] = tmp_path / "kit-car.toml"
+    assert lacet("simulate", "--rig", rig, *words, "-o", tmp_path) == 2
+    assert "would be replaced" in capsys.readouterr().err
+    assert Vehicle.load(tmp_path / "kit-car.toml").apriori

@@ -36,6 +36,7 @@ SEEN = (
     ("imu.[ra]*t*e", "xyz", DEGREES, "sine", "imu.accel y is 0.0174 times imu.rate z times the speed"),
     ("wheel.*.force", "xyz", 1e-3, "sine", "the wheel forces' z add up to 13.6 N, a car of 1.4 kg: are they in kN?"),
     ("wheel.*.force", "xyz", -1.0, "sine", "N: they are positive when the wheels carry the car"),
+    ("wheel.rl.force", "z", -1.0, "sine", "wheel.rl.force mostly pulls at the road: z is positive when"),
     ("wheel.*.force", "y", -1.0, "sine", "the wheel forces' y are against imu.accel y"),
     ("laser.*", "x", 1000.0, "sine", "laser.fl.hub, laser.fr.hub, laser.rl.hub, laser.rr.hub are up to 332 m: in mm?"),
     ("laser.rr.hub", "x", 1000.0, "sine", "laser.rr.hub is up to 331 m: in mm?"),
@@ -71,6 +72,31 @@ def test_a_mistake_is_told_with_what_it_looks_like(
     found = implausible(drive_of(changed(piece(name, 0.0, 20.0), pattern, components, factor)))
     assert any(says in line for line in found), found
     assert len(found) <= 2
+
+
+def exchanged(run: Run, a: str, b: str) -> Run:
+    """The run with two channels' wires exchanged."""
+    signals = dict(run.signals)
+    signals[a], signals[b] = replace(signals[b]), replace(signals[a])
+    return replace(run, signals=signals)
+
+
+def test_hub_lasers_exchanged_are_told() -> None:
+    for axle, pair in (("front", "fl fr"), ("rear", "rl rr")):
+        a, b = (f"laser.{c}.hub" for c in pair.split())
+        found = implausible(drive_of(exchanged(piece("sine", 0.0, 20.0), a, b)))
+        assert len(found) == 1
+        assert f"leans into the turn at the {axle} axle: its hub lasers look exchanged" in found[0]
+
+
+@pytest.mark.parametrize("name", ["sine", "liftoff"])
+def test_an_inertial_unit_turned_by_90_degrees_is_told(name: str) -> None:
+    """Without a speed sensor; with one its side acceleration is against the turn, too."""
+    run = without(piece(name, 0.0, 20.0), "correvit")
+    accel = run.signals["imu.accel"].values
+    turned = np.stack([accel[:, 1], -accel[:, 0], accel[:, 2]], axis=1)
+    found = implausible(drive_of(run.with_values({"imu.accel": turned})))
+    assert any("is the inertial unit turned by 90°" in line for line in found), found
 
 
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
