@@ -22,7 +22,7 @@ from identify.fit import Fit
 from identify.floor import NoiseFloor, floor_at
 from identify.formulas import Formula, propose
 from identify.late_or_missing import columns_as_read
-from identify.look import Look, look, strength, structured
+from identify.look import MAIN, Look, look, strength, structured
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
@@ -203,11 +203,15 @@ def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
         return _changing(seen.changing, seen.best, seen.effects[seen.best.key], formulas)
     now = seen.now
     worst = max(now.above, key=lambda row: now.ratios[row])
+    own = [row for row in now.above if seen.best and row in seen.best.rows] or now.above
+    where = f" in {', '.join(own)}" if len(own) < len(now.above) else ""
     says = (
         f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
         f"set of effects of the catalogue ({', '.join(seen.together) or 'none'}) explains "
-        f"{100 * max(0.0, seen.explained):.0f} % of what is above the floor, and the rest is no noise."
+        f"{100 * max(0.0, seen.explained):.0f} % of what is above the floor{where}, and the rest is no noise."
     )
+    if seen.best and where and seen.explained >= MAIN:
+        says += f" Of these rows {seen.best.key} may be the cause: add it, and see what the others still lack."
     if not formulas:
         return f"{says} No law of the measured states describes it: it may depend on something that is not measured."
     return f"{says} {_described(formulas[0])}"

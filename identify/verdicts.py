@@ -71,7 +71,7 @@ def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
         for q, value, half in zip(parameters, c.values, c.interval, strict=True)
         if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
     ]
-    out = ", ".join([*parts, *(f"{name} {value:g}" for name, value in c.shape.items())])
+    out = ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
     return f"{out} (the sign of {', '.join(unusual)} is not the usual one)" if unusual else out
 
 

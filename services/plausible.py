@@ -139,6 +139,9 @@ def _turning(drive: Drive) -> Iterator[str]:
     if attitude is None or "imu.rate" not in recording.signals.value:
         return
     step = max(1, round(_STEP * recording.filters.rate))
+    sensor = recording.rig.sensor_of("imu.attitude")
+    turned_round = sensor is not None and sensor.axes == "sensor" and any(sensor.orientation)
+    axes = ", in body axes" if turned_round else ""
     keep = _usable(drive, "imu.attitude", "imu.rate")
     keep = keep[step:] & keep[:-step]
     rates = drive.motion.body.omega
@@ -148,7 +151,7 @@ def _turning(drive: Drive) -> Iterator[str]:
         by_rate, turned = summed[k, step:] - summed[k, :-step], attitude[k, step:] - attitude[k, :-step]
         slope, alike = _slope(by_rate[keep], turned[keep])
         if alike < -_ALIKE:
-            yield f"imu.attitude {angle} turns against imu.rate {axis}: one of them has the wrong sign"
+            yield f"imu.attitude {angle} turns against imu.rate {axis}{axes}: one of them has the wrong sign"
         elif alike > _ALIKE and not _near(slope):
             guess = _guess(slope, {1 / _DEGREE: "degrees"}) or _guess(slope, {_DEGREE: "°/s"}, "the rate")
             yield f"imu.attitude {angle} turns {slope:.3g} times as fast as imu.rate {axis} says{guess}"

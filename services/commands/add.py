@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from daq.errors import UsageError
@@ -24,13 +25,18 @@ version; lacet undo DIR goes back, lacet remove DIR EFFECT takes any effect out.
   lacet add DIR --best                      what the last diagnosis proposed
   lacet add DIR bump_stop.front --shape gap=0.03"""
 
+FAR = 10.0
+"""Times the largest value usual for a constant from which another unit was meant."""
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("study", metavar="DIR", type=Path, help="the study's folder")
     parser.add_argument("effect", metavar="EFFECT", nargs="?", help="an effect (lacet info --effects lists them)")
     parser.add_argument("--best", action="store_true", help="the one the last diagnosis proposed")
-    parser.add_argument("--shape", metavar="NAME=VALUE", action="append", default=[], help="a constant of the effect")
+    parser.add_argument(
+        "--shape", metavar="NAME=VALUE", action="append", default=[], help="a constant of the effect, SI units"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -47,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
         work = Work(study, line.show)
         known = work.study.effects(work.loaded.reference)
         effect = find_effect(key, known)
-        shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape})
+        shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()
         after = work.add(key, shape or None)
     item = fall(key, before.result["rows"], after.result["rows"])
@@ -65,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _shape(words: list[str], known: dict[str, float]) -> dict[str, float]:
+def _shape(words: list[str], known: dict[str, float], tried: Mapping[str, Sequence[float]]) -> dict[str, float]:
     out: dict[str, float] = {}
     for word in words:
         name, _, value = word.partition("=")
@@ -77,4 +83,9 @@ def _shape(words: list[str], known: dict[str, float]) -> dict[str, float]:
                 raise ValueError
         except ValueError:
             raise UsageError(f"--shape {word}: write {name}=NUMBER") from None
+        usual = tried.get(name, ())
+        if usual and abs(out[name]) > FAR * max(map(abs, usual)):
+            raise UsageError(
+                f"--shape {word}: constants are in SI units; {min(usual):g} to {max(usual):g} are usual for {name}"
+            )
     return {**known, **out} if out else {}

@@ -11,12 +11,15 @@ import pytest
 from exact_car import KNOWN, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
 
+from identify import diagnose as ranking
 from identify.candidate import Candidate
 from identify.diagnose import Diagnosis, diagnose
 from identify.drive import Drive
 from identify.effect import Effect
 from identify.fit import Fit
 from identify.floor import NoiseFloor
+from identify.look import Look
+from identify.news import Tell
 from identify.ties import same_losses, with_ties
 from identify.trials import TrialSpace
 from identify.verdicts import SIGNIFICANCE, judged, stands_out
@@ -33,6 +36,24 @@ def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: D
     assert first.p == pytest.approx(1.0 / (DRAWS + 1))
     assert first.text in hidden.says
     assert set(hidden.failing) >= {"suspension.fl", "suspension.fr"}
+
+
+@pytest.mark.parametrize(("explained", "told"), [(0.9, True), (0.6, False)])
+def test_rows_that_the_best_does_not_act_on_are_told_apart(
+    unlisted: Fit, floor: NoiseFloor, explained: float, told: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """What the best set explains is of the rows that the best acts on; another cause in others leaves it those."""
+
+    def look(space: TrialSpace, tell: Tell) -> Look:
+        found = sober(space, tell)
+        one = replace(found.ranked[0], rows=("suspension.fl",), answer="missing")
+        return replace(found, best=one, explained=explained, unlisted=True)
+
+    sober = ranking.look
+    monkeypatch.setattr(ranking, "look", look)
+    says = diagnose(unlisted, floor, CANDIDATES[:3]).says
+    assert f"explains {100 * explained:.0f} % of what is above the floor in suspension.fl, and" in says
+    assert ("may be the cause" in says) == told
 
 
 def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFloor):
