@@ -125,7 +125,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
         raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
     header, _, numbers = begin.decode("utf-8", "replace").partition("\n")
     # As spreadsheets write it where the decimal sign is a comma.
-    separator = next((sign for sign in ",;\t" if sign in header), ",")
+    separator = max(",;\t", key=header.count)
     decimal = "," if separator != "," and "," in numbers else "."
 
     def skip(row: pa_csv.InvalidRow) -> str:
