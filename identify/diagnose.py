@@ -26,7 +26,7 @@ from identify.look import MAIN, Look, look, strength, structured
 from identify.news import Tell, silent
 from identify.reading import STILL, Reading, read_again, sheet_sums
 from identify.refine import refined
-from identify.taken_out import explained_by, may_leave_more, others, without_best
+from identify.taken_out import explained_by, may_leave_more, without_best
 from identify.trials import TrialSpace
 from identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
@@ -90,7 +90,7 @@ def diagnose(
     tell("what the sensor sheet leaves open")
     found, seen = _looked(Reading.of(fitted, floor), candidates, seed, noise, tell)
     if may_leave_more(seen):
-        _, beside = _looked(without_best(seen, tell), others(seen, candidates), seed, None, tell)
+        _, beside = _looked(without_best(seen, tell), candidates, seed, None, tell)
         seen = explained_by(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
     if best is not None:

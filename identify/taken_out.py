@@ -8,13 +8,12 @@ as it is. What its own tolerance excuses is counted among what it must explain.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from identify.candidate import Candidate
-from identify.effect import Effect, SensorFault
+from identify.effect import SensorFault
 from identify.fit import Fit, extended
 from identify.floor import floor_of
 from identify.look import MAIN, STAYS, Look
@@ -37,11 +36,6 @@ def without_best(seen: Look, tell: Tell) -> Reading:
     tell(f"the noise floor beside {seen.best.key}")
     floor = floor_of(fitted, seen.space.floor.count)
     return replace(Reading.of(fitted, floor), late=seen.space.reading.late)
-
-
-def others(seen: Look, candidates: Sequence[Effect]) -> list[Effect]:
-    """All candidates but the best."""
-    return [effect for effect in candidates if seen.best is None or effect.key != seen.best.key]
 
 
 def explained_by(seen: Look, beside: Look) -> Look:

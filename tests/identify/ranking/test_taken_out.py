@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from exact_car import KNOWN, driven, exact, exact_with, fit_of
+from exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from identify.diagnose import Diagnosis, diagnose
 from identify.effect import SensorFault
-from identify.fit import at_faults
+from identify.fit import at_faults, extended, fit
 from identify.floor import floor_of
+from identify.look import look
+from identify.news import silent
+from identify.reading import Reading
 from identify.reconstruct import Recording
+from identify.taken_out import without_best
+from identify.trials import TrialSpace
 
 HUB, CUBIC = "sensor_gain.hub.fl", "spring_cubic.front"
 TAKEN = f"the runs read again with {HUB} taken out"
@@ -74,3 +81,30 @@ def test_runs_are_not_read_again_for_laws_or_where_columns_tell_enough(size: flo
     found, told = diagnosed(scaled(exact_with(HIDDEN, size) if size else exact(), by))
     assert not any("taken out" in line for line in told)
     assert (found.best is None) == bool(size)
+
+
+def test_the_fit_beside_the_fault_is_as_the_one_before():
+    """Without zeros or the bias of noise taken out where that was so, and with seconds that count less."""
+    drive = driven(scaled(exact(), 0.05), 1)
+    plain = fit(MODEL, [drive], zeros=False, unbias=False)
+    beside = extended(plain, KNOWN[HUB])
+    assert not beside.assembly.zeros
+    assert not np.any(beside.correction)
+    assert not beside.assembly.weights
+    assert KNOWN[HUB] in beside.model.effects
+    robust = extended(fit(MODEL, [drive], robust=True, draws=2), KNOWN[HUB])
+    assert robust.assembly.weights
+    assert robust.assembly.zeros
+    assert np.any(robust.correction)
+
+
+def test_latencies_that_were_taken_out_before_stay_known():
+    """The sheet's priors pull to the rig's latencies, and not to those the runs were read at."""
+    fitted = fit_of(driven(scaled(exact(), 0.09), 1))
+    reading = Reading.of(fitted, floor_of(fitted, 9))
+    late = dict.fromkeys(reading.clocks, 0.001)
+    seen = look(TrialSpace.of(replace(reading, late=late), CANDIDATES, 0), silent)
+    best = next(c for c in seen.ranked if c.key == HUB)  # nine draws propose nothing
+    found = without_best(replace(seen, best=best), silent)
+    assert found.late == late
+    assert np.any(found.pull)
