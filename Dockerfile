@@ -11,8 +11,8 @@ COPY drivers drivers
 COPY identify identify
 COPY services services
 COPY simulate simulate
-RUN python -m uv pip install --system --no-cache --no-deps --no-build-isolation . \
- && python services/environment.py
+COPY lacet lacet
+RUN python -m uv pip install --system --no-cache --no-deps --no-build-isolation .
 
 RUN useradd --create-home lacet && mkdir /runs && chown lacet /runs
 USER lacet

@@ -109,11 +109,9 @@ moved:
 	@echo 'installing what lacet runs on (requirements/run.txt) into .venv'
 	@$(INSTALL) -r requirements/run.txt
 	@$(UV) pip install --python $(PY) --no-deps --no-build-isolation --editable .
-	@$(PY) services/environment.py
 	@touch $@
 
 .venv/.dev: .venv/.run requirements/dev.txt
 	@echo 'installing what the tests need (requirements/dev.txt) into .venv'
 	@$(INSTALL) -r requirements/dev.txt
-	@$(PY) services/environment.py
 	@touch $@

@@ -28,18 +28,18 @@ from threadpoolctl import threadpool_limits
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
 import cars  # pyright: ignore[reportMissingImports]
 
-from daq.channels import CHANNELS
-from daq.run import Run
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.estimates import estimates
-from identify.filters import Filters, derivative, zero_phase
-from identify.fit import Fit, Stored, fit
-from identify.model import Model
-from identify.noise import draw_noise
-from identify.noise_bias import NOISE_DRAWS
-from identify.reconstruct import Recording, Signals, bring_together
-from identify.whole import NAMES, whole_vehicle
+from lacet.daq.channels import CHANNELS
+from lacet.daq.run import Run
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.estimates import estimates
+from lacet.identify.filters import Filters, derivative, zero_phase
+from lacet.identify.fit import Fit, Stored, fit
+from lacet.identify.model import Model
+from lacet.identify.noise import draw_noise
+from lacet.identify.noise_bias import NOISE_DRAWS
+from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.whole import NAMES, whole_vehicle
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "coverage.md"

@@ -12,10 +12,10 @@ from collections.abc import Callable
 import cantools.database
 import numpy as np
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.frames import Frames
-from drivers import open_driver
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.frames import Frames
+from lacet.drivers import open_driver
 
 SAMPLES = 50_000
 """Samples a wheel: 600,000 frames, 100 s."""

@@ -17,26 +17,26 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from daq.log_run import build_run
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.candidate import Candidate
-from identify.catalogue import base_model, catalogue
-from identify.diagnose import Diagnosis, diagnose
-from identify.drive import Drive
-from identify.fit import fit
-from identify.floor import floor_of
-from identify.model import Model
-from identify.score import compare
-from identify.verdicts import SIGNIFICANCE
-from services.capturing import encode_rig, simulated_start
-from services.commands.simulate import HOUR_NS, RUN_STEP
-from services.decoding import Decoder, decode_frames
-from services.environment import HOME
-from simulate import START_NS, Hidden, Sheet, SimulatedMotion, find_car, make_manoeuvre, measure
-from simulate import run as simulate_drive
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.log_run import build_run
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.candidate import Candidate
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.diagnose import Diagnosis, diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.fit import fit
+from lacet.identify.floor import floor_of
+from lacet.identify.model import Model
+from lacet.identify.score import compare
+from lacet.identify.verdicts import SIGNIFICANCE
+from lacet.services.capturing import encode_rig, simulated_start
+from lacet.services.commands.simulate import HOUR_NS, RUN_STEP
+from lacet.services.decoding import Decoder, decode_frames
+from lacet.services.environment import HOME
+from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, find_car, make_manoeuvre, measure
+from lacet.simulate import run as simulate_drive
+from lacet.simulate.vehicle_file import vehicle_text
 
 USED = ("sinus", "liftoff", "rough")
 HELD = ("spiral", "braking")

@@ -18,18 +18,18 @@ from typing import TypeVar
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue
-from identify.diagnose import diagnose
-from identify.drive import Drive
-from identify.fit import fit
-from identify.floor import floor_of
-from identify.model import Model
-from identify.reading import Reading
-from identify.trials import TrialSpace
-from simulate import Hidden, exchange_run, find_car, make_manoeuvre
-from simulate import run as simulate_drive
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.diagnose import diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.fit import fit
+from lacet.identify.floor import floor_of
+from lacet.identify.model import Model
+from lacet.identify.reading import Reading
+from lacet.identify.trials import TrialSpace
+from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
+from lacet.simulate import run as simulate_drive
 
 MANOEUVRES = ("sinus", "liftoff", "rough", "sweep", "spiral")
 TIMED = 3

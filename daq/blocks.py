@@ -9,7 +9,7 @@ from enum import IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CHANNELS
+from lacet.daq.channels import CHANNELS
 
 
 class Flag(IntFlag):

@@ -31,7 +31,7 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from daq.errors import UsageError
+from lacet.daq.errors import UsageError
 
 ROOT = "lacet"
 ROUTER = "tcp/127.0.0.1:7447"

@@ -10,8 +10,8 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from daq.bus import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chunk, state_publisher
-from daq.queue import BoundedQueue
+from lacet.daq.bus import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chunk, state_publisher
+from lacet.daq.queue import BoundedQueue
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from daq.blocks import Flag
-from daq.channels import CHANNELS, COLUMNS
-from daq.errors import RunError, nearest
-from daq.rig import WHEEL_REFERENCES
-from daq.run import BRAKES, Run, Signal
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.errors import RunError, nearest
+from lacet.daq.rig import WHEEL_REFERENCES
+from lacet.daq.run import BRAKES, Run, Signal
 
 SUFFIXES = (".parquet", ".csv")
 METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")

@@ -13,14 +13,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from daq.blocks import Block
-from daq.errors import RunError
-from daq.frames import Frames
-from daq.log_read import LogReader, recover
-from daq.mcap_write import McapWriter
-from daq.schema import lacet_pb2 as pb
-from daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
-from daq.wire import (
+from lacet.daq.blocks import Block
+from lacet.daq.errors import RunError
+from lacet.daq.frames import Frames
+from lacet.daq.log_read import LogReader, recover
+from lacet.daq.mcap_write import McapWriter
+from lacet.daq.schema import lacet_pb2 as pb
+from lacet.daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
+from lacet.daq.wire import (
     Manifest,
     StartRecord,
     StopRecord,

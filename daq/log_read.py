@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import Block
-from daq.errors import RunError, UsageError, nearest
-from daq.frames import Frames
-from daq.mcap_read import McapScan, Place
-from daq.mcap_write import McapWriter
-from daq.schema import lacet_pb2 as pb
-from daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
-from daq.wire import (
+from lacet.daq.blocks import Block
+from lacet.daq.errors import RunError, UsageError, nearest
+from lacet.daq.frames import Frames
+from lacet.daq.mcap_read import McapScan, Place
+from lacet.daq.mcap_write import McapWriter
+from lacet.daq.schema import lacet_pb2 as pb
+from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
+from lacet.daq.wire import (
     Manifest,
     StartRecord,
     StopRecord,

@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import UNUSABLE, Block, Flag
-from daq.channels import CHANNELS
-from daq.clock import fit_clock, steady_stamps
-from daq.errors import RigError, RunError
-from daq.log_read import LogReader
-from daq.rig import Rig
-from daq.run import BRAKES, Run, Signal
-from daq.wire import StartRecord
+from lacet.daq.blocks import UNUSABLE, Block, Flag
+from lacet.daq.channels import CHANNELS
+from lacet.daq.clock import fit_clock, steady_stamps
+from lacet.daq.errors import RigError, RunError
+from lacet.daq.log_read import LogReader
+from lacet.daq.rig import Rig
+from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.wire import StartRecord
 
 
 def read_run(path: Path) -> Run:

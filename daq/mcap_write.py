@@ -14,7 +14,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from daq.topics import PROFILE
+from lacet.daq.topics import PROFILE
 
 _NEVER = 1 << 62  # chunks are closed by flush() alone
 PROTOBUF = "protobuf"

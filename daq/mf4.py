@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CHANNELS, COLUMNS, Channel
-from daq.errors import RunError, nearest
-from daq.exchange import METADATA_KEYS, signal
-from daq.rig import WHEEL_REFERENCES
-from daq.run import BRAKES, Run, Signal
-from daq.toml_reader import Reader
-from daq.units import TO_SI, canonical, to_si
+from lacet.daq.channels import CHANNELS, COLUMNS, Channel
+from lacet.daq.errors import RunError, nearest
+from lacet.daq.exchange import METADATA_KEYS, signal
+from lacet.daq.rig import WHEEL_REFERENCES
+from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.toml_reader import Reader
+from lacet.daq.units import TO_SI, canonical, to_si
 
 SUFFIXES = (".mf4", ".mdf")
 FORMAT = "lacet-mf4 1"

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from daq.channels import AXES, CHANNELS, CORNERS, FAMILIES
-from daq.errors import RigError, nearest
-from daq.toml_reader import Reader
+from lacet.daq.channels import AXES, CHANNELS, CORNERS, FAMILIES
+from lacet.daq.errors import RigError, nearest
+from lacet.daq.toml_reader import Reader
 
 FORMAT = "lacet-rig 1"
 WHEEL_REFERENCES = ("contact", "hub")

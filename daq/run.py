@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import UNUSABLE
-from daq.channels import STANDARD
-from daq.errors import RunError
+from lacet.daq.blocks import UNUSABLE
+from lacet.daq.channels import STANDARD
+from lacet.daq.errors import RunError
 
 BRAKES = ("off", "used", "unknown")
 
@@ -68,7 +68,7 @@ class Run:
         Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes
         and reported in `problems`.
         """
-        from daq import exchange, mf4  # here, because these modules build runs themselves
+        from lacet.daq import exchange, mf4  # here, because these modules build runs themselves
 
         file = Path(path)
         if not file.is_file():
@@ -77,7 +77,7 @@ class Run:
         if suffix in exchange.SUFFIXES:
             return exchange.read_table(file)
         if suffix == ".mcap":
-            from daq import log_run
+            from lacet.daq import log_run
 
             return log_run.read_run(file)
         if suffix in mf4.SUFFIXES:

@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from daq.errors import FileFault, nearest
-from daq.units import TO_SI, canonical, to_si
+from lacet.daq.errors import FileFault, nearest
+from lacet.daq.units import TO_SI, canonical, to_si
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.errors import VehicleError, nearest
-from daq.rig import find_shipped
-from daq.toml_reader import Quantity, Reader
-from daq.units import TO_SI
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import VehicleError, nearest
+from lacet.daq.rig import find_shipped
+from lacet.daq.toml_reader import Quantity, Reader
+from lacet.daq.units import TO_SI
 
 FORMAT = "lacet-vehicle 1"
 
@@ -126,7 +126,7 @@ _CORNER_KEYS = (
 
 
 def _unit_of(row: Any) -> str:
-    from daq.units import canonical
+    from lacet.daq.units import canonical
 
     unit = canonical(str(row.get("unit", ""))) if isinstance(row, dict) else ""
     return TO_SI[unit][0] if unit in TO_SI else "-"

@@ -18,11 +18,11 @@ import numpy as np
 from google.protobuf.message import DecodeError
 from numpy.typing import NDArray
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.errors import LacetError
-from daq.frames import Frames
-from daq.schema import lacet_pb2 as pb
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError
+from lacet.daq.frames import Frames
+from lacet.daq.schema import lacet_pb2 as pb
 
 FORMAT = "lacet-log 1"
 """What a start record says the log is."""

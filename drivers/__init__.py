@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from daq.errors import UsageError, nearest
-from drivers.base import Driver
+from lacet.daq.errors import UsageError, nearest
+from lacet.drivers.base import Driver
 
 
 @cache

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Protocol
 
-from daq.blocks import Block
-from daq.frames import Frames
+from lacet.daq.blocks import Block
+from lacet.daq.frames import Frames
 
 State = Any
 """A driver's memory between batches: an immutable value of its own type. ``counts(state)`` reads its ledger."""

@@ -15,14 +15,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Block, Flag
-from daq.frames import Frames
-from drivers import dbc
-from drivers.can_layout import Reading, Unit, compile_units, read_layout
-from drivers.counters import CounterState, add, follow_counter
-from drivers.crc import Crc
-from drivers.options import check_options, corner_map
-from drivers.outgoing import not_valid, together
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.frames import Frames
+from lacet.drivers import dbc
+from lacet.drivers.can_layout import Reading, Unit, compile_units, read_layout
+from lacet.drivers.counters import CounterState, add, follow_counter
+from lacet.drivers.crc import Crc
+from lacet.drivers.options import check_options, corner_map
+from lacet.drivers.outgoing import not_valid, together
 
 NOT_VALID = 1
 """Status that the encoder sends with samples that have no value."""

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import DbcError, nearest
-from drivers import dbc
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import DbcError, nearest
+from lacet.drivers import dbc
 
 FOLDER = Path(__file__).parent / "dbc"
 """The DBC files that come with the drivers."""

@@ -10,7 +10,7 @@ import cantools.database
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import DbcError
+from lacet.daq.errors import DbcError
 
 WORD = 8
 """Frames are held in rows of whole 64-bit words, so that a signal is one shift of one word. [byte]"""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from drivers.base import Driver
-from drivers.can import CanSensor
-from drivers.crc import CRC8_J1850
+from lacet.drivers.base import Driver
+from lacet.drivers.can import CanSensor
+from lacet.drivers.crc import CRC8_J1850
 
 
 class Igel(CanSensor, Driver):

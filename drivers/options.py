@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from daq.channels import CORNERS
-from daq.errors import RigError, nearest
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import RigError, nearest
 
 
 def corner_map(name: str, options: Mapping[str, object], fitted: tuple[str, ...]) -> dict[str, str]:

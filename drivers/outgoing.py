@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import UNUSABLE, Block, Flag
-from daq.errors import UsageError
+from lacet.daq.blocks import UNUSABLE, Block, Flag
+from lacet.daq.errors import UsageError
 
 
 def together(blocks: Mapping[str, Block], channels: tuple[str, ...]) -> list[Block]:

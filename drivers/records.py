@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Block, Flag
-from daq.frames import Frames
-from drivers.counters import CounterState, add, follow_counter, unwrap_clock
-from drivers.crc import Crc
-from drivers.outgoing import not_valid, together
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.frames import Frames
+from lacet.drivers.counters import CounterState, add, follow_counter, unwrap_clock
+from lacet.drivers.crc import Crc
+from lacet.drivers.outgoing import not_valid, together
 
 NOT_VALID = -32768
 FULL = 32767

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Block, Flag
-from daq.frames import Frames
-from drivers.base import Driver
-from drivers.counters import add
-from drivers.crc import CRC16_CCITT_FALSE
-from drivers.options import check_options
-from drivers.records import Part, Record, RecordSensor, RecordState
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.frames import Frames
+from lacet.drivers.base import Driver
+from lacet.drivers.counters import add
+from lacet.drivers.crc import CRC16_CCITT_FALSE
+from lacet.drivers.options import check_options
+from lacet.drivers.records import Part, Record, RecordSensor, RecordState
 
 SYNC = b"\xa5\x5a"
 LENGTH = 30

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import Block, Flag
-from daq.channels import CORNERS
-from daq.frames import Frames
-from drivers.base import Driver
-from drivers.counters import add
-from drivers.crc import CRC32
-from drivers.options import check_options, corner_map
-from drivers.records import Part, Record, RecordSensor, RecordState
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.channels import CORNERS
+from lacet.daq.frames import Frames
+from lacet.drivers.base import Driver
+from lacet.drivers.counters import add
+from lacet.drivers.crc import CRC32
+from lacet.drivers.options import check_options, corner_map
+from lacet.drivers.records import Part, Record, RecordSensor, RecordState
 
 STEP = 5e-5
 """Raw step of every angle [rad]."""

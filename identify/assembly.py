@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.sensitivity import Sensitivity
-from identify.sheet import SheetEntry, sheet_responses
-from identify.vectors import Array
-from identify.zeros import Zeros, zeros_of
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.sheet import SheetEntry, sheet_responses
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import Zeros, zeros_of
 
 KEPT = 900.0
 """Pieces of long runs are kept, without their full-rate motion, until they are this long together [s]."""

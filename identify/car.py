@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from daq.vehicle import Corner, KinematicTable
-from identify.chain import Chain, Joint
-from identify.vectors import Array, rotation, rpy, turn
+from lacet.daq.vehicle import Corner, KinematicTable
+from lacet.identify.chain import Chain, Joint
+from lacet.identify.vectors import Array, rotation, rpy, turn
 
 CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
 """Branches in the paper's numbering."""

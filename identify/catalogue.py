@@ -8,13 +8,13 @@ import pkgutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from daq.errors import UsageError, nearest
-from daq.vehicle import Vehicle
-from identify import effects
-from identify.effect import Effect
-from identify.one_line import LineFault, read_lines
-from identify.one_line_effect import OneLine, effect_class
-from identify.own_files import load_own, own_variants, vetted
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.vehicle import Vehicle
+from lacet.identify import effects
+from lacet.identify.effect import Effect
+from lacet.identify.one_line import LineFault, read_lines
+from lacet.identify.one_line_effect import OneLine, effect_class
+from lacet.identify.own_files import load_own, own_variants, vetted
 
 LINES = "lines.txt"
 """The file of one-line effects in a user's folder."""
@@ -26,7 +26,7 @@ def effect_classes(folders: Iterable[Path] = ()) -> dict[str, type[Effect]]:
     Raises UsageError when a user's file cannot be loaded or used, or two effects share a name.
     """
     folders = list(folders)
-    modules = [importlib.import_module(f"identify.effects.{m.name}") for m in pkgutil.iter_modules(effects.__path__)]
+    modules = [importlib.import_module(f"{effects.__name__}.{m.name}") for m in pkgutil.iter_modules(effects.__path__)]
     modules += [load_own(file) for folder in folders for file in sorted(folder.glob("*.py"))]
     out: dict[str, type[Effect]] = {}
     for module in modules:

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from identify.filters import derivative
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.identify.filters import derivative
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 
 def is_load(channel: str) -> bool:

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from identify.base import combine
-from identify.expression import Expression
-from identify.symbolic_table import ANGLES, LENGTHS
-from identify.vectors import Array
+from lacet.identify.base import combine
+from lacet.identify.expression import Expression
+from lacet.identify.symbolic_table import ANGLES, LENGTHS
+from lacet.identify.vectors import Array
 
 if TYPE_CHECKING:
-    from identify.chain_base import ChainBase
+    from lacet.identify.chain_base import ChainBase
 
 _MOST = 60
 """Monomials tried for one relation at most."""

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.assembly import Piece
-from identify.fit import Fit
-from identify.layout import Layout
-from identify.news import Progress
-from identify.trial_sums import TrialSums, at_zeros, columns_of
-from identify.vectors import Array
+from lacet.identify.assembly import Piece
+from lacet.identify.fit import Fit
+from lacet.identify.layout import Layout
+from lacet.identify.news import Progress
+from lacet.identify.trial_sums import TrialSums, at_zeros, columns_of
+from lacet.identify.vectors import Array
 
 NOISE_PAIRS = 2
 """Pairs of draws."""

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.triangle import triangle
-from identify.vectors import Array
-from identify.zeros import Zeros, zeros_of
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.triangle import triangle
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import Zeros, zeros_of
 
 
 class Columns:

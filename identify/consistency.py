@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from identify.effects.rigid_body import RigidBody
-from identify.fit import Fit
-from identify.pseudo_inertia import BASIS, fault_in_words, in_units
-from identify.rigid_body import PARAMETERS
-from identify.vectors import Array
-from identify.whole import summation
+from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.fit import Fit
+from lacet.identify.pseudo_inertia import BASIS, fault_in_words, in_units
+from lacet.identify.rigid_body import PARAMETERS
+from lacet.identify.vectors import Array
+from lacet.identify.whole import summation
 
 WHOLE = "vehicle"
 """Name of all bodies taken as one."""

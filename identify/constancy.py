@@ -16,15 +16,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.candidate import Candidate
-from identify.column_noise import ColumnNoise
-from identify.drive import Drive
-from identify.lack_of_fit import solved, with_columns
-from identify.trial_sums import TrialSums, products_of, without_zeros
-from identify.trials import TrialSpace
-from identify.unlisted import beside
-from identify.vectors import Array
-from identify.verdicts import SIGNIFICANCE
+from lacet.identify.candidate import Candidate
+from lacet.identify.column_noise import ColumnNoise
+from lacet.identify.drive import Drive
+from lacet.identify.lack_of_fit import solved, with_columns
+from lacet.identify.trial_sums import TrialSums, products_of, without_zeros
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import beside
+from lacet.identify.vectors import Array
+from lacet.identify.verdicts import SIGNIFICANCE
 
 ACTS = 1e-3
 """Part of a law's energy that a run must hold to have a say."""

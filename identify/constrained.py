@@ -20,13 +20,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import SolverError, UsageError
-from identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
-from identify.effect import Parameter
-from identify.equations import zeros_following
-from identify.fit import Fit
-from identify.information import Information
-from identify.vectors import Array
+from lacet.daq.errors import SolverError, UsageError
+from lacet.identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
+from lacet.identify.effect import Parameter
+from lacet.identify.equations import zeros_following
+from lacet.identify.fit import Fit
+from lacet.identify.information import Information
+from lacet.identify.vectors import Array
 
 LEAST = 1e-6
 """Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.channels import CORNERS
-from identify.drive import Drive
-from identify.effect import Effect, SuspensionForce
-from identify.fit import Fit
-from identify.motion import Motion
-from identify.rigid_body import PARAMETERS
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SuspensionForce
+from lacet.identify.fit import Fit
+from lacet.identify.motion import Motion
+from lacet.identify.rigid_body import PARAMETERS
+from lacet.identify.vectors import Array
 
 _STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
 """Half steps of slopes by travel [m], its rate [m/s] and tyre deflection [m]."""

@@ -11,15 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import CORNERS
-from daq.vehicle import Vehicle
-from identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
-from identify.doubt import Knowledge
-from identify.drive import Drive
-from identify.effect import SuspensionForce
-from identify.fit import Fit
-from identify.ride_model import ride_values
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
+from lacet.identify.doubt import Knowledge
+from lacet.identify.drive import Drive
+from lacet.identify.effect import SuspensionForce
+from lacet.identify.fit import Fit
+from lacet.identify.ride_model import ride_values
+from lacet.identify.vectors import Array
 
 WIDE = 0.25
 """Half of the 95 % interval ÷ value beyond which a value is not determined."""

@@ -13,22 +13,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from identify.candidate import Candidate
-from identify.column_noise import ColumnNoise
-from identify.constancy import Constancy
-from identify.effect import Effect
-from identify.excused import Excused
-from identify.fit import Fit
-from identify.floor import NoiseFloor, floor_at
-from identify.formulas import Formula, propose
-from identify.late_or_missing import columns_as_read
-from identify.look import MAIN, Look, look, strength, structured
-from identify.news import Tell, silent
-from identify.reading import STILL, Reading, read_again, sheet_sums
-from identify.refine import refined
-from identify.taken_out import explained_by, may_leave_more, without_best
-from identify.trials import TrialSpace
-from identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
+from lacet.identify.candidate import Candidate
+from lacet.identify.column_noise import ColumnNoise
+from lacet.identify.constancy import Constancy
+from lacet.identify.effect import Effect
+from lacet.identify.excused import Excused
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor, floor_at
+from lacet.identify.formulas import Formula, propose
+from lacet.identify.late_or_missing import columns_as_read
+from lacet.identify.look import MAIN, Look, look, strength, structured
+from lacet.identify.news import Tell, silent
+from lacet.identify.reading import STILL, Reading, read_again, sheet_sums
+from lacet.identify.refine import refined
+from lacet.identify.taken_out import explained_by, may_leave_more, without_best
+from lacet.identify.trials import TrialSpace
+from lacet.identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
 MARGINAL = 1.25
 """Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.estimates import hint
-from identify.fit import Fit
-from identify.vectors import Array
-from identify.zeros import Zeros
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.estimates import hint
+from lacet.identify.fit import Fit
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import Zeros
 
 ENOUGH = 0.5
 """Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""

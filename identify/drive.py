@@ -8,18 +8,18 @@ from functools import cached_property
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.effect import Effect
-from identify.filters import Filters, zero_phase_of
-from identify.geometry import build_motion
-from identify.motion import Motion
-from identify.noise import draw_noise
-from identify.own_files import checked_columns
-from identify.reconstruct import Recording, Signals, bring_together
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect
+from lacet.identify.filters import Filters, zero_phase_of
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import Motion
+from lacet.identify.noise import draw_noise
+from lacet.identify.own_files import checked_columns
+from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.vectors import Array
 
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""

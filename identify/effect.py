@@ -13,10 +13,10 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.motion import CornerMotion, Motion
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identify.effect import Effect
-from identify.fit import Fit
-from identify.vectors import Array
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

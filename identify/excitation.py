@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from identify.base import find_base
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.floor import simulate_floor
-from identify.model import Model
-from identify.noise_bias import given_back
-from identify.priors import known_beforehand
-from identify.sensitivity import Sensitivity
-from identify.stats import clustered_scores, hac
-from identify.triangle import triangle
-from identify.uncertainty import at_least
-from identify.vectors import Array
-from identify.zeros import zeros_of
+from lacet.identify.base import find_base
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.floor import simulate_floor
+from lacet.identify.model import Model
+from lacet.identify.noise_bias import given_back
+from lacet.identify.priors import known_beforehand
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.stats import clustered_scores, hac
+from lacet.identify.triangle import triangle
+from lacet.identify.uncertainty import at_least
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import zeros_of
 
 NOISE_DRAWS = 8
 """Draws of the channels' noise behind a run's scores: half-widths are then uncertain by some per cent."""

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from identify.sheet import SheetEntry
-from identify.trials import TrialSpace
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.identify.sheet import SheetEntry
+from lacet.identify.trials import TrialSpace
+from lacet.identify.vectors import Array
 
 TWICE = 2.0
 """A sheet is strained from this many times the squares that it takes up in simulated runs on average."""

@@ -8,14 +8,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from daq.errors import UsageError
-from identify.base import BaseParameters
-from identify.drive import Drive
-from identify.effect import Effect, SuspensionForce
-from identify.effects.rigid_body import RigidBody
-from identify.model import Model
-from identify.rows import row_unit
-from identify.vectors import Array
+from lacet.daq.errors import UsageError
+from lacet.identify.base import BaseParameters
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SuspensionForce
+from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.model import Model
+from lacet.identify.rows import row_unit
+from lacet.identify.vectors import Array
 
 CONDITION = 1e6
 """Ratio of best to worst known direction beyond which a problem is badly scaled, parameters in plausible sizes."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import CORNERS
-from identify.dimension import FORCE, LENGTH, NUMBER, TIME, Dimension
-from identify.motion import CornerMotion, Motion
-from identify.rows import needs
-from identify.vectors import Array, dot
+from lacet.daq.channels import CORNERS
+from lacet.identify.dimension import FORCE, LENGTH, NUMBER, TIME, Dimension
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.rows import needs
+from lacet.identify.vectors import Array, dot
 
 ACROSS = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
 """The other side of the axle."""

@@ -10,24 +10,24 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from daq.errors import NotIdentifiable
-from identify.assembly import Assembly, Known
-from identify.base import BaseParameters, find_base
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.equations import Equations, RunEquations, zeros_following
-from identify.explain import refuse_not_finite
-from identify.model import Model
-from identify.news import Progress, unheard
-from identify.noise_bias import NOISE_DRAWS, NoiseMoments
-from identify.priors import known_beforehand
-from identify.reconstruct import Recording
-from identify.robust import BadSecond, bad_seconds, huber_weights
-from identify.rows import ROWS
-from identify.sensitivity import Sensitivity
-from identify.triangle import scaled_triangle, triangle
-from identify.uncertainty import at_least, block_bootstrap, spread_of
-from identify.vectors import Array
+from lacet.daq.errors import NotIdentifiable
+from lacet.identify.assembly import Assembly, Known
+from lacet.identify.base import BaseParameters, find_base
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.equations import Equations, RunEquations, zeros_following
+from lacet.identify.explain import refuse_not_finite
+from lacet.identify.model import Model
+from lacet.identify.news import Progress, unheard
+from lacet.identify.noise_bias import NOISE_DRAWS, NoiseMoments
+from lacet.identify.priors import known_beforehand
+from lacet.identify.reconstruct import Recording
+from lacet.identify.robust import BadSecond, bad_seconds, huber_weights
+from lacet.identify.rows import ROWS
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.triangle import scaled_triangle, triangle
+from lacet.identify.uncertainty import at_least, block_bootstrap, spread_of
+from lacet.identify.vectors import Array
 
 _HUBER_TURNS = 6
 

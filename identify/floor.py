@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.news import Progress
-from identify.sensitivity import Sensitivity
-from identify.vectors import Array
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.news import Progress
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

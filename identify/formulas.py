@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from identify.effect import Effect
-from identify.one_line import read_line
-from identify.one_line_effect import effect_class
-from identify.reading import Reading
-from identify.trials import TrialSpace
-from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
+from lacet.identify.effect import Effect
+from lacet.identify.one_line import read_line
+from lacet.identify.one_line_effect import effect_class
+from lacet.identify.reading import Reading
+from lacet.identify.trials import TrialSpace
+from lacet.identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 
 _SIGN = "tanh(rate/v0)"
 _BAND = ", v0 = 0.01 0.03 0.1 m/s"

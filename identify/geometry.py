@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
-from daq.channels import CORNERS
-from daq.errors import RunError
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Corner, Vehicle
-from identify.car import (
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import RunError
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.car import (
     CARRIER,
     CHASSIS,
     FIRST_JOINT,
@@ -26,13 +26,13 @@ from identify.car import (
     kingpin_pitch,
     orientation,
 )
-from identify.chain import FrameMotion
-from identify.filters import Filters
-from identify.motion import CornerMotion, Motion
-from identify.reconstruct import Recording, Signals, bring_together
-from identify.road import ABOVE, Road
-from identify.rows import PRESSURE, RELEASED, Torque, available, needs
-from identify.vectors import Array, cross, dot, turn, unit
+from lacet.identify.chain import FrameMotion
+from lacet.identify.filters import Filters
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.road import ABOVE, Road
+from lacet.identify.rows import PRESSURE, RELEASED, Torque, available, needs
+from lacet.identify.vectors import Array, cross, dot, turn, unit
 
 _CAR = car_chain()
 

@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from identify.fit import Fit
-from identify.triangle import scaled_triangle
-from identify.vectors import Array
+from lacet.identify.fit import Fit
+from lacet.identify.triangle import scaled_triangle
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

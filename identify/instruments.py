@@ -20,16 +20,16 @@ import numpy as np
 import scipy.stats
 from numpy.typing import NDArray
 
-from daq.errors import NotIdentifiable
-from daq.run import Run
-from identify.columns import Columns
-from identify.drive import Drive
-from identify.fit import Fit, corrected_drive
-from identify.noise_bias import NOISE_DRAWS
-from identify.reconstruct import Recording, bring_together
-from identify.stats import hac
-from identify.uncertainty import at_least
-from identify.vectors import Array
+from lacet.daq.errors import NotIdentifiable
+from lacet.daq.run import Run
+from lacet.identify.columns import Columns
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.noise_bias import NOISE_DRAWS
+from lacet.identify.reconstruct import Recording, bring_together
+from lacet.identify.stats import hac
+from lacet.identify.uncertainty import at_least
+from lacet.identify.vectors import Array
 
 WEAK = 0.5
 """A direction of which noise makes up more than this part has instruments too weak to say anything."""

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from daq.errors import nearest
-from identify.rigid_body import FRICTION, PARAMETERS
-from identify.vectors import Array
+from lacet.daq.errors import nearest
+from lacet.identify.rigid_body import FRICTION, PARAMETERS
+from lacet.identify.vectors import Array
 
 
 def real(name: str, value: Any) -> float:

@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identify.effect import Effect, SensorFault
-from identify.lack_of_fit import solved
-from identify.layout import Trial
-from identify.news import Tell
-from identify.partialling import GONE, Partialled
-from identify.reading import STRAIGHT, Reading, read_again
-from identify.together import chosen_together
-from identify.trial_columns import TrialColumns
-from identify.vectors import Array
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.lack_of_fit import solved
+from lacet.identify.layout import Trial
+from lacet.identify.news import Tell
+from lacet.identify.partialling import GONE, Partialled
+from lacet.identify.reading import STRAIGHT, Reading, read_again
+from lacet.identify.together import chosen_together
+from lacet.identify.trial_columns import TrialColumns
+from lacet.identify.vectors import Array
 
 
 def columns_as_read(recorded: Reading, candidates: Sequence[Effect], seed: int, tell: Tell) -> TrialColumns:

@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import UsageError, nearest
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.clocks import is_load
-from identify.columns import Columns
-from identify.drive import Drive
-from identify.effects.sensor_latency import SensorLatency
-from identify.filters import Filters
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.stats import hac
-from identify.vectors import Array
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.clocks import is_load
+from lacet.identify.columns import Columns
+from lacet.identify.drive import Drive
+from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.stats import hac
+from lacet.identify.vectors import Array
 
 PRIOR = 0.020
 """1 σ of a latency's error before any run [s]: so wide that it does not move what the runs determine."""

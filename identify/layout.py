@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identify.assembly import Piece
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.sheet import SheetEntry, sheet_entries, sheet_responses
-from identify.vectors import Array
+from lacet.identify.assembly import Piece
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit
+from lacet.identify.sheet import SheetEntry, sheet_entries, sheet_responses
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

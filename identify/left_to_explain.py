@@ -17,15 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identify.blocks import block_numbers
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.news import Progress, unheard
-from identify.refitted import Draws, refitted_draws
-from identify.rows import row_unit
-from identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
-from identify.states import ClearStates
-from identify.vectors import Array
+from lacet.identify.blocks import block_numbers
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.news import Progress, unheard
+from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.rows import row_unit
+from lacet.identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
+from lacet.identify.states import ClearStates
+from lacet.identify.vectors import Array
 
 SIGNIFICANCE = 0.05
 MATTERS = 0.1

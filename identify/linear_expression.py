@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from identify.dimension import NUMBER, Dimension
-from identify.expression import CONSTANTS, Expression
+from lacet.identify.dimension import NUMBER, Dimension
+from lacet.identify.expression import CONSTANTS, Expression
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt, "min": np.minimum, "max": np.maximum,

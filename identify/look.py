@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identify.candidate import Candidate
-from identify.constancy import Constancy, constancy
-from identify.effect import Effect, SensorFault
-from identify.excused import Excused, excused
-from identify.lack_of_fit import LOUDEST, Left
-from identify.news import Tell
-from identify.noisy_law import noise_through
-from identify.refine import refined
-from identify.ties import with_ties
-from identify.trials import TrialSpace
-from identify.unlisted import best_set, left_by
-from identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
-from identify.whiteness import whiteness
+from lacet.identify.candidate import Candidate
+from lacet.identify.constancy import Constancy, constancy
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.excused import Excused, excused
+from lacet.identify.lack_of_fit import LOUDEST, Left
+from lacet.identify.news import Tell
+from lacet.identify.noisy_law import noise_through
+from lacet.identify.refine import refined
+from lacet.identify.ties import with_ties
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import best_set, left_by
+from lacet.identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
+from lacet.identify.whiteness import whiteness
 
 MAIN = 0.75
 """Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
-from daq.errors import UsageError
-from identify.effect import Effect, Parameter, SensorFault
+from lacet.daq.errors import UsageError
+from lacet.identify.effect import Effect, Parameter, SensorFault
 
 
 @dataclass(frozen=True)

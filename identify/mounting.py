@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from daq.rig import Rig
-from identify.car import orientation
-from identify.vectors import Array, rpy, turn, unit
+from lacet.daq.rig import Rig
+from lacet.identify.car import orientation
+from lacet.identify.vectors import Array, rpy, turn, unit
 
 
 def sensor_to_body(rig: Rig, channel: str) -> Array:

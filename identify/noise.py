@@ -7,10 +7,10 @@ from collections.abc import Iterable
 import numpy as np
 from scipy.signal import sosfreqz
 
-from daq.channels import CHANNELS
-from identify.filters import two_pass_sos
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.identify.filters import two_pass_sos
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from daq.channels import CHANNELS
-from daq.rig import Rig
-from daq.run import Run, Signal
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run, Signal
+from lacet.identify.vectors import Array
 
 MOTION = 20.0
 """Above this frequency a car's motion is taken to be nothing beside the noise [Hz]: the pre-filter's cut-off."""

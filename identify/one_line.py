@@ -18,14 +18,14 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from daq.channels import CORNERS
-from daq.errors import UsageError, nearest
-from identify.dimension import FORCE, LENGTH, TIME, Dimension, read_unit, whole_unit
-from identify.effect import AXLES
-from identify.expression import CONSTANTS, Expression, ExpressionFault
-from identify.expression_states import STATES, SUFFIXES, Use, all_names, use_of
-from identify.linear_expression import FUNCTIONS, Dimensions, terms_of, within_size
-from identify.rows import CHASSIS_ROWS, row_unit
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError, nearest
+from lacet.identify.dimension import FORCE, LENGTH, TIME, Dimension, read_unit, whole_unit
+from lacet.identify.effect import AXLES
+from lacet.identify.expression import CONSTANTS, Expression, ExpressionFault
+from lacet.identify.expression_states import STATES, SUFFIXES, Use, all_names, use_of
+from lacet.identify.linear_expression import FUNCTIONS, Dimensions, terms_of, within_size
+from lacet.identify.rows import CHASSIS_ROWS, row_unit
 
 LONGEST = 1000
 """Characters of a line."""

@@ -15,12 +15,12 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from daq.errors import LacetError, UsageError
-from daq.vehicle import Vehicle
-from identify.effect import Effect, Parameter
-from identify.motion import Motion
-from identify.rows import ROWS
-from identify.vectors import Array
+from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect, Parameter
+from lacet.identify.motion import Motion
+from lacet.identify.rows import ROWS
+from lacet.identify.vectors import Array
 
 _PREFIX = "lacet_user_effects."
 _TEXTS = ("name", "about", "signature", "shown_by", "source")

@@ -11,10 +11,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from daq.errors import FileFault
-from identify.expression import Expression
-from identify.rigid_body import FRICTION, PARAMETERS
-from identify.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
+from lacet.daq.errors import FileFault
+from lacet.identify.expression import Expression
+from lacet.identify.rigid_body import FRICTION, PARAMETERS
+from lacet.identify.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
 
 _LOADS = ("FX", "FY", "FZ", "CX", "CY", "CZ")
 _BASE_MOTION = ("W0", "WP0", "V0", "VP0")

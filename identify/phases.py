@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
-from daq.channels import CORNERS
-from identify.filters import derivative, zero_phase
-from identify.motion import Motion
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.identify.filters import derivative, zero_phase
+from lacet.identify.motion import Motion
+from lacet.identify.vectors import Array
 
 PHASES: tuple[str, ...] = (
     "standing", "straight, steady", "accelerating", "braking", "lift-off", "cornering left", "cornering right",

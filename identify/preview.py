@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.equations import Equations, RunEquations
-from identify.fit import Fit, corrected_drive
-from identify.score import Comparison, profile_zeros
-from identify.sensitivity import Sensitivity
-from identify.vectors import Array
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.equations import Equations, RunEquations
+from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.score import Comparison, profile_zeros
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.vectors import Array
 
 CLOSE = 0.05
 """RMS of preview − true fit ÷ RMS of the present residual, on the runs used."""

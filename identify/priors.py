@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.model import Model
-from identify.vectors import Array
+from lacet.identify.model import Model
+from lacet.identify.vectors import Array
 
 
 def known_beforehand(model: Model, keep: NDArray[np.int64], faults: bool = True) -> Array:

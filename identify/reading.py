@@ -15,16 +15,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.drive import Drive
-from identify.effects.sensor_latency import SensorLatency
-from identify.fit import Fit, Stored, at_faults, refitted
-from identify.floor import NoiseFloor, floor_of
-from identify.lack_of_fit import left_after, solved
-from identify.layout import Layout, sheet_of
-from identify.news import Tell, silent
-from identify.sheet import SheetEntry
-from identify.trial_sums import TrialSums
-from identify.vectors import Array
+from lacet.identify.drive import Drive
+from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.fit import Fit, Stored, at_faults, refitted
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.lack_of_fit import left_after, solved
+from lacet.identify.layout import Layout, sheet_of
+from lacet.identify.news import Tell, silent
+from lacet.identify.sheet import SheetEntry
+from lacet.identify.trial_sums import TrialSums
+from lacet.identify.vectors import Array
 
 STRAIGHT = 0.15
 """ω τ at the fit's cut-off up to which a first-order column is right…"""

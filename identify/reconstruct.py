@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Flag
-from daq.channels import CHANNELS
-from daq.errors import RunError
-from daq.rig import Rig
-from daq.run import Run, Signal
-from daq.vehicle import Vehicle
-from identify.filters import Filters, bring_to_grid, derivative
-from identify.vectors import Array
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import RunError
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run, Signal
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.filters import Filters, bring_to_grid, derivative
+from lacet.identify.vectors import Array
 
 _GAP = 0.020
 """Longest hole that is interpolated without flagging an interval [s]."""

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from identify.candidate import Candidate
-from identify.effect import Effect
-from identify.partialling import GONE
-from identify.trials import TrialSpace
-from identify.unlisted import beside
+from lacet.identify.candidate import Candidate
+from lacet.identify.effect import Effect
+from lacet.identify.partialling import GONE
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import beside
 
 BETWEEN = 3
 """Values tried on each side of the best, in each of `ROUNDS`."""

@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from identify.blocks import block_numbers
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.news import Progress, unheard
-from identify.phases import PHASES, Phases
-from identify.refitted import Draws, refitted_draws
-from identify.rows import row_unit
-from identify.score import Comparison
-from identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
-from identify.states import ClearStates, filtered, states_of
-from identify.vectors import Array
+from lacet.identify.blocks import block_numbers
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.news import Progress, unheard
+from lacet.identify.phases import PHASES, Phases
+from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.rows import row_unit
+from lacet.identify.score import Comparison
+from lacet.identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
+from lacet.identify.states import ClearStates, filtered, states_of
+from lacet.identify.vectors import Array
 
 BIN = 0.5
 """Length of a bin of the map [s]."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.vehicle import Corner, Vehicle
-from identify.car import kinematics
-from identify.corner_numbers import CornerNumbers
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.car import kinematics
+from lacet.identify.corner_numbers import CornerNumbers
+from lacet.identify.vectors import Array
 
 G = 9.81
 """Standard gravity as the simulators and the paper round it [m/s²]."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.assembly import Assembly
-from identify.equations import Equations
-from identify.vectors import Array
+from lacet.identify.assembly import Assembly
+from lacet.identify.equations import Equations
+from lacet.identify.vectors import Array
 
 SECOND = 1.0
 """Length of the stretch that is judged as one [s]."""

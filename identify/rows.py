@@ -25,8 +25,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import CORNERS
-from daq.vehicle import Corner, Vehicle
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Corner, Vehicle
 
 CHASSIS_ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
 SUSPENSION_ROWS = tuple(f"suspension.{c}" for c in CORNERS)

@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from identify.doubt import Knowledge, is_used
-from identify.drive import Drive
-from identify.fit import Fit, corrected_drive
-from identify.floor import simulate_floor
-from identify.rows import row_unit
-from identify.sensitivity import Sensitivity
-from identify.vectors import Array
-from identify.whiteness import Whiteness, whiteness
-from identify.zeros import Zeros, zeros_of
+from lacet.identify.doubt import Knowledge, is_used
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.floor import simulate_floor
+from lacet.identify.rows import row_unit
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.vectors import Array
+from lacet.identify.whiteness import Whiteness, whiteness
+from lacet.identify.zeros import Zeros, zeros_of
 
 FAILS = 1.2
 """Residual ÷ floor above which a row is said to fail."""

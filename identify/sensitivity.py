@@ -14,13 +14,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from identify.effect import Effect, SensorFault
-from identify.filters import derivative
-from identify.geometry import build_motion
-from identify.motion import Motion
-from identify.noise import draw_noise
-from identify.reconstruct import Recording, Signals
-from identify.vectors import Array
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.filters import derivative
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import Motion
+from lacet.identify.noise import draw_noise
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.vectors import Array
 
 Perturbation = Mapping[str, Array]
 """Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""

@@ -20,16 +20,16 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from identify.assembly import Assembly, Piece
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.layout import sheet_of
-from identify.priors import known_beforehand
-from identify.sheet import sheet_responses
-from identify.triangle import scaled_triangle
-from identify.vectors import Array
+from lacet.identify.assembly import Assembly, Piece
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.layout import sheet_of
+from lacet.identify.priors import known_beforehand
+from lacet.identify.sheet import sheet_responses
+from lacet.identify.triangle import scaled_triangle
+from lacet.identify.vectors import Array
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from identify.drive import Drive
-from identify.fit import Fit, corrected_drive
-from identify.score import Comparison
-from identify.vectors import Array
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.score import Comparison
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from daq.rig import Rig
-from identify.clocks import late
-from identify.drive import Drive
-from identify.sensitivity import Sensitivity
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Rig
+from lacet.identify.clocks import late
+from lacet.identify.drive import Drive
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.vectors import Array
 
 SheetEntry = tuple[str, str, int]
 """``gain`` or ``latency``, channel, component; a sensor's latency goes by its first channel."""

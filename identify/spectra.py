@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.rows import row_unit
-from identify.states import ClearStates, filtered
-from identify.vectors import Array
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.rows import row_unit
+from lacet.identify.states import ClearStates, filtered
+from lacet.identify.vectors import Array
 
 SEGMENT = 4.0
 """Length of a segment [s]: a resolution of about 0.4 Hz with its taper."""

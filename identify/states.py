@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.channels import CORNERS
-from identify.drive import Drive
-from identify.filters import zero_phase_of
-from identify.geometry import build_motion
-from identify.motion import CornerMotion, Motion
-from identify.noise import draw_noise
-from identify.reconstruct import Recording, Signals
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.identify.drive import Drive
+from lacet.identify.filters import zero_phase_of
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.noise import draw_noise
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.vectors import Array
 
 OWN, AXLE, BODY = 0, 1, 2
 """How near a state is to a row: at its own corner, across its axle, of the body."""

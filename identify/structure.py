@@ -7,16 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import CHANNELS, CORNERS
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.base import BaseParameters, find_base
-from identify.car import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
-from identify.effect import Effect
-from identify.filters import Filters
-from identify.geometry import build_motion
-from identify.reconstruct import Recording, Signals
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.base import BaseParameters, find_base
+from lacet.identify.car import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
+from lacet.identify.effect import Effect
+from lacet.identify.filters import Filters
+from lacet.identify.geometry import build_motion
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.vectors import Array
 
 _POSTURE = (
     ("lateral", "slides", "y", "left free: no row is about the ground's axes"),

@@ -20,13 +20,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
-from daq.errors import UsageError
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue, find_effect
-from identify.effect import Effect
-from identify.filters import Filters
-from identify.model import Model
+from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.effect import Effect
+from lacet.identify.filters import Filters
+from lacet.identify.model import Model
 
 FORMAT = "lacet-study 1"
 _FILE = "study.json"

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from identify.blocks import block_numbers
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.states import filtered
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.identify.blocks import block_numbers
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.states import filtered
+from lacet.identify.vectors import Array
 
 LEAST_SAMPLES = 4
 """A cell with fewer samples is left empty."""

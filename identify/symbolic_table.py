@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from identify.expression import Expression
+from lacet.identify.expression import Expression
 
 LENGTHS = ("b", "d", "r")
 ANGLES = ("gamma", "alpha", "theta")

@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from identify.candidate import Candidate
-from identify.effect import SensorFault
-from identify.fit import Fit, extended
-from identify.floor import floor_of
-from identify.look import MAIN, STAYS, Look
-from identify.news import Tell
-from identify.reading import Reading
-from identify.unlisted import left_unexcused
+from lacet.identify.candidate import Candidate
+from lacet.identify.effect import SensorFault
+from lacet.identify.fit import Fit, extended
+from lacet.identify.floor import floor_of
+from lacet.identify.look import MAIN, STAYS, Look
+from lacet.identify.news import Tell
+from lacet.identify.reading import Reading
+from lacet.identify.unlisted import left_unexcused
 
 
 def may_leave_more(seen: Look) -> bool:

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from identify.candidate import Candidate
-from identify.trials import TrialSpace
-from identify.vectors import Array
+from lacet.identify.candidate import Candidate
+from lacet.identify.trials import TrialSpace
+from lacet.identify.vectors import Array
 
 TIED = 0.05
 """Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""

@@ -9,14 +9,14 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.lack_of_fit import louder_rows
-from identify.layout import Layout
-from identify.news import Tell, silent
-from identify.reading import Reading
-from identify.trial_sums import TrialSums
-from identify.vectors import Array
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit
+from lacet.identify.lack_of_fit import louder_rows
+from lacet.identify.layout import Layout
+from lacet.identify.news import Tell, silent
+from lacet.identify.reading import Reading
+from lacet.identify.trial_sums import TrialSums
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

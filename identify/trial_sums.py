@@ -14,13 +14,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from identify.assembly import Piece
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.layout import Layout, sensor_columns
-from identify.triangle import scaled_triangle
-from identify.vectors import Array
+from lacet.identify.assembly import Piece
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.layout import Layout, sensor_columns
+from lacet.identify.triangle import scaled_triangle
+from lacet.identify.vectors import Array
 
 FOLDS = 5
 BLOCK = 2.0

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from identify.assembly import Assembly, Piece
-from identify.drive import Drive
-from identify.equations import Equations, zeros_following
-from identify.sheet import SheetEntry
-from identify.stats import hac
-from identify.vectors import Array
+from lacet.identify.assembly import Assembly, Piece
+from lacet.identify.drive import Drive
+from lacet.identify.equations import Equations, zeros_following
+from lacet.identify.sheet import SheetEntry
+from lacet.identify.stats import hac
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from identify.effect import Effect
-from identify.lack_of_fit import Left, left_after, with_columns
-from identify.layout import Layout, Trial
-from identify.partialling import Partialled
-from identify.together import chosen_together
-from identify.trial_sums import TrialSums
-from identify.trials import TrialSpace
+from lacet.identify.effect import Effect
+from lacet.identify.lack_of_fit import Left, left_after, with_columns
+from lacet.identify.layout import Layout, Trial
+from lacet.identify.partialling import Partialled
+from lacet.identify.together import chosen_together
+from lacet.identify.trial_sums import TrialSums
+from lacet.identify.trials import TrialSpace
 
 
 def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:

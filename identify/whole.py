@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.car import WHEEL, car_chain
-from identify.fit import Fit
-from identify.rigid_body import PARAMETERS, move_parameters
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car import WHEEL, car_chain
+from lacet.identify.fit import Fit
+from lacet.identify.rigid_body import PARAMETERS, move_parameters
+from lacet.identify.vectors import Array
 
 NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from identify.drive import Drive
-from identify.sensitivity import Sensitivity
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.identify.drive import Drive
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import Block
-from daq.errors import UsageError
-from daq.frames import Frames
-from daq.log import LogWriter
-from daq.rig import Rig
-from daq.wire import StartRecord, StopRecord
-from drivers import open_driver
-from simulate import SimulatedMotion
+from lacet.daq.blocks import Block
+from lacet.daq.errors import UsageError
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogWriter
+from lacet.daq.rig import Rig
+from lacet.daq.wire import StartRecord, StopRecord
+from lacet.drivers import open_driver
+from lacet.simulate import SimulatedMotion
 
 BATCH_NS = 50_000_000
 """Frames are stored in batches of this length [ns], as a recorder would."""

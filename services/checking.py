@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from daq.vehicle import Vehicle
-from identify.instruments import Contrast, Instruments
-from identify.latency import Timings
-from identify.noise_level import NoiseLevel
-from identify.whole import NAMES, UNITS, whole_vehicle
-from services.result import plain
-from services.tables import number, table
+from lacet.daq.channels import CHANNELS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.instruments import Contrast, Instruments
+from lacet.identify.latency import Timings
+from lacet.identify.noise_level import NoiseLevel
+from lacet.identify.whole import NAMES, UNITS, whole_vehicle
+from lacet.services.result import plain
+from lacet.services.tables import number, table
 
 LEVEL = 0.01
 """Significance of the two tests of bias: an alarm one set of runs in a hundred gives by chance."""

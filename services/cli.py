@@ -16,9 +16,9 @@ from types import ModuleType
 
 from threadpoolctl import threadpool_limits
 
-from daq.errors import LacetError, NotIdentifiable
-from services import commands
-from services.result import BAD_INPUT, WITH_LOSSES
+from lacet.daq.errors import LacetError, NotIdentifiable
+from lacet.services import commands
+from lacet.services.result import BAD_INPUT, WITH_LOSSES
 
 ABOUT = """\
 lacet: record an instrumented car, identify its dynamic parameters, and learn which physical effect a model lacks.
@@ -42,7 +42,7 @@ def find_commands(only: str | None = None) -> dict[str, ModuleType]:
     """Every sub-command module by name, in alphabetical order; or just one, which loads much quicker."""
     files = _files()
     names = [only] if only in files else list(files)
-    return {name: importlib.import_module(f"services.commands.{files[name]}") for name in names}
+    return {name: importlib.import_module(f"{commands.__name__}.{files[name]}") for name in names}
 
 
 def _help(module: str) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from identify.constrained import Consistency, ConsistentFit, consistency, consistent_fit
-from identify.explain import explain_grouping, explain_weak
-from identify.fit import Fit
-from identify.information import Information
-from services.result import plain
+from lacet.identify.constrained import Consistency, ConsistentFit, consistency, consistent_fit
+from lacet.identify.explain import explain_grouping, explain_weak
+from lacet.identify.fit import Fit
+from lacet.identify.information import Information
+from lacet.services.result import plain
 
 
 def mend(fitted: Fit, tell: Callable[[str], None] = lambda _: None) -> tuple[Fit, dict[str, Any], str]:

@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Block
-from daq.frames import Frames
-from daq.log import LogReader, LogWriter
-from daq.rig import Rig, Sensor
-from daq.wire import StopRecord
-from drivers import open_driver
-from drivers.base import Driver, State
+from lacet.daq.blocks import Block
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogReader, LogWriter
+from lacet.daq.rig import Rig, Sensor
+from lacet.daq.wire import StopRecord
+from lacet.drivers import open_driver
+from lacet.drivers.base import Driver, State
 
 NO_LOSS = frozenset(
     {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}

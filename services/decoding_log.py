@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from daq.errors import RunError, UsageError, nearest
-from daq.log import LogReader, LogWriter
-from daq.rig import Rig
-from daq.wire import StartRecord
-from services.decoding import Decoder, closing_record, decode_frames, write_decoded
+from lacet.daq.errors import RunError, UsageError, nearest
+from lacet.daq.log import LogReader, LogWriter
+from lacet.daq.rig import Rig
+from lacet.daq.wire import StartRecord
+from lacet.services.decoding import Decoder, closing_record, decode_frames, write_decoded
 
 Tell = Callable[[str, float], None]
 """Told what is done now, and which part of the whole is."""

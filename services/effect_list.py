@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from daq.errors import UsageError, nearest
-from daq.vehicle import Vehicle
-from identify.catalogue import catalogue, effect_classes
-from identify.effect import Effect, Parameter, SensorFault
-from identify.study import Study
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import catalogue, effect_classes
+from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.study import Study
 
 _RUN = "RUN"
 """Stands for any run in effects that go by runs."""

@@ -10,24 +10,24 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from daq.errors import UsageError
-from identify.catalogue import base_model, find_effect
-from identify.derived import damper_curves, derived_values, ranges
-from identify.diagnose import Candidate, Diagnosis, diagnose
-from identify.doubt import Knowledge
-from identify.drive import Drive
-from identify.estimates import estimates
-from identify.filters import Filters
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, Progress, floor_of
-from identify.model import Model
-from identify.score import Comparison, compare
-from identify.study import Study, Version
-from identify.vectors import Array
-from identify.whole import NAMES, UNITS, whole_vehicle
-from services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
-from services.loading import Loaded, load
-from services.result import plain
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import base_model, find_effect
+from lacet.identify.derived import damper_curves, derived_values, ranges
+from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
+from lacet.identify.doubt import Knowledge
+from lacet.identify.drive import Drive
+from lacet.identify.estimates import estimates
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, Progress, floor_of
+from lacet.identify.model import Model
+from lacet.identify.score import Comparison, compare
+from lacet.identify.study import Study, Version
+from lacet.identify.vectors import Array
+from lacet.identify.whole import NAMES, UNITS, whole_vehicle
+from lacet.services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
+from lacet.services.loading import Loaded, load
+from lacet.services.result import plain
 
 Tell = Callable[[str], None]
 LEAST_DRAWS = 19

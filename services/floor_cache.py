@@ -16,10 +16,10 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-import identify
-from identify.column_noise import ColumnNoise
-from identify.floor import NoiseFloor
-from identify.study import Study, Version
+import lacet.identify
+from lacet.identify.column_noise import ColumnNoise
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.study import Study, Version
 
 KEPT = 6
 """Files kept of each kind; the oldest go."""
@@ -72,7 +72,7 @@ def save_noise(study: Study, key: str, noise: ColumnNoise) -> None:
 def _sources() -> bytes:
     """Digest of the identifying sources: another lacet simulates anew."""
     digest = hashlib.sha256()
-    for file in sorted(Path(str(identify.__file__)).parent.rglob("*.py")):
+    for file in sorted(Path(str(lacet.identify.__file__)).parent.rglob("*.py")):
         digest.update(file.read_bytes())
     return digest.digest()
 

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.checks import exchanged_wheels
-from identify.drive import Drive
-from identify.filters import Filters
-from identify.news import Progress, unheard
-from services.plausible import implausible
+from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.checks import exchanged_wheels
+from lacet.identify.drive import Drive
+from lacet.identify.filters import Filters
+from lacet.identify.news import Progress, unheard
+from lacet.services.plausible import implausible
 
 
 @dataclass(frozen=True)

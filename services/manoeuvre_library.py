@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from daq.errors import UsageError, nearest
-from simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
+from lacet.daq.errors import UsageError, nearest
+from lacet.simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
 
 KMH = 1.0 / 3.6
 G = 9.80665

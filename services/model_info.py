@@ -8,18 +8,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model
-from identify.estimates import Estimate, estimates
-from identify.fit import fit
-from identify.model import Model
-from identify.structure import Structure, TreeJoint, car_tree, structure
-from identify.study import Study
-from services import tables
-from services.fitting import default_filters
-from services.loading import Loaded, load
+from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model
+from lacet.identify.estimates import Estimate, estimates
+from lacet.identify.fit import fit
+from lacet.identify.model import Model
+from lacet.identify.structure import Structure, TreeJoint, car_tree, structure
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.fitting import default_filters
+from lacet.services.loading import Loaded, load
 
 RUNS = (".mcap", ".parquet", ".csv", ".mf4", ".mdf")
 _WIDTH = 118

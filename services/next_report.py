@@ -6,12 +6,12 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from identify.diagnose import Diagnosis
-from identify.separation import NEEDED, SHOWS, Compared, wrong_pick
-from services import tables
-from services.fitting import Tell, Work
-from services.next_separation import Recommendation, percent, recommend, short, tied
-from services.result import plain
+from lacet.identify.diagnose import Diagnosis
+from lacet.identify.separation import NEEDED, SHOWS, Compared, wrong_pick
+from lacet.services import tables
+from lacet.services.fitting import Tell, Work
+from lacet.services.next_separation import Recommendation, percent, recommend, short, tied
+from lacet.services.result import plain
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.errors import UsageError
-from identify.catalogue import find_effect
-from identify.diagnose import Candidate, Diagnosis
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.next_run import DURATIONS
-from identify.separation import (
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import find_effect
+from lacet.identify.diagnose import Candidate, Diagnosis
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit
+from lacet.identify.next_run import DURATIONS
+from lacet.identify.separation import (
     NEEDED,
     SHOWS,
     Compared,
@@ -25,12 +25,12 @@ from identify.separation import (
     present_runs,
     wrong_pick,
 )
-from identify.vectors import Array
-from services.fitting import Tell, Work, silent
-from services.manoeuvre_library import Limits, kinds, library
-from services.planned_car import known_values, planned_car
-from services.planning import SECONDS, PlannedRun, simulated_runs
-from simulate.engine import engine_library
+from lacet.identify.vectors import Array
+from lacet.services.fitting import Tell, Work, silent
+from lacet.services.manoeuvre_library import Limits, kinds, library
+from lacet.services.planned_car import known_values, planned_car
+from lacet.services.planning import SECONDS, PlannedRun, simulated_runs
+from lacet.simulate.engine import engine_library
 
 FAULT = 4.0
 """Ordinary size of a sensor fault, in 1 σ of its sheet's tolerance."""

@@ -6,12 +6,12 @@ import re
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError, nearest
-from daq.vehicle import Vehicle
-from identify.catalogue import LINES, effect_classes, line_effects
-from identify.one_line import read_line
-from identify.one_line_effect import OneLine, effect_class
-from identify.study import Study
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import LINES, effect_classes, line_effects
+from lacet.identify.one_line import read_line
+from lacet.identify.one_line_effect import OneLine, effect_class
+from lacet.identify.study import Study
 
 _HEAD = """\
 # The study's own effects, one a line: NAME = WHERE: LAW, constants and bounds

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.own_files import checked_columns
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.own_files import checked_columns
 
 
 def try_effect(cls: type[Effect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:

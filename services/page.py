@@ -7,7 +7,7 @@ import html
 
 from matplotlib.figure import Figure
 
-from services import plots
+from lacet.services import plots
 
 STYLE = """
 :root { color-scheme: light dark; }

@@ -17,22 +17,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from daq.exchange import write_table
-from daq.rig import Rig
-from identify.catalogue import base_model, catalogue, find_effect
-from identify.effect import Effect
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.score import compare
-from services.capturing import encode_rig, simulated_start, write_capture
-from services.commands import decode
-from services.fitting import FLOOR_DRAWS, fit_result
-from services.loading import Loaded, load
-from services.paper_tables import LINES
-from services.result import plain
-from simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
-from simulate import run as drive
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.exchange import write_table
+from lacet.daq.rig import Rig
+from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.score import compare
+from lacet.services.capturing import encode_rig, simulated_start, write_capture
+from lacet.services.commands import decode
+from lacet.services.fitting import FLOOR_DRAWS, fit_result
+from lacet.services.loading import Loaded, load
+from lacet.services.paper_tables import LINES
+from lacet.services.result import plain
+from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
+from lacet.simulate import run as drive
+from lacet.simulate.vehicle_file import vehicle_text
 
 Tell = Callable[[str], None]
 HOUR_NS = 3_600_000_000_000

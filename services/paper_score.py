@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from daq.channels import CORNERS
-from services.paper_tables import SPIN_ROWS, TITLES, Line
-from services.tables import number, table
+from lacet.daq.channels import CORNERS
+from lacet.services.paper_tables import SPIN_ROWS, TITLES, Line
+from lacet.services.tables import number, table
 
 MET, MISSED, WITHOUT = "met", "missed", "not identifiable"
 

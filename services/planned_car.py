@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.fit import Fit
-from identify.next_run import quantities
-from simulate import Car, Hidden, find_car
-from simulate.cars import Axle, Inertia
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.fit import Fit
+from lacet.identify.next_run import quantities
+from lacet.simulate import Car, Hidden, find_car
+from lacet.simulate.cars import Axle, Inertia
 
 CLASS = "peugeot-406"
 """The simulated car whose unsprung parts, scaled by mass, and tyres stand for those not known."""

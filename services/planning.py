@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from daq.errors import LacetError
-from daq.exchange import read_table, write_table
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.drive import Drive
-from identify.excitation import (
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError
+from lacet.daq.exchange import read_table, write_table
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.drive import Drive
+from lacet.identify.excitation import (
     Information,
     RunInformation,
     fit_information,
@@ -27,14 +27,14 @@ from identify.excitation import (
     residual_excess,
     run_information,
 )
-from identify.filters import Filters, zero_phase
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.next_run import Ranking, rank
-from services.manoeuvre_library import Limits, Plan
-from services.planned_car import PlannedCar
-from simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exchange_run
-from simulate import run as drive_car
+from lacet.identify.filters import Filters, zero_phase
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.next_run import Ranking, rank
+from lacet.services.manoeuvre_library import Limits, Plan
+from lacet.services.planned_car import PlannedCar
+from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exchange_run
+from lacet.simulate import run as drive_car
 
 SECONDS = 14.0
 """Length of a simulated motion: what a longer run tells follows from it."""

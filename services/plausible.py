@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CHANNELS, CORNERS
-from identify.car import orientation
-from identify.drive import Drive
-from identify.vectors import Array, dot
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.identify.car import orientation
+from lacet.identify.drive import Drive
+from lacet.identify.vectors import Array, dot
 
 _G: Final = 9.80665
 _DEGREE: Final = math.pi / 180.0

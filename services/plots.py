@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from identify.score import Comparison
-from services.fitting import overall
+from lacet.identify.score import Comparison
+from lacet.services.fitting import overall
 
 matplotlib.use("Agg")
 

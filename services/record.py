@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 from threading import Event
 from typing import Any, Protocol
 
-from daq.blocks import Block
-from daq.bus_publisher import RunPublisher
-from daq.frames import Frames
-from daq.log import LogWriteError, LogWriter, StopRecord
-from daq.queue import BoundedQueue
-from daq.wire import Losses, Tally, block_to_bytes, frames_to_bytes
-from services.transports.base import Receiver
-from services.transports.reader import Reader
+from lacet.daq.blocks import Block
+from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogWriteError, LogWriter, StopRecord
+from lacet.daq.queue import BoundedQueue
+from lacet.daq.wire import Losses, Tally, block_to_bytes, frames_to_bytes
+from lacet.services.transports.base import Receiver
+from lacet.services.transports.reader import Reader
 
 BATCH = 0.1
 """Frames are decoded and written together for this long [s]."""

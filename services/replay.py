@@ -10,8 +10,8 @@ from threading import Event
 
 import numpy as np
 
-from daq.frames import Frames
-from services.transports.base import Sender
+from lacet.daq.frames import Frames
+from lacet.services.transports.base import Sender
 
 TICK = 0.005
 """Frames due within this time are sent together [s]: sleeping for each frame would cost more than sending it. Arrival

@@ -7,14 +7,14 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from identify.derived import damper_curves
-from identify.score import Comparison
-from identify.study import Study, Version
-from services import plots, tables, validation_plots
-from services.fitting import Tell, Work, overall, silent
-from services.page import details, page, picture, pre, section
-from services.where import find_where
-from services.where_report import where_pieces
+from lacet.identify.derived import damper_curves
+from lacet.identify.score import Comparison
+from lacet.identify.study import Study, Version
+from lacet.services import plots, tables, validation_plots
+from lacet.services.fitting import Tell, Work, overall, silent
+from lacet.services.page import details, page, picture, pre, section
+from lacet.services.where import find_where
+from lacet.services.where_report import where_pieces
 
 
 def write_report(work: Work, file: Path, tell: Tell = silent) -> None:

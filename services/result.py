@@ -9,7 +9,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from daq.errors import UsageError
+from lacet.daq.errors import UsageError
 
 FORMAT = "lacet-result 1"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from identify.score import FAILS
-from services.fitting import overall
+from lacet.identify.score import FAILS
+from lacet.services.fitting import overall
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:

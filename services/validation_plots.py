@@ -8,9 +8,9 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from identify.derived import DamperCurve
-from identify.score import Comparison
-from services.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
+from lacet.identify.derived import DamperCurve
+from lacet.identify.score import Comparison
+from lacet.services.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
 
 _KINDS = ("chassis", "suspension", "tyre", "spin")
 

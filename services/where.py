@@ -6,22 +6,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from daq.errors import UsageError, nearest
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.left_to_explain import Left, left_to_explain
-from identify.news import Progress
-from identify.phases import Phases, phases_of
-from identify.refitted import refitted_draws
-from identify.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
-from identify.score import FAILS, Comparison
-from identify.spectra import RowSpectrum, row_spectrum
-from identify.states import ClearStates
-from identify.study import Version
-from identify.surface import Surface, restoring_surfaces
-from services import tables
-from services.fitting import Tell, Work
-from services.result import plain
+from lacet.daq.errors import UsageError, nearest
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.left_to_explain import Left, left_to_explain
+from lacet.identify.news import Progress
+from lacet.identify.phases import Phases, phases_of
+from lacet.identify.refitted import refitted_draws
+from lacet.identify.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
+from lacet.identify.score import FAILS, Comparison
+from lacet.identify.spectra import RowSpectrum, row_spectrum
+from lacet.identify.states import ClearStates
+from lacet.identify.study import Version
+from lacet.identify.surface import Surface, restoring_surfaces
+from lacet.services import tables
+from lacet.services.fitting import Tell, Work
+from lacet.services.result import plain
 
 SHOWN_STATES = 6
 

@@ -15,13 +15,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from identify.left_to_explain import Left
-from identify.phases import PHASES, Phases
-from identify.residual_map import Against, InPhase, residual_map
-from identify.score import Comparison
-from identify.spectra import RowSpectrum
-from identify.surface import LEAST_SAMPLES, Surface
-from services.plots import ERROR, FAULT, HELD, MEASURED, MODEL
+from lacet.identify.left_to_explain import Left
+from lacet.identify.phases import PHASES, Phases
+from lacet.identify.residual_map import Against, InPhase, residual_map
+from lacet.identify.score import Comparison
+from lacet.identify.spectra import RowSpectrum
+from lacet.identify.surface import LEAST_SAMPLES, Surface
+from lacet.services.plots import ERROR, FAULT, HELD, MEASURED, MODEL
 
 COLOURS = dict(
     zip(

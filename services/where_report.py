@@ -5,9 +5,9 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from services.page import details, page, picture, pre, section
-from services.where import Where, follows_table, left_table, phase_table, says
-from services.where_plots import (
+from lacet.services.page import details, page, picture, pre, section
+from lacet.services.where import Where, follows_table, left_table, phase_table, says
+from lacet.services.where_plots import (
     against_figure,
     left_figure,
     map_figure,

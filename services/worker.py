@@ -12,14 +12,14 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from daq.blocks import Block
-from daq.bus import Keys
-from daq.bus_listener import BusListener, Message
-from daq.errors import LacetError
-from daq.log import LogWriter, StopRecord
-from daq.rig import Rig
-from daq.spool import Spool
-from daq.wire import (
+from lacet.daq.blocks import Block
+from lacet.daq.bus import Keys
+from lacet.daq.bus_listener import BusListener, Message
+from lacet.daq.errors import LacetError
+from lacet.daq.log import LogWriter, StopRecord
+from lacet.daq.rig import Rig
+from lacet.daq.spool import Spool
+from lacet.daq.wire import (
     Manifest,
     StartRecord,
     WireError,
@@ -27,7 +27,7 @@ from daq.wire import (
     manifest_from_bytes,
     start_from_bytes,
 )
-from services.result import plain
+from lacet.services.result import plain
 
 RESULT = "result.json"
 PATIENCE = 10.0

@@ -1,6 +1,6 @@
 """The independent vehicle the method is tried on: another engine and other laws than the identification's.
 
-    from simulate import Hidden, find_car, make_manoeuvre, measure, run
+    from lacet.simulate import Hidden, find_car, make_manoeuvre, measure, run
     motion = run(find_car("peugeot-406"), make_manoeuvre("sinus"), [Hidden("anti_roll_bar.front", 19780.0)], seed=1)
     blocks = measure(motion, rig, seed=1)
 
@@ -10,13 +10,13 @@ the wheel centre; a tyre with F·e = kt·δ along the road normal. `simulate.tyr
 `simulate.hidden` give every law. MuJoCo (extra ``sim``) is imported when a run starts, not before.
 """
 
-from simulate.cars import CARS, Car, find_car
-from simulate.drive import SimulationFailed, run
-from simulate.hidden import Hidden
-from simulate.kinds import KINDS
-from simulate.manoeuvres import MANOEUVRES, Manoeuvre, make_manoeuvre
-from simulate.measuring import IDEAL, START_NS, Sheet, Timing, exchange_run, measure
-from simulate.motion import SimulatedMotion
+from lacet.simulate.cars import CARS, Car, find_car
+from lacet.simulate.drive import SimulationFailed, run
+from lacet.simulate.hidden import Hidden
+from lacet.simulate.kinds import KINDS
+from lacet.simulate.manoeuvres import MANOEUVRES, Manoeuvre, make_manoeuvre
+from lacet.simulate.measuring import IDEAL, START_NS, Sheet, Timing, exchange_run, measure
+from lacet.simulate.motion import SimulatedMotion
 
 __all__ = [
     "CARS",

@@ -13,11 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import UsageError
-from simulate.cars import Car, Inertia
-from simulate.hidden import Hidden, one_of
-from simulate.mjcf import inertial, numbers
-from simulate.road import Road
+from lacet.daq.errors import UsageError
+from lacet.simulate.cars import Car, Inertia
+from lacet.simulate.hidden import Hidden, one_of
+from lacet.simulate.mjcf import inertial, numbers
+from lacet.simulate.road import Road
 
 Array = NDArray[np.float64]
 

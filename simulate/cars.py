@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.errors import UsageError, nearest
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError, nearest
 
 Vector = NDArray[np.float64]
 

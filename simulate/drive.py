@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.errors import LacetError
-from simulate.cars import Car
-from simulate.engine import Engine
-from simulate.hidden import Hidden
-from simulate.manoeuvres import Manoeuvre
-from simulate.mjcf import level
-from simulate.motion import SimulatedMotion, matrices, rotate_back
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import LacetError
+from lacet.simulate.cars import Car
+from lacet.simulate.engine import Engine
+from lacet.simulate.hidden import Hidden
+from lacet.simulate.manoeuvres import Manoeuvre
+from lacet.simulate.mjcf import level
+from lacet.simulate.motion import SimulatedMotion, matrices, rotate_back
 
 STEP = 0.0005
 """Integration step [s]."""

@@ -19,16 +19,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.errors import UsageError
-from simulate.attached import attached_bodies
-from simulate.cars import Car
-from simulate.hidden import Hidden, one_of, suspension_law, total_at
-from simulate.memory import MemoryLaw, memory_law
-from simulate.mjcf import STEER_ARMATURE, build_mjcf, slide_directions, wheel_turns
-from simulate.road import SPACING, Road
-from simulate.turning import Corner, coupling, turned, twisted
-from simulate.tyre import WheelTyre
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError
+from lacet.simulate.attached import attached_bodies
+from lacet.simulate.cars import Car
+from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at
+from lacet.simulate.memory import MemoryLaw, memory_law
+from lacet.simulate.mjcf import STEER_ARMATURE, build_mjcf, slide_directions, wheel_turns
+from lacet.simulate.road import SPACING, Road
+from lacet.simulate.turning import Corner, coupling, turned, twisted
+from lacet.simulate.tyre import WheelTyre
 
 STEER_FREQUENCY = 60.0  # rad/s: how fast the steering follows the demand, critically damped
 

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from daq.errors import UsageError, nearest
-from simulate.kinds import KINDS, known_names
+from lacet.daq.errors import UsageError, nearest
+from lacet.simulate.kinds import KINDS, known_names
 
 SuspensionLaw = Callable[[float, float], float]
 

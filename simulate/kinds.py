@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
+from lacet.daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
 
 AXLES = ("front", "rear")
 ANYWHERE = (*AXLES, *CORNERS)

@@ -12,9 +12,9 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from daq.errors import UsageError, nearest
-from simulate.cars import Car
-from simulate.road import FLAT, Road, kerb_road, rough_road
+from lacet.daq.errors import UsageError, nearest
+from lacet.simulate.cars import Car
+from lacet.simulate.road import FLAT, Road, kerb_road, rough_road
 
 KMH = 1.0 / 3.6
 

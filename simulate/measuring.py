@@ -14,14 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.rig import Rig, Sensor
-from daq.run import Run, Signal
-from simulate.hidden import Hidden
-from simulate.kinds import SHORT
-from simulate.motion import SimulatedMotion
-from simulate.sensors import felt
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Rig, Sensor
+from lacet.daq.run import Run, Signal
+from lacet.simulate.hidden import Hidden
+from lacet.simulate.kinds import SHORT
+from lacet.simulate.motion import SimulatedMotion
+from lacet.simulate.sensors import felt
 
 Array = NDArray[np.float64]
 START_NS = 1_780_300_800_000_000_000

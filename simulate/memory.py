@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from daq.errors import UsageError
-from simulate.hidden import Hidden
+from lacet.daq.errors import UsageError
+from lacet.simulate.hidden import Hidden
 
 MemoryLaw = Callable[[float, float, float], tuple[float, float]]
 """(s, ṡ, state) → force [N] between chassis and carrier along the travel, rate of the state [1/s]."""

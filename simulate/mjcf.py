@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from daq.errors import UsageError
-from simulate.cars import Car, Inertia, rot_x
-from simulate.hidden import Hidden, total_at, total_of
-from simulate.twist import Twist, split
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError
+from lacet.simulate.cars import Car, Inertia, rot_x
+from lacet.simulate.hidden import Hidden, total_at, total_of
+from lacet.simulate.twist import Twist, split
 
 if TYPE_CHECKING:
-    from simulate.attached import Attached
+    from lacet.simulate.attached import Attached
 
 STEER_ARMATURE = 1e4  # kg·m²
 

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CORNERS
-from simulate.cars import Car
-from simulate.hidden import Hidden
-from simulate.road import Road
-from simulate.turning import rotation
+from lacet.daq.channels import CORNERS
+from lacet.simulate.cars import Car
+from lacet.simulate.hidden import Hidden
+from lacet.simulate.road import Road
+from lacet.simulate.turning import rotation
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.errors import UsageError, nearest
+from lacet.daq.errors import UsageError, nearest
 
 ROUGHNESS = {"A": 16e-6, "B": 64e-6, "C": 256e-6}
 """ISO 8608 Gd(n0) [m³] of the classes at n0 = 0.1 cycles/m, geometric means."""

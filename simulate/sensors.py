@@ -10,11 +10,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import UsageError
-from daq.rig import Rig, Sensor
-from simulate.hidden import Hidden, total_of
-from simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_back
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig, Sensor
+from lacet.simulate.hidden import Hidden, total_of
+from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_back
 
 Array = NDArray[np.float64]
 

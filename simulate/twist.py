@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from daq.errors import UsageError
-from simulate.cars import Car, Inertia
-from simulate.hidden import Hidden
+from lacet.daq.errors import UsageError
+from lacet.simulate.cars import Car, Inertia
+from lacet.simulate.hidden import Hidden
 
 SPREAD = 0.45
 """Distance of the parts' centres of mass in wheelbases."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from simulate.cars import Axle, Tyre
+from lacet.simulate.cars import Axle, Tyre
 
 
 class Contact(NamedTuple):

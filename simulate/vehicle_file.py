@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from daq.channels import CORNERS
-from simulate.cars import Axle, Car
+from lacet.daq.channels import CORNERS
+from lacet.simulate.cars import Axle, Car
 
 
 def vehicle_text(car: Car) -> str:

@@ -7,10 +7,10 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.frames import Frames
-from drivers.base import Driver
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.frames import Frames
+from lacet.drivers.base import Driver
 
 PLAUSIBLE = {
     "wheel.force": (-15_000, 15_000),

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
-from simulate import KINDS, Hidden
+from lacet.simulate import KINDS, Hidden
 
 SEEDS = 20
 BANDS: dict[str, tuple[float, float, float]] = {

@@ -16,19 +16,19 @@ from typing import Any
 
 import numpy as np
 
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue
-from identify.diagnose import Diagnosis, diagnose
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.fit import Fit, corrected_drive, fit
-from identify.floor import NoiseFloor, floor_of, simulate_floor
-from identify.model import Model
-from identify.score import profile_zeros
-from identify.sensitivity import Sensitivity
-from identify.zeros import zeros_of
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.diagnose import Diagnosis, diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, corrected_drive, fit
+from lacet.identify.floor import NoiseFloor, floor_of, simulate_floor
+from lacet.identify.model import Model
+from lacet.identify.score import profile_zeros
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.zeros import zeros_of
 
 Added = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Effects on top of the base model: key and shape constants of each, in the order they were added."""

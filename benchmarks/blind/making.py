@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.blind.cases import Cell
-from daq.channels import CHANNELS
-from daq.exchange import write_table
-from daq.rig import Rig
-from daq.run import Run, Signal
-from simulate import Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre
-from simulate import run as simulate_drive
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.channels import CHANNELS
+from lacet.daq.exchange import write_table
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run, Signal
+from lacet.simulate import Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre
+from lacet.simulate import run as simulate_drive
+from lacet.simulate.vehicle_file import vehicle_text
 
 HOME = Path(__file__).parents[2]
 BUILD = HOME / "build" / "blind"

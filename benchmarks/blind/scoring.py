@@ -13,7 +13,7 @@ from benchmarks.blind.cases import UNLISTED_FAMILIES, Cell
 from benchmarks.blind.identifying import Added, held_out, identify
 from benchmarks.blind.making import write_trial
 from benchmarks.blind.sizing import tolerated
-from daq.errors import LacetError
+from lacet.daq.errors import LacetError
 
 OWN = 1
 """Seed of the trial of a cell with a noise floor of its own, which the others share."""

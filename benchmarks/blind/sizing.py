@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from benchmarks.blind.cases import BANDS, CAUSE_BANDS, CAUSES, SINGLES, SIZES, TOLERANCES, Cell, Part
 from benchmarks.blind.identifying import Tables, floor, tables
 from benchmarks.blind.making import BUILD, forget, write_trial
-from daq.errors import LacetError
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit, fit
-from identify.sheet import sheet_responses
-from identify.zeros import zeros_of
+from lacet.daq.errors import LacetError
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit, fit
+from lacet.identify.sheet import sheet_responses
+from lacet.identify.zeros import zeros_of
 
 Array = NDArray[np.float64]
 TURNS = 3

@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.catalogue_page.cases import CASES
 from benchmarks.catalogue_page.page import PAGE, PICTURED, PICTURES, page, pictured
-from daq.errors import LacetError
-from identify.catalogue import effect_classes
+from lacet.daq.errors import LacetError
+from lacet.identify.catalogue import effect_classes
 
 DESCRIPTION = """Write docs/catalogue.md from the catalogue, and draw the pictures it lacks.
 

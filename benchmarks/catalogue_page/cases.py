@@ -6,7 +6,7 @@ import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from simulate import Hidden
+from lacet.simulate import Hidden
 
 CAR = RIG = "peugeot-406"
 DURATION = 12.0

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import catalogue, effect_classes
-from identify.effect import AlreadyMeasured, Effect, Parameter, SensorFault
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import catalogue, effect_classes
+from lacet.identify.effect import AlreadyMeasured, Effect, Parameter, SensorFault
 
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 PICTURES = PAGE.parent / "images" / "effects"

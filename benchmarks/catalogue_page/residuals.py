@@ -17,20 +17,20 @@ from numpy.typing import NDArray
 
 from benchmarks.blind.making import cropped, simulator_code
 from benchmarks.catalogue_page.cases import AT_HUB, CAR, CASES, DURATION, RIG, SEED, Case
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effects.engine_mount import EngineMount
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.motion import Motion
-from identify.score import Comparison, compare
-from identify.states import State, filtered, states_of
-from simulate import Hidden, exchange_run, find_car, make_manoeuvre
-from simulate import run as simulate_drive
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effects.engine_mount import EngineMount
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.motion import Motion
+from lacet.identify.score import Comparison, compare
+from lacet.identify.states import State, filtered, states_of
+from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
+from lacet.simulate import run as simulate_drive
+from lacet.simulate.vehicle_file import vehicle_text
 
 Array = NDArray[np.float64]
 BUILD = Path(__file__).parents[2] / "build" / "catalogue_page"

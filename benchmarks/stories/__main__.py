@@ -13,11 +13,11 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from benchmarks.stories.page import STORIES, play, steps
-from identify.study import Study
-from identify.surface import restoring_surfaces
-from services.fitting import Work
-from services.plots import fall_figure, png
-from services.where_plots import surface_figure
+from lacet.identify.study import Study
+from lacet.identify.surface import restoring_surfaces
+from lacet.services.fitting import Work
+from lacet.services.plots import fall_figure, png
+from lacet.services.where_plots import surface_figure
 
 IMAGES = STORIES.parent / "images" / "stories"
 

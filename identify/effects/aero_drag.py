@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.effect import Effect, Parameter
-from identify.motion import Motion
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect, Parameter
+from lacet.identify.motion import Motion
+from lacet.identify.vectors import Array
 
 
 class AeroDrag(Effect):

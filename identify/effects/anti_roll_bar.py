@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Self
 
-from daq.vehicle import Vehicle
-from identify.effect import AXLES, Effect, Parameter
-from identify.motion import Motion
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import AXLES, Effect, Parameter
+from lacet.identify.motion import Motion
+from lacet.identify.vectors import Array
 
 
 class AntiRollBar(Effect):

@@ -7,11 +7,11 @@ from typing import Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.effect import AXLES, Effect, Parameter
-from identify.filters import derivative
-from identify.motion import Motion
-from identify.vectors import Array, cross, unit
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import AXLES, Effect, Parameter
+from lacet.identify.filters import derivative
+from lacet.identify.motion import Motion
+from lacet.identify.vectors import Array, cross, unit
 
 
 class ChassisTorsion(Effect):

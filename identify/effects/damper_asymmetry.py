@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from identify.effect import Parameter, SuspensionForce
-from identify.vectors import Array
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.vectors import Array
 
 
 class DamperAsymmetry(SuspensionForce):

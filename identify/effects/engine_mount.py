@@ -8,10 +8,10 @@ from typing import ClassVar, Self
 import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
-from daq.vehicle import Vehicle
-from identify.effect import Effect, Parameter
-from identify.motion import Motion
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect, Parameter
+from lacet.identify.motion import Motion
+from lacet.identify.vectors import Array
 
 
 class EngineMount(Effect):

@@ -6,8 +6,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from identify.effect import Parameter, SuspensionForce
-from identify.vectors import Array
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.vectors import Array
 
 
 class HelperSpring(SuspensionForce):

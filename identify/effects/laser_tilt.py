@@ -7,13 +7,13 @@ from typing import Self
 
 import numpy as np
 
-from daq.channels import CORNERS
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.geometry import body_attitude
-from identify.reconstruct import Recording
-from identify.road import Road
-from identify.vectors import Array, unit
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.geometry import body_attitude
+from lacet.identify.reconstruct import Recording
+from lacet.identify.road import Road
+from lacet.identify.vectors import Array, unit
 
 
 class LaserTilt(SensorFault):

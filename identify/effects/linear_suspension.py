@@ -6,9 +6,9 @@ from typing import Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SuspensionForce
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.vectors import Array
 
 
 class _PerCorner(SuspensionForce):

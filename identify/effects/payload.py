@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Self
 
-from daq.vehicle import Vehicle
-from identify.effect import Effect, Parameter
-from identify.motion import Motion
-from identify.rigid_body import PARAMETERS, wrench_regressor
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect, Parameter
+from lacet.identify.motion import Motion
+from lacet.identify.rigid_body import PARAMETERS, wrench_regressor
+from lacet.identify.vectors import Array
 
 _NAMES = ("M", "MX", "MY", "MZ")
 _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from identify.effect import AlreadyMeasured
+from lacet.identify.effect import AlreadyMeasured
 
 
 class RoadGrade(AlreadyMeasured):

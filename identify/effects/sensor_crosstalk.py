@@ -7,10 +7,10 @@ from typing import Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 _PAIRS = ("zx", "zy", "xz", "yz")
 """From which force into which: the vertical one, which is large, into the others; the others into the vertical one,

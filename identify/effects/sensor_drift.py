@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from daq.channels import CHANNELS, COLUMNS
-from daq.rig import DEFAULT_TOLERANCE
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.rig import DEFAULT_TOLERANCE
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 _FAMILIES = ("wheel.force", "imu.accel", "imu.rate", "laser.ground", "laser.hub")
 """Channels whose zeros carry weight in the rows, and whose instruments warm up."""

@@ -7,11 +7,11 @@ from typing import Self
 
 import numpy as np
 
-from daq.channels import CHANNELS
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 _CORNER = {"force": "wheel.{c}.force", "hub": "laser.{c}.hub", "ground": "laser.{c}.ground"}
 _IMU = {"accel": "imu.accel", "rate": "imu.rate"}

@@ -9,14 +9,14 @@ from typing import Self
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from daq.channels import CHANNELS
-from daq.rig import Sensor
-from daq.vehicle import Vehicle
-from identify.clocks import late
-from identify.effect import Parameter, SensorFault
-from identify.filters import derivative
-from identify.reconstruct import Recording
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.rig import Sensor
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.clocks import late
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.filters import derivative
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array
 
 _GROUPS: dict[str, tuple[str, ...]] = {
     "wheel": ("wheel.force", "wheel.moment"),

@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from daq.channels import CHANNELS, CORNERS
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.mounting import attitude_angles, attitude_matrix, sensor_to_body, small_turn, turned
-from identify.reconstruct import Recording
-from identify.vectors import Array, cross, unit
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.mounting import attitude_angles, attitude_matrix, sensor_to_body, small_turn, turned
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array, cross, unit
 
 _AXIS = {"roll": 0, "pitch": 1, "yaw": 2}
 

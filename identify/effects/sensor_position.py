@@ -7,11 +7,11 @@ from typing import Self
 
 import numpy as np
 
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, SensorFault
-from identify.mounting import sensor_to_body
-from identify.reconstruct import Recording
-from identify.vectors import Array, cross, unit
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, SensorFault
+from lacet.identify.mounting import sensor_to_body
+from lacet.identify.reconstruct import Recording
+from lacet.identify.vectors import Array, cross, unit
 
 
 class SensorPosition(SensorFault):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from identify.effect import Parameter, SuspensionForce
-from identify.vectors import Array
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.vectors import Array
 
 
 class SpringQuadratic(SuspensionForce):

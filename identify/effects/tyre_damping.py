@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from identify.effect import Parameter, TyreForce
-from identify.motion import CornerMotion, Motion
-from identify.road import ABOVE
-from identify.vectors import Array
+from lacet.identify.effect import Parameter, TyreForce
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.road import ABOVE
+from lacet.identify.vectors import Array
 
 
 class TyreDamping(TyreForce):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from identify.effect import Parameter, TyreForce
-from identify.motion import CornerMotion
-from identify.vectors import Array
+from lacet.identify.effect import Parameter, TyreForce
+from lacet.identify.motion import CornerMotion
+from lacet.identify.vectors import Array
 
 
 class TyreProgression(TyreForce):

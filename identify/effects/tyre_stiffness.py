@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Self
 
-from daq.vehicle import Vehicle
-from identify.effect import Parameter, TyreForce
-from identify.motion import CornerMotion
-from identify.vectors import Array
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Parameter, TyreForce
+from lacet.identify.motion import CornerMotion
+from lacet.identify.vectors import Array
 
 
 class TyreStiffness(TyreForce):

@@ -6,10 +6,10 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Self
 
-from daq.vehicle import Vehicle
-from identify.effect import AXLES, Effect, Parameter
-from identify.motion import CornerMotion, Motion
-from identify.vectors import Array, dot, turn, unit
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import AXLES, Effect, Parameter
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.vectors import Array, dot, turn, unit
 
 
 class _WheelTurn(Effect):

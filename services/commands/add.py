@@ -7,14 +7,14 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from daq.errors import UsageError
-from identify.catalogue import find_effect
-from identify.study import Study
-from services import tables
-from services.commands.diagnose import fall, print_fall
-from services.fitting import Work
-from services.progress import Line
-from services.result import DONE, write_result
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import find_effect
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.commands.diagnose import fall, print_fall
+from lacet.services.fitting import Work
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
 
 HELP = "add an effect to the model and see the error fall"
 DESCRIPTION = """\

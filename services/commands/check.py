@@ -6,21 +6,21 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError
-from identify.catalogue import base_model, catalogue, find_effect
-from identify.fit import fit
-from identify.instruments import fit_instruments, pairs_of
-from identify.latency import Timings, estimate_latencies
-from identify.model import Model
-from identify.noise_level import measured_noise
-from identify.score import compare
-from identify.study import Study
-from services import checking, tables
-from services.fitting import default_filters, scores
-from services.loading import Loaded, load
-from services.progress import Line
-from services.result import DONE, write_result
-from services.rig_edit import with_latencies
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.fit import fit
+from lacet.identify.instruments import fit_instruments, pairs_of
+from lacet.identify.latency import Timings, estimate_latencies
+from lacet.identify.model import Model
+from lacet.identify.noise_level import measured_noise
+from lacet.identify.score import compare
+from lacet.identify.study import Study
+from lacet.services import checking, tables
+from lacet.services.fitting import default_filters, scores
+from lacet.services.loading import Loaded, load
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
+from lacet.services.rig_edit import with_latencies
 
 HELP = "check the sensors' noise and latencies against the rig file, and the fit for bias by noise"
 DESCRIPTION = """\

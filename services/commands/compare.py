@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from identify.derived import damper_curves
-from identify.study import Study
-from services import tables
-from services.fitting import Work, scores
-from services.progress import Line
-from services.result import DONE, write_result
-from services.validation_plots import draw_comparison, draw_dampers
+from lacet.identify.derived import damper_curves
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.fitting import Work, scores
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
+from lacet.services.validation_plots import draw_comparison, draw_dampers
 
 HELP = "compare the model with the measurement, row by row"
 DESCRIPTION = """\

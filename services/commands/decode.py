@@ -10,9 +10,9 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from daq.errors import UsageError
-from services.decoding_log import decode_log
-from services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.errors import UsageError
+from lacet.services.decoding_log import decode_log
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "rebuild the decoded channels of a log or capture from its raw frames"
 DESCRIPTION = """\

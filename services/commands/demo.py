@@ -11,17 +11,17 @@ import sys
 import time
 from pathlib import Path
 
-from daq.errors import UsageError
-from daq.log import LogReader
-from identify.study import Study
-from services import tables
-from services.commands import decode
-from services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
-from services.fitting import Work, diagnosis_result, overall
-from services.loading import find_rig, find_vehicle
-from services.progress import Line
-from services.report import write_report
-from services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.errors import UsageError
+from lacet.daq.log import LogReader
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.commands import decode
+from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
+from lacet.services.fitting import Work, diagnosis_result, overall
+from lacet.services.loading import find_rig, find_vehicle
+from lacet.services.progress import Line
+from lacet.services.report import write_report
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
 DESCRIPTION = """\
@@ -145,7 +145,7 @@ def _lacet(out: Path, command: str, *arguments: object) -> subprocess.Popen[byte
     (out / "worker").mkdir(exist_ok=True)
     text = (out / f"{command}.txt").open("wb")
     return subprocess.Popen(
-        [sys.executable, "-m", "services", command, *map(str, arguments)],
+        [sys.executable, "-m", "lacet", command, *map(str, arguments)],
         stdout=text, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, cwd=_ROOT if not out.is_absolute() else None,
     )  # fmt: skip
 
@@ -197,7 +197,7 @@ def _search(work: Work, line: Line) -> list[dict[str, object]]:
 
 
 def _opened(path: Path):
-    from daq.run import Run
+    from lacet.daq.run import Run
 
     return Run.open(path)
 

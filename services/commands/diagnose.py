@@ -7,14 +7,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError
-from identify.study import Study
-from services import tables
-from services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
-from services.next_report import add_arguments as add_next_arguments
-from services.next_report import hint, next_of, next_text
-from services.progress import Line
-from services.result import DONE, write_result
+from lacet.daq.errors import UsageError
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
+from lacet.services.next_report import add_arguments as add_next_arguments
+from lacet.services.next_report import hint, next_of, next_text
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
 
 HELP = "find out which physical effect is missing"
 DESCRIPTION = """\

@@ -6,17 +6,26 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError
-from identify.expression_states import STATES, SUFFIXES
-from identify.linear_expression import FUNCTIONS
-from identify.one_line_effect import OneLine
-from identify.study import Study
-from services import tables
-from services.loading import load
-from services.own_effects import line_result, may_have, own_classes, own_folder, own_lines, put, take_out, with_name
-from services.own_trial import outcome, try_effect
-from services.progress import Line
-from services.result import DONE, write_result
+from lacet.daq.errors import UsageError
+from lacet.identify.expression_states import STATES, SUFFIXES
+from lacet.identify.linear_expression import FUNCTIONS
+from lacet.identify.one_line_effect import OneLine
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.loading import load
+from lacet.services.own_effects import (
+    line_result,
+    may_have,
+    own_classes,
+    own_folder,
+    own_lines,
+    put,
+    take_out,
+    with_name,
+)
+from lacet.services.own_trial import outcome, try_effect
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
 
 HELP = "add an effect of your own to the catalogue of a study, in one line"
 DESCRIPTION = """\

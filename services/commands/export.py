@@ -14,13 +14,13 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from rich.console import Console
 from rich.progress import track
 
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.errors import RunError, UsageError, nearest
-from daq.log import LogReader
-from daq.mcap_write import McapWriter
-from daq.schema import lacet_pb2 as pb
-from services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import RunError, UsageError, nearest
+from lacet.daq.log import LogReader
+from lacet.daq.mcap_write import McapWriter
+from lacet.daq.schema import lacet_pb2 as pb
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "write a log that general viewers can plot, one message a sample"
 DESCRIPTION = """\

@@ -5,20 +5,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from identify.catalogue import base_model, catalogue, find_effect
-from identify.derived import damper_curves
-from identify.doubt import Knowledge
-from identify.fit import fit
-from identify.instruments import fit_instruments, pairs_of
-from identify.model import Model
-from identify.score import compare
-from services import tables
-from services.consistency_report import left_open, mend
-from services.fitting import FLOOR_DRAWS, default_filters, fit_result
-from services.loading import load
-from services.progress import Line
-from services.result import DONE, WITH_LOSSES, write_result
-from services.validation_plots import draw_comparison, draw_dampers
+from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.derived import damper_curves
+from lacet.identify.doubt import Knowledge
+from lacet.identify.fit import fit
+from lacet.identify.instruments import fit_instruments, pairs_of
+from lacet.identify.model import Model
+from lacet.identify.score import compare
+from lacet.services import tables
+from lacet.services.consistency_report import left_open, mend
+from lacet.services.fitting import FLOOR_DRAWS, default_filters, fit_result
+from lacet.services.loading import load
+from lacet.services.progress import Line
+from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.services.validation_plots import draw_comparison, draw_dampers
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\

@@ -6,18 +6,18 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import UsageError
-from daq.log import LogReader
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.rows import ROWS, needs, row_unit
-from services import tables
-from services.effect_list import list_effects
-from services.model_info import find_model, model_info
-from services.progress import Line
-from services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import UsageError
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.rows import ROWS, needs, row_unit
+from lacet.services import tables
+from lacet.services.effect_list import list_effects
+from lacet.services.model_info import find_model, model_info
+from lacet.services.progress import Line
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
 DESCRIPTION = """\

@@ -8,26 +8,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daq.errors import UsageError
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue, find_effect
-from identify.drive import Drive
-from identify.filters import Filters
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.next_run import Quantity, Ranked, Ranking, chosen, quantities
-from identify.study import Study
-from services import tables
-from services.fitting import Work, default_filters
-from services.loading import load
-from services.manoeuvre_library import KMH, G, Limits, check, kinds, library
-from services.planned_car import known_values, planned_car
-from services.planning import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
-from services.progress import Line
-from services.result import DONE, WITH_LOSSES, write_result
-from simulate import MANOEUVRES
-from simulate.engine import engine_library
+from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.drive import Drive
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.next_run import Quantity, Ranked, Ranking, chosen, quantities
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.fitting import Work, default_filters
+from lacet.services.loading import load
+from lacet.services.manoeuvre_library import KMH, G, Limits, check, kinds, library
+from lacet.services.planned_car import known_values, planned_car
+from lacet.services.planning import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
+from lacet.services.progress import Line
+from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.simulate import MANOEUVRES
+from lacet.simulate.engine import engine_library
 
 HELP = "say which run to drive next, and how much it would tell"
 DESCRIPTION = f"""\

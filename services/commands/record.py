@@ -13,20 +13,20 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from daq.bus import ROUTER, open_session
-from daq.bus_publisher import RunPublisher
-from daq.channels import CHANNELS
-from daq.errors import LacetError, UsageError
-from daq.log import LogWriter, StartRecord
-from daq.rig import Rig
-from daq.spool import Spool
-from daq.vehicle import Vehicle
-from services.decoding import Decoder
-from services.progress import Line
-from services.record import Health, Recorder, Summary
-from services.result import DONE, WITH_LOSSES, write_result
-from services.transports.base import Receiver
-from services.transports.endpoints import (
+from lacet.daq.bus import ROUTER, open_session
+from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.log import LogWriter, StartRecord
+from lacet.daq.rig import Rig
+from lacet.daq.spool import Spool
+from lacet.daq.vehicle import Vehicle
+from lacet.services.decoding import Decoder
+from lacet.services.progress import Line
+from lacet.services.record import Health, Recorder, Summary
+from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.services.transports.base import Receiver
+from lacet.services.transports.endpoints import (
     default_endpoint,
     open_receiver,
     parse_assignments,

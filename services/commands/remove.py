@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from identify.study import Study
-from services import tables
-from services.commands.diagnose import fall, print_fall
-from services.fitting import Work
-from services.progress import Line
-from services.result import DONE, write_result
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.commands.diagnose import fall, print_fall
+from lacet.services.fitting import Work
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
 
 HELP = "take an effect out of the model again"
 DESCRIPTION = """\

@@ -10,15 +10,21 @@ import time
 from pathlib import Path
 from threading import Event
 
-from daq.errors import UsageError
-from daq.log import LogReader
-from daq.rig import Rig
-from services.progress import Line
-from services.replay import Progress, replay
-from services.result import DONE, WITH_LOSSES, write_result
-from services.transports.base import Sender
-from services.transports.endpoints import default_endpoint, open_sender, parse_assignments, ready_file, write_endpoints
-from services.transports.serial import PtySender
+from lacet.daq.errors import UsageError
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
+from lacet.services.progress import Line
+from lacet.services.replay import Progress, replay
+from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.services.transports.base import Sender
+from lacet.services.transports.endpoints import (
+    default_endpoint,
+    open_sender,
+    parse_assignments,
+    ready_file,
+    write_endpoints,
+)
+from lacet.services.transports.serial import PtySender
 
 HELP = "play a recorded run's raw frames onto the wires"
 DESCRIPTION = """\

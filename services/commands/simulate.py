@@ -12,13 +12,13 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from daq.errors import UsageError, nearest
-from daq.exchange import write_table
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from services.capturing import encode_rig, simulated_start, write_capture
-from services.result import DONE, plain, write_result
-from simulate import (
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.exchange import write_table
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.services.capturing import encode_rig, simulated_start, write_capture
+from lacet.services.result import DONE, plain, write_result
+from lacet.simulate import (
     CARS,
     KINDS,
     MANOEUVRES,
@@ -33,12 +33,12 @@ from simulate import (
     make_manoeuvre,
     measure,
 )
-from simulate import (
+from lacet.simulate import (
     run as drive,
 )
-from simulate.kinds import listed
-from simulate.measuring import drawn
-from simulate.vehicle_file import vehicle_text
+from lacet.simulate.kinds import listed
+from lacet.simulate.measuring import drawn
+from lacet.simulate.vehicle_file import vehicle_text
 
 HELP = "drive a simulated car and write what its sensors measure"
 DESCRIPTION = f"""\
@@ -166,7 +166,7 @@ def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]
     """The car, its anti-roll bars, and what was assumed of it."""
     if named in CARS or not named.endswith(".toml"):
         return find_car(named), (), ()
-    from services.planned_car import known_values, planned_car  # loads the identification, 2 s
+    from lacet.services.planned_car import known_values, planned_car  # loads the identification, 2 s
 
     vehicle = Vehicle.load(named)
     like = planned_car(vehicle, known_values(vehicle, None, rig.wheel_reference))

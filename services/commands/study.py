@@ -6,14 +6,14 @@ import argparse
 import shutil
 from pathlib import Path
 
-from daq.errors import LacetError, UsageError
-from identify.study import Study
-from services import tables
-from services.fitting import LEAST_DRAWS, Work, default_filters
-from services.loading import find_rig, find_vehicle
-from services.progress import Line
-from services.report import write_report
-from services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.errors import LacetError, UsageError
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.fitting import LEAST_DRAWS, Work, default_filters
+from lacet.services.loading import find_rig, find_vehicle
+from lacet.services.progress import Line
+from lacet.services.report import write_report
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "make a study, and see how the error fell"
 DESCRIPTION = """\
@@ -87,7 +87,7 @@ def _words(words: list[str]) -> tuple[bool, Path]:
 
 
 def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]]:
-    from daq.run import Run
+    from lacet.daq.run import Run
 
     if not args.use:
         raise UsageError(f"name the runs to identify with: lacet study new {folder} --use RUN…")

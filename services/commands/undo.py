@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from daq.errors import UsageError
-from identify.study import Study
-from services import tables
-from services.commands.study import study_result
-from services.result import DONE, write_result
+from lacet.daq.errors import UsageError
+from lacet.identify.study import Study
+from lacet.services import tables
+from lacet.services.commands.study import study_result
+from lacet.services.result import DONE, write_result
 
 HELP = "go back to the version before"
 DESCRIPTION = """\

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from identify.study import Study
-from services.fitting import Work
-from services.progress import Line
-from services.result import DONE, write_result
-from services.where import find_where, follows_table, left_table, phase_table, says, where_result
-from services.where_report import write_where
+from lacet.identify.study import Study
+from lacet.services.fitting import Work
+from lacet.services.progress import Line
+from lacet.services.result import DONE, write_result
+from lacet.services.where import find_where, follows_table, left_table, phase_table, says, where_result
+from lacet.services.where_report import write_where
 
 HELP = "see where the model fails: rows, phases, states, and how much is left to explain"
 DESCRIPTION = """\

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from daq.frames import Frames
+from lacet.daq.frames import Frames
 
 
 class Receiver(Protocol):

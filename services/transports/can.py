@@ -14,8 +14,8 @@ from functools import partial
 
 import msgpack
 
-from daq.frames import Frames
-from services.transports.sockets import SocketReceiver, waiting_bytes
+from lacet.daq.frames import Frames
+from lacet.services.transports.sockets import SocketReceiver, waiting_bytes
 
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame: id and flags, length, padding, data
 _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000  # linux/can.h: CAN_{EFF,RTR,ERR}_FLAG

@@ -19,9 +19,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Protocol
 
-from daq.errors import FileFault, UsageError, nearest
-from services.transports.base import Receiver, Sender
-from services.transports.can import (
+from lacet.daq.errors import FileFault, UsageError, nearest
+from lacet.services.transports.base import Receiver, Sender
+from lacet.services.transports.can import (
     GROUP,
     MulticastSender,
     SocketCanSender,
@@ -29,8 +29,8 @@ from services.transports.can import (
     multicast_receiver,
     socketcan_receiver,
 )
-from services.transports.serial import PtySender, SerialReceiver, SerialSender
-from services.transports.udp import UdpSender, udp_receiver
+from lacet.services.transports.serial import PtySender, SerialReceiver, SerialSender
+from lacet.services.transports.udp import UdpSender, udp_receiver
 
 FORMAT = "lacet-endpoints 1"
 FIRST_PORT = 43113

@@ -7,9 +7,9 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from daq.frames import Frames
-from daq.queue import BoundedQueue
-from services.transports.base import Receiver
+from lacet.daq.frames import Frames
+from lacet.daq.queue import BoundedQueue
+from lacet.services.transports.base import Receiver
 
 RETRY = 0.5
 """Pause between attempts to open a wire that is down [s]."""

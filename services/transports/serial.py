@@ -14,7 +14,7 @@ from select import POLLHUP, POLLOUT, poll
 
 import serial
 
-from daq.frames import Frame, Frames
+from lacet.daq.frames import Frame, Frames
 
 _TIOCGICOUNT = 0x545D  # linux: struct serial_icounter_struct, 20 ints
 _COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer_overrun": 10}  # places in it

@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 from select import POLLIN, poll
 
-from daq.frames import Frames
+from lacet.daq.frames import Frames
 
 SO_TIMESTAMPNS = 35  # linux/socket.h; the kernel's receipt stamp as a struct timespec
 SO_RCVBUFFORCE = 33  # as SO_RCVBUF, not clipped by net.core.rmem_max; needs CAP_NET_ADMIN

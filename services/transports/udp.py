@@ -5,8 +5,8 @@ from __future__ import annotations
 import socket
 from itertools import pairwise
 
-from daq.frames import Frames
-from services.transports.sockets import SocketReceiver, waiting_bytes
+from lacet.daq.frames import Frames
+from lacet.services.transports.sockets import SocketReceiver, waiting_bytes
 
 _ROOM = 256 << 10  # bytes waiting at a receiver below which a sender in a hurry goes on
 

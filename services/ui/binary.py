@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from services.result import plain
+from lacet.services.result import plain
 
 MEDIA_TYPE = "application/octet-stream"
 

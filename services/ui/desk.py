@@ -15,19 +15,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from daq.errors import LacetError, UsageError
-from identify.diagnose import Diagnosis
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.phases import Phases, phases_of
-from identify.preview import Preview, preview
-from identify.score import Comparison
-from identify.shares import Shares, shares_of
-from identify.study import Study, Version
-from services.fitting import Tell, Work, scores
-from services.result import plain
-from services.ui.refusals import Busy, Needs
-from services.where import Where, find_where, says, where_result
+from lacet.daq.errors import LacetError, UsageError
+from lacet.identify.diagnose import Diagnosis
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.phases import Phases, phases_of
+from lacet.identify.preview import Preview, preview
+from lacet.identify.score import Comparison
+from lacet.identify.shares import Shares, shares_of
+from lacet.identify.study import Study, Version
+from lacet.services.fitting import Tell, Work, scores
+from lacet.services.result import plain
+from lacet.services.ui.refusals import Busy, Needs
+from lacet.services.where import Where, find_where, says, where_result
 
 WAIT = 2.0
 """How long a small question waits for a job to end [s]."""

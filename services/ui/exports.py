@@ -9,13 +9,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from services.commands.study import study_result
-from services.fitting import overall
-from services.result import FORMAT, plain
-from services.ui.desk import Desk
-from services.ui.refusals import Needs
-from services.ui.tasks import REPORT
-from services.ui.views import parameters_payload
+from lacet.services.commands.study import study_result
+from lacet.services.fitting import overall
+from lacet.services.result import FORMAT, plain
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.refusals import Needs
+from lacet.services.ui.tasks import REPORT
+from lacet.services.ui.views import parameters_payload
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 """The report is one file with its styles and pictures inside, and nothing that runs."""

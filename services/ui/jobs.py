@@ -14,8 +14,8 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from daq.errors import LacetError
-from services.ui.events import Events
+from lacet.daq.errors import LacetError
+from lacet.services.ui.events import Events
 
 PERIOD = 0.1
 """Least time between two pieces of news of a job [s]."""

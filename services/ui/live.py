@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from daq.bus import open_session
-from daq.bus_listener import BusListener, Message
-from daq.channels import CHANNELS
-from daq.errors import LacetError, UsageError
-from daq.rig import Rig
-from daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
-from services.result import plain
-from services.ui.events import Events
+from lacet.daq.bus import open_session
+from lacet.daq.bus_listener import BusListener, Message
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.rig import Rig
+from lacet.daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
+from lacet.services.result import plain
+from lacet.services.ui.events import Events
 
 PERIOD = 1.0
 """How often pages are told [s]."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from daq.errors import nearest
-from identify.catalogue import find_effect
-from identify.residual_map import Against, against_states
-from identify.spectra import row_spectrum
-from services.fitting import silent
-from services.result import plain
-from services.ui.binary import packed
-from services.ui.desk import WAIT, Desk
-from services.ui.refusals import Needs, NotThere
+from lacet.daq.errors import nearest
+from lacet.identify.catalogue import find_effect
+from lacet.identify.residual_map import Against, against_states
+from lacet.identify.spectra import row_spectrum
+from lacet.services.fitting import silent
+from lacet.services.result import plain
+from lacet.services.ui.binary import packed
+from lacet.services.ui.desk import WAIT, Desk
+from lacet.services.ui.refusals import Needs, NotThere
 
 
 def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Any
 
-from daq.errors import LacetError, UsageError
-from identify.expression_states import STATES, SUFFIXES
-from identify.linear_expression import FUNCTIONS
-from identify.one_line import LineFault
-from identify.one_line_effect import OneLine
-from identify.study import Study
-from services.effect_list import effect_records
-from services.fitting import silent
-from services.own_effects import line_result, may_have, own_lines, put, with_name
-from services.own_trial import outcome, try_effect
-from services.result import plain
-from services.ui.desk import WAIT, Desk
-from services.ui.refusals import Busy
+from lacet.daq.errors import LacetError, UsageError
+from lacet.identify.expression_states import STATES, SUFFIXES
+from lacet.identify.linear_expression import FUNCTIONS
+from lacet.identify.one_line import LineFault
+from lacet.identify.one_line_effect import OneLine
+from lacet.identify.study import Study
+from lacet.services.effect_list import effect_records
+from lacet.services.fitting import silent
+from lacet.services.own_effects import line_result, may_have, own_lines, put, with_name
+from lacet.services.own_trial import outcome, try_effect
+from lacet.services.result import plain
+from lacet.services.ui.desk import WAIT, Desk
+from lacet.services.ui.refusals import Busy
 
 LONGEST = 2000
 """Characters a line may have."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from daq.errors import LacetError
+from lacet.daq.errors import LacetError
 
 
 class Refusal(LacetError):

@@ -9,17 +9,17 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
-from daq.errors import UsageError
-from daq.run import Run
-from services.ui import exports, own, uploads, views
-from services.ui.binary import MEDIA_TYPE
-from services.ui.desk import Desk
-from services.ui.events import Events
-from services.ui.jobs import Job, Jobs
-from services.ui.live import Live
-from services.ui.looking import against_payload, preview_body, spectrum_payload
-from services.ui.refusals import NotThere
-from services.ui.run_files import RunFiles, find_run, undecoded, undecoded_record
+from lacet.daq.errors import UsageError
+from lacet.daq.run import Run
+from lacet.services.ui import exports, own, uploads, views
+from lacet.services.ui.binary import MEDIA_TYPE
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.events import Events
+from lacet.services.ui.jobs import Job, Jobs
+from lacet.services.ui.live import Live
+from lacet.services.ui.looking import against_payload, preview_body, spectrum_payload
+from lacet.services.ui.refusals import NotThere
+from lacet.services.ui.run_files import RunFiles, find_run, undecoded, undecoded_record
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]

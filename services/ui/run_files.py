@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from daq import exchange, mf4
-from daq.channels import CHANNELS
-from daq.errors import LacetError, RunError, UsageError, nearest
-from daq.log import LogReader
-from daq.run import Run
-from identify.rows import ROWS, needs
-from identify.study import Study
-from services.result import plain
-from services.ui.desk import Desk, one_stamp
+from lacet.daq import exchange, mf4
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError, RunError, UsageError, nearest
+from lacet.daq.log import LogReader
+from lacet.daq.run import Run
+from lacet.identify.rows import ROWS, needs
+from lacet.identify.study import Study
+from lacet.services.result import plain
+from lacet.services.ui.desk import Desk, one_stamp
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
 """Endings of files that can be runs."""

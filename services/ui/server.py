@@ -20,18 +20,18 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
-from daq.errors import LacetError, UsageError
-from services.ui.desk import Desk
-from services.ui.events import Events
-from services.ui.guard import Guard, new_token
-from services.ui.jobs import Jobs
-from services.ui.live import Live
-from services.ui.refusals import DiskFull, Refusal
-from services.ui.routes import Bench, api
-from services.ui.run_files import RunFiles, undecoded
-from services.ui.tasks import Tasks
-from services.ui.uploads import MOST, sweep
-from services.ui.watch import Watch
+from lacet.daq.errors import LacetError, UsageError
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.events import Events
+from lacet.services.ui.guard import Guard, new_token
+from lacet.services.ui.jobs import Jobs
+from lacet.services.ui.live import Live
+from lacet.services.ui.refusals import DiskFull, Refusal
+from lacet.services.ui.routes import Bench, api
+from lacet.services.ui.run_files import RunFiles, undecoded
+from lacet.services.ui.tasks import Tasks
+from lacet.services.ui.uploads import MOST, sweep
+from lacet.services.ui.watch import Watch
 
 STATIC = Path(__file__).parent / "static"
 DRAWS = 199

@@ -6,21 +6,21 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
-from daq.errors import UsageError
-from daq.run import Run
-from identify.study import Study
-from services.commands.diagnose import MOST_EFFECTS, fall
-from services.commands.study import study_result
-from services.decoding_log import decode_log
-from services.fitting import LEAST_DRAWS, Work, diagnosis_result
-from services.loading import find_rig, find_vehicle
-from services.next_report import next_result
-from services.next_separation import recommend
-from services.report import write_report
-from services.result import plain
-from services.ui.desk import Desk
-from services.ui.jobs import Do, Teller
-from services.ui.run_files import FOLDER, RAW, RunFiles, find_run
+from lacet.daq.errors import UsageError
+from lacet.daq.run import Run
+from lacet.identify.study import Study
+from lacet.services.commands.diagnose import MOST_EFFECTS, fall
+from lacet.services.commands.study import study_result
+from lacet.services.decoding_log import decode_log
+from lacet.services.fitting import LEAST_DRAWS, Work, diagnosis_result
+from lacet.services.loading import find_rig, find_vehicle
+from lacet.services.next_report import next_result
+from lacet.services.next_separation import recommend
+from lacet.services.report import write_report
+from lacet.services.result import plain
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.jobs import Do, Teller
+from lacet.services.ui.run_files import FOLDER, RAW, RunFiles, find_run
 
 REPORT = "report.html"
 Found = TypeVar("Found")

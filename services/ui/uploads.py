@@ -16,15 +16,15 @@ from typing import Any
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
-from daq.errors import LacetError, UsageError
-from daq.exchange import METADATA_KEYS
-from daq.log import LogReader
-from daq.mf4 import read_map
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from services.ui.desk import Desk
-from services.ui.refusals import DiskFull, InTheWay, TooLarge
-from services.ui.run_files import FOLDER, KINDS, RAW
+from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.exchange import METADATA_KEYS
+from lacet.daq.log import LogReader
+from lacet.daq.mf4 import read_map
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.refusals import DiskFull, InTheWay, TooLarge
+from lacet.services.ui.run_files import FOLDER, KINDS, RAW
 
 MOST = 4_000_000_000
 """Bytes an upload may have unless another number is given."""

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from daq.channels import CHANNELS, CORNERS
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.residual_map import BIN, residual_map
-from identify.rows import ROWS, row_unit
-from identify.study import Study, Version
-from services.fitting import overall
-from services.result import plain
-from services.ui.binary import packed
-from services.ui.desk import Compared, Desk
-from services.ui.refusals import NotThere
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.residual_map import BIN, residual_map
+from lacet.identify.rows import ROWS, row_unit
+from lacet.identify.study import Study, Version
+from lacet.services.fitting import overall
+from lacet.services.result import plain
+from lacet.services.ui.binary import packed
+from lacet.services.ui.desk import Compared, Desk
+from lacet.services.ui.refusals import NotThere
 
 MOST_CELLS = 1200
 """Cells of the residual map along one run."""

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import drivers
-from daq.blocks import UNUSABLE, Block, Flag
-from daq.channels import CHANNELS, STANDARD
-from daq.errors import RigError, UsageError
-from daq.frames import Frames
-from drivers import known_drivers, open_driver
+import lacet.drivers
+from lacet.daq.blocks import UNUSABLE, Block, Flag
+from lacet.daq.channels import CHANNELS, STANDARD
+from lacet.daq.errors import RigError, UsageError
+from lacet.daq.frames import Frames
+from lacet.drivers import known_drivers, open_driver
 from tests.driver_cases import decode_all, decode_split, plausible_blocks, same_blocks, same_frames, spoil
 
 NAMES = sorted(known_drivers())
@@ -41,13 +41,14 @@ def test_between_them_the_drivers_produce_all_that_the_papers_instruments_measur
 @every_driver
 def test_is_pure(name):
     """No clock, socket, thread or file handle at import: only these modules are reached from a driver's file."""
-    allowed = {"__future__", "collections", "dataclasses", "typing", "pathlib", "numpy", "daq", "drivers", "functools"}
-    tree = ast.parse(Path(drivers.__path__[0], f"{name}.py").read_text(encoding="utf-8"))
+    allowed = {"__future__", "collections", "dataclasses", "typing", "pathlib", "numpy", "functools", "lacet"}
+    tree = ast.parse(Path(lacet.drivers.__path__[0], f"{name}.py").read_text(encoding="utf-8"))
     roots = {
         alias.name.split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names
     }
-    roots |= {(node.module or "").split(".")[0] for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}
-    assert roots <= allowed
+    froms = [node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    assert roots | {module.split(".")[0] for module in froms} <= allowed
+    assert {module.split(".")[1] for module in froms if module.startswith("lacet.")} <= {"daq", "drivers"}
 
 
 @every_driver

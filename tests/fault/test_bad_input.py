@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from daq.log import LogReader
-from identify.study import Study
-from services.cli import main
-from services.environment import HOME
+from lacet.daq.log import LogReader
+from lacet.identify.study import Study
+from lacet.services.cli import main
+from tests.support.places import HOME
 from tests.support.tables import FILES, exchanged, piece, spoilt, without, written
 
 CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
@@ -44,8 +44,8 @@ class Said(NamedTuple):
 @pytest.fixture
 def lacet(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Runs a command line in this process; a traceback fails the test by itself."""
-    monkeypatch.setattr("services.commands.identify.FLOOR_DRAWS", 3)
-    monkeypatch.setattr("services.fitting.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
 
     def run(*argv: object) -> Said:
         file = tmp_path / "result.json"
@@ -69,7 +69,7 @@ def fitted(sound: Path, tmp_path_factory: pytest.TempPathFactory) -> Said:
     """What they give."""
     file = tmp_path_factory.mktemp("fit") / "fit.json"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("services.commands.identify.FLOOR_DRAWS", 3)
+        patch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
         assert main(["identify", str(sound), *FILES, "--json", str(file)]) == 0
     return Said(0, "", json.loads(file.read_text(encoding="utf-8")))
 

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.channels import CHANNELS, CORNERS
-from daq.rig import Rig
-from daq.run import Run, Signal
-from daq.vehicle import KinematicTable, Vehicle
-from identify.effect import Effect
-from identify.filters import Filters
-from identify.geometry import build_motion
-from identify.reconstruct import Recording, Signals
-from identify.sensitivity import residual
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run, Signal
+from lacet.daq.vehicle import KinematicTable, Vehicle
+from lacet.identify.effect import Effect
+from lacet.identify.filters import Filters
+from lacet.identify.geometry import build_motion
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.sensitivity import residual
+from lacet.identify.vectors import Array
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 RUNS = ("sine", "sweep", "liftoff", "rough")

@@ -8,11 +8,11 @@ from typing import Any
 import cars
 import pytest
 
-from daq.run import Run
-from identify.catalogue import catalogue
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.model import Model
+from lacet.daq.run import Run
+from lacet.identify.catalogue import catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
 
 VEHICLE, RIG = cars.reference_car()
 

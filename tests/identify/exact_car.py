@@ -7,15 +7,15 @@ from functools import cache
 import cars
 import numpy as np
 
-from identify.catalogue import catalogue
-from identify.drive import Drive
-from identify.effect import Effect, SensorFault
-from identify.filters import Filters
-from identify.fit import Fit, at_faults, fit
-from identify.model import Model
-from identify.noise import draw_noise
-from identify.reconstruct import Recording, Signals
-from identify.vectors import Array
+from lacet.identify.catalogue import catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, at_faults, fit
+from lacet.identify.model import Model
+from lacet.identify.noise import draw_noise
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

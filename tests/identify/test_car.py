@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from daq.channels import CORNERS
-from identify.car import (
+from lacet.daq.channels import CORNERS
+from lacet.identify.car import (
     AXLE,
     CARRIER,
     CHASSIS,
@@ -23,12 +23,12 @@ from identify.car import (
     kinematics,
     kingpin_pitch,
 )  # fmt: skip
-from identify.chain import FrameMotion
-from identify.effects.rigid_body import RigidBody
-from identify.geometry import build_motion
-from identify.motion import Motion
-from identify.rigid_body import move_parameters
-from identify.rows import CHASSIS_ROWS
+from lacet.identify.chain import FrameMotion
+from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import Motion
+from lacet.identify.rigid_body import move_parameters
+from lacet.identify.rows import CHASSIS_ROWS
 
 CHAIN = car_chain().chain
 VEHICLE, RIG = cars.reference_car()

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from identify.chain import Chain
-from identify.chain_base import ChainBase
-from identify.expression import Expression
+from lacet.identify.chain import Chain
+from lacet.identify.chain_base import ChainBase
+from lacet.identify.expression import Expression
 
 FOLDER = Path(__file__).parents[1] / "data" / "symoro"
 QUARTERS = (0.0, 0.0, np.pi / 2, -np.pi / 2, np.pi)

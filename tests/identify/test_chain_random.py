@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from identify.chain import Chain, Joint
-from identify.rigid_body import move_parameters, wrench, wrench_regressor
+from lacet.identify.chain import Chain, Joint
+from lacet.identify.rigid_body import move_parameters, wrench, wrench_regressor
 
 
 @st.composite

@@ -11,19 +11,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import SolverError, UsageError
-from daq.run import Run
-from identify import constrained
-from identify.catalogue import base_model, catalogue
-from identify.consistency import bodies, check_bodies, clusters, whole
-from identify.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.information import Information
-from identify.model import Model
-from identify.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
-from identify.rigid_body import move_parameters
-from identify.vectors import Array
+from lacet.daq.errors import SolverError, UsageError
+from lacet.daq.run import Run
+from lacet.identify import constrained
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.consistency import bodies, check_bodies, clusters, whole
+from lacet.identify.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.information import Information
+from lacet.identify.model import Model
+from lacet.identify.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
+from lacet.identify.rigid_body import move_parameters
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 

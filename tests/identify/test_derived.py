@@ -13,18 +13,18 @@ import pytest
 import scipy.linalg
 from scipy.optimize import minimize
 
-from daq.channels import CORNERS
-from identify.catalogue import catalogue
-from identify.corner_numbers import CornerNumbers, corner_numbers
-from identify.derived import Derived, damper_curves, derived_values, ranges
-from identify.doubt import Knowledge
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.ride_model import G, modes, ride_values, roll_centre
-from identify.rigid_body import move_parameters
-from identify.vectors import Array
+from lacet.daq.channels import CORNERS
+from lacet.identify.catalogue import catalogue
+from lacet.identify.corner_numbers import CornerNumbers, corner_numbers
+from lacet.identify.derived import Derived, damper_curves, derived_values, ranges
+from lacet.identify.doubt import Knowledge
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.ride_model import G, modes, ride_values, roll_centre
+from lacet.identify.rigid_body import move_parameters
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 X = np.array([VEHICLE.corners[c].position[0] for c in CORNERS])

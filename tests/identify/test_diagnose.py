@@ -10,16 +10,16 @@ import cars
 import numpy as np
 import pytest
 
-from daq.run import Run
-from identify.catalogue import catalogue
-from identify.diagnose import Diagnosis, diagnose
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.model import Model
-from identify.ties import ALIKE
-from identify.verdicts import LEAST_GAIN, SIGNIFICANCE
-from services.cli import main
+from lacet.daq.run import Run
+from lacet.identify.catalogue import catalogue
+from lacet.identify.diagnose import Diagnosis, diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.model import Model
+from lacet.identify.ties import ALIKE
+from lacet.identify.verdicts import LEAST_GAIN, SIGNIFICANCE
+from lacet.services.cli import main
 
 pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test
 VEHICLE, RIG = cars.reference_car()

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from identify.doubt import Knowledge, is_used
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.score import compare
+from lacet.identify.doubt import Knowledge, is_used
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.score import compare
 
 
 @pytest.fixture(scope="module")

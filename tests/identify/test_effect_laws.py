@@ -8,13 +8,13 @@ import cars
 import numpy as np
 import pytest
 
-from identify.catalogue import catalogue
-from identify.chain import FrameMotion
-from identify.effects.chassis_torsion import ChassisTorsion
-from identify.effects.damper_hysteresis import DamperHysteresis, dahl
-from identify.effects.engine_mount import EngineMount
-from identify.geometry import build_motion
-from identify.sensitivity import Sensitivity, residual
+from lacet.identify.catalogue import catalogue
+from lacet.identify.chain import FrameMotion
+from lacet.identify.effects.chassis_torsion import ChassisTorsion
+from lacet.identify.effects.damper_hysteresis import DamperHysteresis, dahl
+from lacet.identify.effects.engine_mount import EngineMount
+from lacet.identify.geometry import build_motion
+from lacet.identify.sensitivity import Sensitivity, residual
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

@@ -12,14 +12,14 @@ import cars
 import numpy as np
 import pytest
 
-from daq.errors import UsageError
-from daq.units import TO_SI
-from identify.catalogue import base_model, catalogue, effect_classes, find_effect
-from identify.chain import FrameMotion
-from identify.effect import AlreadyMeasured, Effect, SensorFault
-from identify.geometry import build_motion
-from identify.motion import CornerMotion, Motion
-from identify.rows import ROWS, row_unit
+from lacet.daq.errors import UsageError
+from lacet.daq.units import TO_SI
+from lacet.identify.catalogue import base_model, catalogue, effect_classes, find_effect
+from lacet.identify.chain import FrameMotion
+from lacet.identify.effect import AlreadyMeasured, Effect, SensorFault
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.rows import ROWS, row_unit
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -271,7 +271,7 @@ def test_a_wrong_key_gets_the_nearest() -> None:
 
 
 _OWN = """
-from identify.effects.anti_roll_bar import AntiRollBar
+from lacet.identify.effects.anti_roll_bar import AntiRollBar
 
 class Mine(AntiRollBar):
     name = "mine"

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.run import Run, Signal
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.equations import Equations, RunEquations
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.triangle import narrow_triangle, triangle
+from lacet.daq.run import Run, Signal
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.equations import Equations, RunEquations
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.triangle import narrow_triangle, triangle
 
 VEHICLE, RIG = cars.reference_car()
 SIGMA = {"a": 2.0, "b": 0.5}
@@ -168,7 +168,7 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
 
     Pieces are kept up to a bound, which is lowered here below both runs.
     """
-    monkeypatch.setattr("identify.assembly.KEPT", 10.0)
+    monkeypatch.setattr("lacet.identify.assembly.KEPT", 10.0)
     monkeypatch.setattr(Drive.pieces, "__defaults__", (6.0,))
     springs = Model.of(effect for effect in base_model(VEHICLE, "hub") if effect.name != "body")
     peaks, channels = [], []

@@ -11,10 +11,10 @@ from cars import reference_car
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import UsageError
-from identify.catalogue import base_model
-from identify.drive import Drive
-from identify.excitation import (
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import base_model
+from lacet.identify.drive import Drive
+from lacet.identify.excitation import (
     Information,
     RunInformation,
     fit_information,
@@ -23,9 +23,9 @@ from identify.excitation import (
     residual_excess,
     run_information,
 )
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.next_run import chosen, quantities, rank
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.next_run import chosen, quantities, rank
 from tests.support.tables import piece
 
 VEHICLE, RIG = reference_car()
@@ -39,7 +39,7 @@ def drive(name: str, start: float = 5.0, stop: float = 12.0) -> Drive:
 @cache
 def fitted(*names: str) -> Fit:
     """The base model with both bars, which this car has."""
-    from identify.catalogue import catalogue
+    from lacet.identify.catalogue import catalogue
 
     bars = [e for key, e in catalogue(VEHICLE, "hub").items() if key.startswith("anti_roll_bar")]
     reference = drive("sine").recording.reference

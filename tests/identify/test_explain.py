@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import UsageError
-from daq.run import Run
-from identify.catalogue import base_model
-from identify.drive import Drive
-from identify.effect import Parameter, SuspensionForce
-from identify.explain import (
+from lacet.daq.errors import UsageError
+from lacet.daq.run import Run
+from lacet.identify.catalogue import base_model
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.explain import (
     explain_grouping,
     explain_singular,
     explain_weak,
@@ -21,10 +21,10 @@ from identify.explain import (
     refuse_not_finite,
     weak_directions,
 )
-from identify.fit import fit
-from identify.information import Information
-from identify.model import Model
-from identify.vectors import Array
+from lacet.identify.fit import fit
+from lacet.identify.information import Information
+from lacet.identify.model import Model
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -13,17 +13,17 @@ import cars
 import numpy as np
 import pytest
 
-import services.fitting
-from daq.exchange import write_table
-from identify.column_noise import ColumnNoise
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.model import Model
-from identify.study import Study, Version
-from services.fitting import Work, diagnosis_result
-from services.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
+import lacet.services.fitting
+from lacet.daq.exchange import write_table
+from lacet.identify.column_noise import ColumnNoise
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.model import Model
+from lacet.identify.study import Study, Version
+from lacet.services.fitting import Work, diagnosis_result
+from lacet.services.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
 
 TRIED = ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl")
 DRAWS = 19
@@ -57,8 +57,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
         count["noise"] += 1
         return of(*args, pairs=1, **more)
 
-    monkeypatch.setattr(services.fitting, "floor_of", floor)
-    monkeypatch.setattr(services.fitting, "fit", fit_once)
+    monkeypatch.setattr(lacet.services.fitting, "floor_of", floor)
+    monkeypatch.setattr(lacet.services.fitting, "fit", fit_once)
     monkeypatch.setattr(ColumnNoise, "of", noise)
     monkeypatch.setattr(Study, "effects", few)
     return count

@@ -11,18 +11,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from daq.blocks import Flag
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import NotIdentifiable, RunError
-from daq.run import Run, Signal
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effect import SensorFault
-from identify.filters import Filters
-from identify.fit import fit
-from identify.geometry import build_motion, reconstruct
-from identify.model import Model
-from identify.reconstruct import Signals, bring_together
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import NotIdentifiable, RunError
+from lacet.daq.run import Run, Signal
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import SensorFault
+from lacet.identify.filters import Filters
+from lacet.identify.fit import fit
+from lacet.identify.geometry import build_motion, reconstruct
+from lacet.identify.model import Model
+from lacet.identify.reconstruct import Signals, bring_together
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -327,7 +327,7 @@ def test_channels_that_do_not_overlap_name_the_culprits() -> None:
 
 def test_correction_of_a_latency_undoes_it() -> None:
     """`SensorLatency.correct` reads the channel later: exact to interpolation, for latencies of many samples."""
-    from identify.effects.sensor_latency import SensorLatency
+    from lacet.identify.effects.sensor_latency import SensorLatency
 
     fault = SensorLatency("laser")
     assert isinstance(fault, SensorFault)

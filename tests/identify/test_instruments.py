@@ -9,15 +9,15 @@ import cars
 import numpy as np
 import pytest
 
-from daq.errors import NotIdentifiable
-from daq.run import Run
-from identify.catalogue import catalogue
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.instruments import Instruments, Pair, fit_instruments, pair_of, pairs_of
-from identify.model import Model
-from identify.rows import TYRE_ROWS
-from identify.whole import NAMES, whole_vehicle
+from lacet.daq.errors import NotIdentifiable
+from lacet.daq.run import Run
+from lacet.identify.catalogue import catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.instruments import Instruments, Pair, fit_instruments, pair_of, pairs_of
+from lacet.identify.model import Model
+from lacet.identify.rows import TYRE_ROWS
+from lacet.identify.whole import NAMES, whole_vehicle
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

@@ -8,13 +8,13 @@ import cars
 import numpy as np
 import pytest
 
-from daq.errors import UsageError
-from daq.run import Run
-from identify.catalogue import catalogue
-from identify.drive import Drive
-from identify.effects.sensor_latency import SensorLatency
-from identify.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
-from identify.model import Model
+from lacet.daq.errors import UsageError
+from lacet.daq.run import Run
+from lacet.identify.catalogue import catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
+from lacet.identify.model import Model
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

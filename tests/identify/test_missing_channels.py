@@ -8,14 +8,14 @@ import cars
 import numpy as np
 import pytest
 
-from daq.channels import CHANNELS
-from daq.run import Run
-from identify.catalogue import base_model
-from identify.drive import Drive
-from identify.fit import fit
-from identify.model import Model
-from identify.reconstruct import Recording, Signals
-from identify.rows import ROWS
+from lacet.daq.channels import CHANNELS
+from lacet.daq.run import Run
+from lacet.identify.catalogue import base_model
+from lacet.identify.drive import Drive
+from lacet.identify.fit import fit
+from lacet.identify.model import Model
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.rows import ROWS
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.channels import CHANNELS
-from daq.run import Run, Signal
-from identify.noise_level import measured_noise
+from lacet.daq.channels import CHANNELS
+from lacet.daq.run import Run, Signal
+from lacet.identify.noise_level import measured_noise
 
 _, RIG = cars.reference_car()
 

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from daq.channels import CORNERS
-from daq.errors import UsageError
-from identify.catalogue import effect_classes
-from identify.dimension import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
-from identify.expression_states import STATES, all_names, use_of
-from identify.geometry import build_motion
-from identify.motion import Motion
-from identify.one_line import LineFault, read_line, read_lines
-from identify.one_line_effect import WHEEL_FORCE, OneLine, effect_class
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError
+from lacet.identify.catalogue import effect_classes
+from lacet.identify.dimension import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
+from lacet.identify.expression_states import STATES, all_names, use_of
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import Motion
+from lacet.identify.one_line import LineFault, read_line, read_lines
+from lacet.identify.one_line_effect import WHEEL_FORCE, OneLine, effect_class
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE = cars.with_tables(VEHICLE)

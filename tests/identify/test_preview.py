@@ -6,15 +6,15 @@ import cars
 import numpy as np
 import pytest
 
-from daq.run import Run
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effect import Effect
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.preview import CLOSE, preview
-from identify.score import Comparison, compare
-from identify.shares import shares_of
+from lacet.daq.run import Run
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.preview import CLOSE, preview
+from lacet.identify.score import Comparison, compare
+from lacet.identify.shares import shares_of
 from tests.support.tables import piece
 
 VEHICLE, RIG = cars.reference_car()

@@ -11,15 +11,15 @@ import cars
 import numpy as np
 import pytest
 
-from daq.channels import CHANNELS
-from daq.run import Run, Signal
-from identify.catalogue import catalogue
-from identify.drive import Drive
-from identify.filters import Filters, zero_phase
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.reconstruct import Recording, Signals, bring_together
-from identify.vectors import Array
+from lacet.daq.channels import CHANNELS
+from lacet.daq.run import Run, Signal
+from lacet.identify.catalogue import catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.filters import Filters, zero_phase
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 FAST = 500.0

@@ -11,12 +11,12 @@ import cars
 import numpy as np
 import pytest
 
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.rows import SUSPENSION_ROWS
-from identify.score import compare
-from identify.whole import NAMES, whole_vehicle
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.rows import SUSPENSION_ROWS
+from lacet.identify.score import compare
+from lacet.identify.whole import NAMES, whole_vehicle
 
 VEHICLE, _ = cars.reference_car()
 AXLE_OF = {"f": "front", "r": "rear"}

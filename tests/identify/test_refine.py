@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from exact_car import KNOWN, driven, exact_with, fit_of
 
-from identify.candidate import Candidate
-from identify.diagnose import diagnose
-from identify.fit import Fit
-from identify.floor import NoiseFloor, floor_of
-from identify.reading import Reading
-from identify.refine import refined
-from identify.trials import TrialSpace
+from lacet.identify.candidate import Candidate
+from lacet.identify.diagnose import diagnose
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.reading import Reading
+from lacet.identify.refine import refined
+from lacet.identify.trials import TrialSpace
 
 DRAWS, GAP, RATE = 39, 0.0055, 9000.0
 HIDDEN = replace(KNOWN["helper_spring.front"], shape={"gap": GAP})

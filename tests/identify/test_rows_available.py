@@ -9,14 +9,14 @@ import cars
 import numpy as np
 import pytest
 
-from daq.blocks import Flag
-from daq.channels import CHANNELS, CORNERS
-from daq.run import Run, Signal
-from daq.vehicle import Vehicle
-from identify.drive import Drive
-from identify.filters import Filters
-from identify.geometry import reconstruct
-from identify.rows import RELEASED, ROWS, Torque, available, needs, torque_in
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.run import Run, Signal
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.drive import Drive
+from lacet.identify.filters import Filters
+from lacet.identify.geometry import reconstruct
+from lacet.identify.rows import RELEASED, ROWS, Torque, available, needs, torque_in
 
 VEHICLE, RIG = cars.reference_car()
 ALL = {name for row in ROWS for name in needs(row, "hub")}

@@ -14,15 +14,15 @@ import cars
 import numpy as np
 import pytest
 
-from daq.channels import CORNERS
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model
-from identify.geometry import build_motion
-from identify.motion import CornerMotion, Motion
-from identify.reconstruct import Signals
-from identify.sensitivity import Sensitivity, residual
-from identify.vectors import Array, dot, turn
+from lacet.daq.channels import CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model
+from lacet.identify.geometry import build_motion
+from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.reconstruct import Signals
+from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.vectors import Array, dot, turn
 
 pytest.importorskip("mujoco")
 from tests.support import swing_car as swing

@@ -10,15 +10,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.channels import CORNERS
-from daq.rig import Rig
-from daq.run import Run, Signal
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model
-from identify.drive import Drive
-from identify.estimates import estimates
-from identify.fit import Fit, fit
-from identify.model import Model
+from lacet.daq.channels import CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run, Signal
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model
+from lacet.identify.drive import Drive
+from lacet.identify.estimates import estimates
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
 
 pytest.importorskip("mujoco")
 from tests.support import swing_car as swing

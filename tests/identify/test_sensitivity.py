@@ -7,15 +7,15 @@ import exact_car
 import numpy as np
 import pytest
 
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effect import SensorFault
-from identify.fit import fit
-from identify.noise import draw_noise
-from identify.reconstruct import Signals
-from identify.sensitivity import Sensitivity, residual
-from identify.vectors import Array
-from identify.zeros import zeros_of
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import SensorFault
+from lacet.identify.fit import fit
+from lacet.identify.noise import draw_noise
+from lacet.identify.reconstruct import Signals
+from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import zeros_of
 
 VEHICLE, RIG = cars.reference_car()
 SIZE = {"kg": 25.0, "kg·m": 2.0, "kg·m²": 1.0, "N/m": 25000.0, "N·s/m": 1700.0, "N": 3000.0}
@@ -80,7 +80,7 @@ def test_zeros(seen) -> None:
 
 
 def _component(column: str) -> tuple[str, int]:
-    from daq.channels import COLUMNS
+    from lacet.daq.channels import COLUMNS
 
     channel, k = COLUMNS[column]
     return channel.name, k
@@ -140,7 +140,7 @@ def test_noise_has_the_sheets_spectrum() -> None:
 
     from scipy.signal import welch
 
-    from identify.filters import Filters
+    from lacet.identify.filters import Filters
 
     record = cars.recording(cars.random_signals(1, 4000), VEHICLE, RIG)
     record = replace(record, filters=Filters(), rates={**record.rates, "imu.accel": 200.0, "camera.fl.steer": 100.0})

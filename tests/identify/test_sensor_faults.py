@@ -9,13 +9,13 @@ import cars
 import numpy as np
 import pytest
 
-from daq.channels import CHANNELS, COLUMNS
-from daq.rig import DEFAULT_TOLERANCE
-from identify.catalogue import catalogue
-from identify.effect import SensorFault
-from identify.geometry import build_motion
-from identify.reconstruct import Recording, Signals
-from identify.road import laser_mount
+from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.rig import DEFAULT_TOLERANCE
+from lacet.identify.catalogue import catalogue
+from lacet.identify.effect import SensorFault
+from lacet.identify.geometry import build_motion
+from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.road import laser_mount
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from cars import reference_car
 
-from identify.assembly import Piece
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effect import Parameter, SuspensionForce
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.model import Model
-from identify.separation import (
+from lacet.identify.assembly import Piece
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.model import Model
+from lacet.identify.separation import (
     Compared,
     Present,
     Question,
@@ -26,7 +26,7 @@ from identify.separation import (
     run_told,
     wrong_pick,
 )
-from identify.vectors import Array
+from lacet.identify.vectors import Array
 from tests.support.tables import piece
 
 VEHICLE, RIG = reference_car()

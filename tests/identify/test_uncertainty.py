@@ -10,14 +10,14 @@ import cars
 import numpy as np
 import pytest
 
-from daq.run import Run
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.filters import derivative
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.reconstruct import Signals
-from identify.uncertainty import at_least, spread_of
+from lacet.daq.run import Run
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.filters import derivative
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.reconstruct import Signals
+from lacet.identify.uncertainty import at_least, spread_of
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from identify.blocks import block_numbers
-from identify.drive import Drive
-from identify.filters import zero_phase_of
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.left_to_explain import left_to_explain
-from identify.model import Model
-from identify.phases import PHASES, SHORTEST, phases_of
-from identify.refitted import Draws, refitted_draws
-from identify.residual_map import conditional_mean, followed_states
-from identify.smooth import FOLDS, RIDGE, blocked_losses
-from identify.spectra import _level, _segments, row_spectrum
-from identify.states import BLUR, ClearStates, states_of
-from identify.surface import restoring_surfaces, surface
-from identify.vectors import Array
+from lacet.identify.blocks import block_numbers
+from lacet.identify.drive import Drive
+from lacet.identify.filters import zero_phase_of
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.left_to_explain import left_to_explain
+from lacet.identify.model import Model
+from lacet.identify.phases import PHASES, SHORTEST, phases_of
+from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.residual_map import conditional_mean, followed_states
+from lacet.identify.smooth import FOLDS, RIDGE, blocked_losses
+from lacet.identify.spectra import _level, _segments, row_spectrum
+from lacet.identify.states import BLUR, ClearStates, states_of
+from lacet.identify.surface import restoring_surfaces, surface
+from lacet.identify.vectors import Array
 
 DRAWS = 39
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from identify.vectors import Array
-from identify.whiteness import whiteness
+from lacet.identify.vectors import Array
+from lacet.identify.whiteness import whiteness
 
 SPACING = 0.08
 N = 360

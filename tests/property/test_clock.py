@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.clock import MAX_DRIFT, fit_clock
+from lacet.daq.clock import MAX_DRIFT, fit_clock
 
 T0 = 1_700_000_000 * 10**9
 MS = 1_000_000

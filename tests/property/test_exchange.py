@@ -14,11 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.blocks import Flag
-from daq.channels import CHANNELS, COLUMNS
-from daq.errors import RunError
-from daq.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
-from daq.run import Run, Signal
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.errors import RunError
+from lacet.daq.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
+from lacet.daq.run import Run, Signal
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 

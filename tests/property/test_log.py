@@ -14,11 +14,11 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 from wire_strategies import blocks, frames, same_blocks, same_frames
 
-from daq.blocks import Block
-from daq.errors import RunError
-from daq.frames import Frames
-from daq.log import LogReader, LogWriter, StartRecord, StopRecord, recover
-from daq.topics import decoded_topic, raw_topic
+from lacet.daq.blocks import Block
+from lacet.daq.errors import RunError
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord, recover
+from lacet.daq.topics import decoded_topic, raw_topic
 
 T0 = 1_700_000_000 * 10**9
 START = StartRecord(

@@ -9,10 +9,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.blocks import Block, Flag
-from daq.frames import Frames
-from drivers import open_driver
-from drivers.sagem import HEAD, LENGTH, _scan
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.frames import Frames
+from lacet.drivers import open_driver
+from lacet.drivers.sagem import HEAD, LENGTH, _scan
 from tests.driver_cases import decode_all, plausible_blocks, same_blocks
 
 DRIVER = open_driver("sagem", "serial0")

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_strategies import COUNT, LOSSES, NS, TALLIES, TEXTS, blocks, frames, same_blocks, same_frames
 
-from daq import wire
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.frames import Frames
-from daq.schema import lacet_pb2 as pb
+from lacet.daq import wire
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.frames import Frames
+from lacet.daq.schema import lacet_pb2 as pb
 
 
 @given(frames(), COUNT)

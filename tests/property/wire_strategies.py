@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from daq import wire
-from daq.blocks import Block
-from daq.channels import CHANNELS
-from daq.frames import Frames
+from lacet.daq import wire
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
+from lacet.daq.frames import Frames
 
 NS = st.integers(-(2**62), 2**62)
 COUNT = st.integers(0, 2**63)

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 import zenoh
 
-from daq import bus_publisher
-from daq.blocks import Block
-from daq.bus import SEQUENCE, Keys, chunk, open_session
-from daq.bus_listener import BusListener
-from daq.bus_publisher import RunPublisher
-from daq.channels import CHANNELS
-from daq.errors import UsageError
-from daq.log import LogReader
-from daq.spool import Spool
-from daq.wire import StartRecord, block_to_bytes
-from services.worker import RunResult, Worker
+from lacet.daq import bus_publisher
+from lacet.daq.blocks import Block
+from lacet.daq.bus import SEQUENCE, Keys, chunk, open_session
+from lacet.daq.bus_listener import BusListener
+from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import UsageError
+from lacet.daq.log import LogReader
+from lacet.daq.spool import Spool
+from lacet.daq.wire import StartRecord, block_to_bytes
+from lacet.services.worker import RunResult, Worker
 from tests.support.rig import T0, free_port, rig_text, samples
 
 CHANNEL_NAMES = ("imu.accel", "wheel.fl.speed", "camera.rr.steer")

@@ -13,25 +13,25 @@ from typing import Any
 import numpy as np
 import pytest
 
-from daq.blocks import Block
-from daq.channels import CHANNELS, STANDARD
-from daq.log import LogReader
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue
-from identify.diagnose import diagnose
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.floor import floor_of
-from identify.model import Model
-from identify.score import compare
-from identify.whole import NAMES, whole_vehicle
-from services.cli import main
-from services.decoding import Decoder, decode_frames
-from services.environment import HOME
-from services.fitting import overall, scores
-from services.loading import load
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS, STANDARD
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.diagnose import diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import floor_of
+from lacet.identify.model import Model
+from lacet.identify.score import compare
+from lacet.identify.whole import NAMES, whole_vehicle
+from lacet.services.cli import main
+from lacet.services.decoding import Decoder, decode_frames
+from lacet.services.fitting import overall, scores
+from lacet.services.loading import load
+from tests.support.places import HOME
 
 LOGS = HOME / "replay_logs"
 CAMPAIGNS = ("anti-roll-bars", "nothing-hidden")
@@ -199,7 +199,7 @@ def test_what_is_hidden_is_named_and_nothing_else(campaign: str, decoded: dict[P
 @pytest.mark.slow
 def test_the_script_makes_them_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("mujoco")
-    monkeypatch.setenv("LACET", f"{sys.executable} -m services")
+    monkeypatch.setenv("LACET", f"{sys.executable} -m lacet")
     monkeypatch.setenv("PYTHONPATH", str(HOME))
     subprocess.run(["sh", str(LOGS / "make.sh"), str(tmp_path)], check=True)
     for capture in CAPTURES:

@@ -9,11 +9,11 @@ import time
 
 import pytest
 
-from daq.bus import open_session
-from daq.log import LogReader
-from daq.rig import Rig
-from services.environment import HOME
+from lacet.daq.bus import open_session
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
 from tests.support.compose import compose_file
+from tests.support.places import HOME
 from tests.support.rig import free_port, make_frames, write_capture
 
 
@@ -23,7 +23,7 @@ def machine(tmp_path):
     port = free_port()
     folder = tmp_path / "bin"
     folder.mkdir()
-    (folder / "lacet").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m services "$@"\n', encoding="utf-8")
+    (folder / "lacet").write_text(f'#!/bin/sh\nexec "{sys.executable}" -m lacet "$@"\n', encoding="utf-8")
     (folder / "lacet").chmod(0o755)
     rig = Rig.load("peugeot-406")
     write_capture(tmp_path / "capture.mcap", rig, make_frames(rig, 2.0, 0.2))

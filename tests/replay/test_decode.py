@@ -11,14 +11,14 @@ import pytest
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from daq.blocks import Block, Flag
-from daq.channels import CHANNELS, CORNERS, STANDARD
-from daq.frames import Frames
-from daq.log import LogReader, LogWriter, StartRecord, StopRecord
-from daq.rig import Rig
-from drivers import open_driver
-from services.cli import main
-from services.decoding import Decoder, decode_frames
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.channels import CHANNELS, CORNERS, STANDARD
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord
+from lacet.daq.rig import Rig
+from lacet.drivers import open_driver
+from lacet.services.cli import main
+from lacet.services.decoding import Decoder, decode_frames
 
 T0 = 1_700_000_000 * 10**9
 SECONDS = 2.0

@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.blocks import Block
-from daq.frames import Frames
-from daq.log import LogReader, LogWriter, StartRecord
-from daq.rig import Rig
-from services.decoding import Decoder, decode_frames
-from services.record import Recorder
-from services.replay import Progress, replay
-from services.transports.endpoints import open_receiver, open_sender
+from lacet.daq.blocks import Block
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogReader, LogWriter, StartRecord
+from lacet.daq.rig import Rig
+from lacet.services.decoding import Decoder, decode_frames
+from lacet.services.record import Recorder
+from lacet.services.replay import Progress, replay
+from lacet.services.transports.endpoints import open_receiver, open_sender
 from tests.support.rig import T0, free_port, make_frames, rig_text
 
 

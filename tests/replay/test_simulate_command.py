@@ -10,14 +10,14 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from daq.channels import CHANNELS, STANDARD
-from daq.log import LogReader
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from services.cli import main
-from simulate import Sheet, find_car, make_manoeuvre, measure
-from simulate import run as drive
+from lacet.daq.channels import CHANNELS, STANDARD
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.services.cli import main
+from lacet.simulate import Sheet, find_car, make_manoeuvre, measure
+from lacet.simulate import run as drive
 
 RIG = """
 format = "lacet-rig 1"

@@ -12,13 +12,13 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from daq.frames import Frames
-from daq.queue import BoundedQueue
-from services.transports.base import Receiver, Sender
-from services.transports.can import GROUP, MulticastSender, multicast_receiver
-from services.transports.reader import Reader
-from services.transports.serial import PtySender, SerialReceiver
-from services.transports.udp import UdpSender, udp_receiver
+from lacet.daq.frames import Frames
+from lacet.daq.queue import BoundedQueue
+from lacet.services.transports.base import Receiver, Sender
+from lacet.services.transports.can import GROUP, MulticastSender, multicast_receiver
+from lacet.services.transports.reader import Reader
+from lacet.services.transports.serial import PtySender, SerialReceiver
+from lacet.services.transports.udp import UdpSender, udp_receiver
 from tests.support.rig import free_port
 
 

@@ -6,9 +6,9 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from daq.log import LogReader, LogWriter
-from services.cli import main
-from services.environment import HOME
+from lacet.daq.log import LogReader, LogWriter
+from lacet.services.cli import main
+from tests.support.places import HOME
 from tests.support.processes import commands
 from tests.support.rig import free_port
 

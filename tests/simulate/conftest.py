@@ -8,7 +8,7 @@ pytest.importorskip("mujoco")
 
 from simulated_drives import MOTIONS, drive
 
-from simulate.motion import SimulatedMotion
+from lacet.simulate.motion import SimulatedMotion
 
 
 @pytest.fixture(params=MOTIONS)

@@ -6,9 +6,9 @@ import functools
 
 import numpy as np
 
-from daq.rig import Rig
-from simulate import Hidden, find_car, make_manoeuvre, run
-from simulate.motion import SimulatedMotion
+from lacet.daq.rig import Rig
+from lacet.simulate import Hidden, find_car, make_manoeuvre, run
+from lacet.simulate.motion import SimulatedMotion
 
 RIG = """
 format = "lacet-rig 1"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from simulated_drives import drive, make_rig, relative
 
-from daq.channels import CORNERS
-from daq.errors import UsageError
-from simulate import IDEAL, KINDS, Hidden, Sheet, find_car, make_manoeuvre, measure, run
-from simulate.engine import Engine
-from simulate.motion import SimulatedMotion, rotate, rotate_back
-from simulate.road import FLAT
-from simulate.turning import rotation
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError
+from lacet.simulate import IDEAL, KINDS, Hidden, Sheet, find_car, make_manoeuvre, measure, run
+from lacet.simulate.engine import Engine
+from lacet.simulate.motion import SimulatedMotion, rotate, rotate_back
+from lacet.simulate.road import FLAT
+from lacet.simulate.turning import rotation
 
 CAR = find_car("peugeot-406")
 K = np.array([CAR.axle(c).stiffness for c in CORNERS])

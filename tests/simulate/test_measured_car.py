@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from simulated_drives import drive
 
-from daq.channels import CORNERS
-from daq.errors import UsageError
-from daq.vehicle import Vehicle
-from services.paper_tables import LINES
-from simulate import Hidden, find_car, make_manoeuvre, run
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError
+from lacet.daq.vehicle import Vehicle
+from lacet.services.paper_tables import LINES
+from lacet.simulate import Hidden, find_car, make_manoeuvre, run
+from lacet.simulate.vehicle_file import vehicle_text
 
 CAR = find_car("peugeot-406-measured")
 

@@ -8,20 +8,20 @@ from functools import cache
 import numpy as np
 import pytest
 
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model
-from identify.drive import Drive
-from identify.excitation import fit_information, half_widths, predicted, residual_excess, run_information
-from identify.filters import Filters
-from identify.fit import Fit, fit
-from identify.model import Model
-from identify.next_run import rank
-from services.manoeuvre_library import Limits, Plan, library
-from services.planned_car import known_values, planned_car
-from services.planning import PlannedRun, simulated_runs
-from simulate import Manoeuvre, Sheet, exchange_run, find_car, make_manoeuvre, run
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model
+from lacet.identify.drive import Drive
+from lacet.identify.excitation import fit_information, half_widths, predicted, residual_excess, run_information
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, fit
+from lacet.identify.model import Model
+from lacet.identify.next_run import rank
+from lacet.services.manoeuvre_library import Limits, Plan, library
+from lacet.services.planned_car import known_values, planned_car
+from lacet.services.planning import PlannedRun, simulated_runs
+from lacet.simulate import Manoeuvre, Sheet, exchange_run, find_car, make_manoeuvre, run
+from lacet.simulate.vehicle_file import vehicle_text
 
 CAR, RIG = find_car("peugeot-406"), Rig.load("peugeot-406")
 VEHICLE = Vehicle.parse(vehicle_text(CAR))  # geometry only: nothing is known before

@@ -10,24 +10,24 @@ from typing import Any, Self
 import numpy as np
 import pytest
 
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.catalogue import base_model, catalogue
-from identify.drive import Drive
-from identify.effect import Effect, Parameter, SensorFault
-from identify.filters import Filters
-from identify.fit import Fit, fit
-from identify.floor import floor_of
-from identify.model import Model
-from identify.motion import Motion
-from identify.sensitivity import residual
-from identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
-from identify.vectors import Array
-from services.manoeuvre_library import Limits, Plan, library
-from services.planned_car import known_values, planned_car
-from services.planning import simulated_runs
-from simulate import Hidden, Sheet, exchange_run, find_car, make_manoeuvre, run
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.filters import Filters
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import floor_of
+from lacet.identify.model import Model
+from lacet.identify.motion import Motion
+from lacet.identify.sensitivity import residual
+from lacet.identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
+from lacet.identify.vectors import Array
+from lacet.services.manoeuvre_library import Limits, Plan, library
+from lacet.services.planned_car import known_values, planned_car
+from lacet.services.planning import simulated_runs
+from lacet.simulate import Hidden, Sheet, exchange_run, find_car, make_manoeuvre, run
+from lacet.simulate.vehicle_file import vehicle_text
 
 CAR, RIG = find_car("peugeot-406"), Rig.load("peugeot-406")
 VEHICLE = Vehicle.parse(vehicle_text(CAR))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from simulated_drives import drive, make_rig
 
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import UsageError
-from services.cli import main
-from simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
-from simulate.motion import SimulatedMotion, euler_zyx, rotate_back
-from simulate.sensors import pose_matrix
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import UsageError
+from lacet.services.cli import main
+from lacet.simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
+from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate_back
+from lacet.simulate.sensors import pose_matrix
 
 CAR = find_car("peugeot-406")
 K = np.array([CAR.axle(c).stiffness for c in CORNERS])

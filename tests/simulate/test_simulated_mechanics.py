@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from simulated_drives import drive, relative
 
-from daq.channels import CORNERS
-from simulate import Hidden, SimulationFailed, find_car, make_manoeuvre, run
-from simulate.drive import _motion, _Recorder
-from simulate.engine import Engine
-from simulate.motion import SimulatedMotion, rotate, rotate_back
-from simulate.road import FLAT
+from lacet.daq.channels import CORNERS
+from lacet.simulate import Hidden, SimulationFailed, find_car, make_manoeuvre, run
+from lacet.simulate.drive import _motion, _Recorder
+from lacet.simulate.engine import Engine
+from lacet.simulate.motion import SimulatedMotion, rotate, rotate_back
+from lacet.simulate.road import FLAT
 
 CAR = find_car("peugeot-406")
 UNSPRUNG = np.array([CAR.axle(c).unsprung_mass for c in CORNERS])

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated_drives import RIG, drive, make_rig
 
-from daq.channels import CHANNELS, CORNERS
-from daq.exchange import write_table
-from daq.rig import Rig
-from daq.run import Run
-from simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure
-from simulate.measuring import START_NS, interpolate
-from simulate.road import ROUGHNESS, rough_road
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.exchange import write_table
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure
+from lacet.simulate.measuring import START_NS, interpolate
+from lacet.simulate.road import ROUGHNESS, rough_road
 
 CAR = find_car("peugeot-406")
 QUIET = Sheet(zeros=False)

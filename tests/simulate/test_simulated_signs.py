@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from simulated_drives import drive, make_rig
 
-from simulate import IDEAL, Sheet, find_car, make_manoeuvre, measure, run
-from simulate.motion import euler_zyx
+from lacet.simulate import IDEAL, Sheet, find_car, make_manoeuvre, measure, run
+from lacet.simulate.motion import euler_zyx
 
 QUIET = Sheet(zeros=False)
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import yaml
 
-from services.environment import HOME
+from tests.support.places import HOME
 
 
 def compose_file(environment: dict[str, str] | None = None) -> dict[str, Any]:

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.blocks import Block
-from daq.channels import CHANNELS, Channel
-from daq.frames import Frames
-from daq.log import LogWriter, StartRecord
-from daq.rig import Rig
-from drivers import open_driver
+from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS, Channel
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogWriter, StartRecord
+from lacet.daq.rig import Rig
+from lacet.drivers import open_driver
 
 T0 = 1_700_000_000_000_000_000
 

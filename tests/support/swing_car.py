@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from daq.channels import CORNERS
+from lacet.daq.channels import CORNERS
 
 GRAVITY = 9.81
 WHEELBASE = 2.7

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.exchange import write_table
-from daq.run import Run
+from lacet.daq.exchange import write_table
+from lacet.daq.run import Run
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 FILES = ("--rig", str(CAR / "rig.toml"), "--vehicle", str(CAR / "vehicle.toml"))

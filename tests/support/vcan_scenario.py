@@ -18,16 +18,16 @@ from threading import Event, Thread
 
 import numpy as np
 
-from daq.frames import Frames
-from daq.log import LogReader, LogWriter, StartRecord
-from daq.queue import BoundedQueue
-from daq.rig import Rig
-from services.decoding import Decoder
-from services.record import Recorder
-from services.replay import replay
-from services.transports.can import SocketCanSender, has_socketcan, socketcan_receiver
-from services.transports.endpoints import default_endpoint, open_receiver, open_sender
-from services.transports.reader import Reader
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogReader, LogWriter, StartRecord
+from lacet.daq.queue import BoundedQueue
+from lacet.daq.rig import Rig
+from lacet.services.decoding import Decoder
+from lacet.services.record import Recorder
+from lacet.services.replay import replay
+from lacet.services.transports.can import SocketCanSender, has_socketcan, socketcan_receiver
+from lacet.services.transports.endpoints import default_endpoint, open_receiver, open_sender
+from lacet.services.transports.reader import Reader
 
 
 def say(check: str, ok: bool, **facts: object) -> None:

@@ -11,14 +11,14 @@ import pytest
 from bench_page import Page
 from fastapi.testclient import TestClient
 
-import services.fitting
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.effect import Effect
-from identify.fit import Fit, fit
-from identify.study import Study
-from services.fitting import Work
-from services.ui.server import Settings, create_app
+import lacet.services.fitting
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit, fit
+from lacet.identify.study import Study
+from lacet.services.fitting import Work
+from lacet.services.ui.server import Settings, create_app
 from tests.support.tables import CAR, piece, written
 
 TRIED = ("anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear")
@@ -41,8 +41,8 @@ def quick(model: Any, drives: Any, **more: Any) -> Fit:
 
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Fits without the noise's bias, few candidates, few draws behind a score's floor."""
-    patch.setattr(services.fitting, "fit", quick)
-    patch.setattr(services.fitting, "FLOOR_DRAWS", 3)
+    patch.setattr(lacet.services.fitting, "fit", quick)
+    patch.setattr(lacet.services.fitting, "FLOOR_DRAWS", 3)
     patch.setattr(Study, "effects", few)
 
 

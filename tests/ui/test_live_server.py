@@ -15,16 +15,16 @@ import httpx
 import pytest
 from fastapi.testclient import TestClient
 
-from daq.blocks import Block
-from daq.bus import open_session
-from daq.bus_publisher import RunPublisher
-from daq.channels import CHANNELS
-from daq.spool import Spool
-from daq.wire import StartRecord, block_to_bytes
-from services.cli import main
-from services.fitting import LEAST_DRAWS
-from services.ui.events import WAITING, Events
-from services.ui.server import Settings, address, create_app, is_loopback
+from lacet.daq.blocks import Block
+from lacet.daq.bus import open_session
+from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.channels import CHANNELS
+from lacet.daq.spool import Spool
+from lacet.daq.wire import StartRecord, block_to_bytes
+from lacet.services.cli import main
+from lacet.services.fitting import LEAST_DRAWS
+from lacet.services.ui.events import WAITING, Events
+from lacet.services.ui.server import Settings, address, create_app, is_loopback
 from tests.support.processes import Command, commands
 from tests.support.rig import T0, free_port, rig_text, samples
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from bench_page import Page
 
-from daq.run import Run
-from services.cli import main
-from services.ui.binary import packed, unpacked
+from lacet.daq.run import Run
+from lacet.services.cli import main
+from lacet.services.ui.binary import packed, unpacked
 
 
 def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -12,18 +12,18 @@ import pytest
 from bench_page import Page
 from fastapi.testclient import TestClient
 
-from daq.errors import UsageError
-from daq.run import Run
-from identify.study import Study
-from services.cli import main
-from services.fitting import Work
-from services.page import details
-from services.page import page as html_page
-from services.ui.desk import Desk
-from services.ui.events import Events
-from services.ui.jobs import Jobs, Teller
-from services.ui.server import Settings, create_app
-from services.ui.watch import state_of
+from lacet.daq.errors import UsageError
+from lacet.daq.run import Run
+from lacet.identify.study import Study
+from lacet.services.cli import main
+from lacet.services.fitting import Work
+from lacet.services.page import details
+from lacet.services.page import page as html_page
+from lacet.services.ui.desk import Desk
+from lacet.services.ui.events import Events
+from lacet.services.ui.jobs import Jobs, Teller
+from lacet.services.ui.server import Settings, create_app
+from lacet.services.ui.watch import state_of
 from tests.support.tables import CAR, piece, written
 
 
@@ -232,7 +232,7 @@ def test_the_report_is_one_file_that_runs_nothing(page: Page, monkeypatch: pytes
     def drawn(work: Work, file: Path, _: Any) -> None:  # its pictures take long, and are tested elsewhere
         file.write_text(html_page(work.study.folder.name, details("more", "text")), encoding="utf-8")
 
-    monkeypatch.setattr("services.ui.tasks.write_report", drawn)
+    monkeypatch.setattr("lacet.services.ui.tasks.write_report", drawn)
     assert page.get("export/report.html", 409)["needs"] == "report"
     page.run("report")
     answer = page.client.get("/api/export/report.html")

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.errors import DbcError
-from drivers import open_driver
-from drivers.can_layout import FOLDER
+from lacet.daq.errors import DbcError
+from lacet.drivers import open_driver
+from lacet.drivers.can_layout import FOLDER
 from tests.driver_cases import decode_all, plausible_blocks
 
 IGEL = (FOLDER / "igel.dbc").read_text(encoding="utf-8")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.blocks import Flag
-from daq.frames import Frames
-from drivers import open_driver
+from lacet.daq.blocks import Flag
+from lacet.daq.frames import Frames
+from lacet.drivers import open_driver
 from tests.driver_cases import decode_all, plausible_blocks, same_blocks
 
 IGEL = open_driver("igel", "can0", {"corners": ["fl"]})

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.catalogue_page import page as made
 from benchmarks.catalogue_page.cases import CASES
-from identify.catalogue import effect_classes
-from identify.effect import AlreadyMeasured
-from simulate import Hidden, make_manoeuvre
+from lacet.identify.catalogue import effect_classes
+from lacet.identify.effect import AlreadyMeasured
+from lacet.simulate import Hidden, make_manoeuvre
 
 TEXT = made.PAGE.read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", TEXT, re.DOTALL | re.MULTILINE))

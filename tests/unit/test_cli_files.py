@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from services.cli import main
+from lacet.services.cli import main
 
 
 def test_a_folder_that_cannot_be_made_is_one_line(
@@ -22,6 +22,6 @@ def test_a_folder_that_cannot_be_made_is_one_line(
         return 0
 
     parsed = argparse.Namespace(command="identify", json=None, run=run)
-    monkeypatch.setattr("services.cli.build_parser", lambda _: SimpleNamespace(parse_args=lambda _: parsed))
+    monkeypatch.setattr("lacet.services.cli.build_parser", lambda _: SimpleNamespace(parse_args=lambda _: parsed))
     assert main(["identify"]) == 2
     assert capsys.readouterr().err == f"lacet identify: {tmp_path / 'file' / 'pictures'}: Not a directory\n"

@@ -11,12 +11,12 @@ import zipfile
 import jsonschema
 import pytest
 
-from daq.log import LogReader
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from services.cli import build_parser
-from services.environment import FOLDERS, HOME
+from lacet.daq.log import LogReader
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.services.cli import build_parser
 from tests.support.compose import compose_file, lacet_commands
+from tests.support.places import HOME
 
 COMPOSE = compose_file()
 SCHEMA = json.loads((HOME / "tests" / "data" / "compose" / "compose_spec.json").read_text(encoding="utf-8"))
@@ -87,7 +87,7 @@ def test_what_the_dockerfile_copies_is_there_and_gets_past_dockerignore():
     text = (HOME / "Dockerfile").read_text(encoding="utf-8")
     sources = [word for line in re.findall(r"^COPY (.*)$", text, re.MULTILINE) for word in line.split()[:-1]]
     ignored = (HOME / ".dockerignore").read_text(encoding="utf-8").split()
-    assert set(FOLDERS) <= set(sources)
+    assert {"daq", "drivers", "identify", "lacet", "services", "simulate"} <= set(sources)
     for source in sources:
         assert (HOME / source).exists(), source
         assert source not in ignored
@@ -105,11 +105,12 @@ def wheel(tmp_path_factory):
 
 def test_the_wheel_that_the_dockerfile_installs_runs_alone(wheel, tmp_path):
     zipfile.ZipFile(wheel).extractall(tmp_path)
-    for wanted in ("daq/rigs/peugeot-406.toml", "daq/vehicles/peugeot-406.toml", "drivers/dbc/igel.dbc"):
-        assert (tmp_path / wanted).is_file()
+    for wanted in ("daq/rigs/peugeot-406.toml", "daq/vehicles/peugeot-406.toml", "drivers/dbc/igel.dbc", "py.typed"):
+        assert (tmp_path / "lacet" / wanted).is_file()
+    assert not {"daq", "drivers", "identify", "services", "simulate"} & {one.name for one in tmp_path.iterdir()}
     code = (
         f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.argv = ['lacet', '--help']\n"
-        "import services; print(services.__path__[0]); from services.__main__ import main; sys.exit(main())"
+        "import lacet; print(lacet.__path__[0]); from lacet.__main__ import main; sys.exit(main())"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False

@@ -11,15 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from daq.channels import AXES, CHANNELS, CORNERS
-from daq.errors import FileFault
-from daq.exchange import METADATA_KEYS, read_table
-from daq.rig import DEFAULT_TOLERANCE, Rig
-from daq.units import TO_SI, canonical
-from daq.vehicle import Vehicle
-from drivers import known_drivers
-from services.cli import build_parser
-from services.environment import HOME
+from lacet.daq.channels import AXES, CHANNELS, CORNERS
+from lacet.daq.errors import FileFault
+from lacet.daq.exchange import METADATA_KEYS, read_table
+from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
+from lacet.daq.units import TO_SI, canonical
+from lacet.daq.vehicle import Vehicle
+from lacet.drivers import known_drivers
+from lacet.services.cli import build_parser
+from tests.support.places import HOME
 
 PAGES = sorted([*HOME.glob("*.md"), *(HOME / "docs").rglob("*.md")])
 LOADERS = {"docs/rig.md": Rig, "docs/vehicle.md": Vehicle}
@@ -92,7 +92,7 @@ def test_the_examples_use_every_key_the_pages_name():
 
 
 def test_keys_of_the_readers_are_all_documented():
-    from daq import rig, vehicle
+    from lacet.daq import rig, vehicle
 
     sensor = {names(row[0])[0] for row in tables("docs/rig.md")["`[[sensor]]`: key"]}
     assert sensor == set(rig._SENSOR_KEYS)

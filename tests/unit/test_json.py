@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from daq.rig import Rig
-from services.cli import find_commands, main
-from services.result import FORMAT
+from lacet.daq.rig import Rig
+from lacet.services.cli import find_commands, main
+from lacet.services.result import FORMAT
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import make_capture
 from tests.support.tables import CAR, FILES, piece, written
@@ -70,8 +70,8 @@ def test_every_command_has_its_section_and_takes_json():
 
 
 def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("services.commands.identify.FLOOR_DRAWS", 3)
-    monkeypatch.setattr("services.fitting.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
     used = str(written(piece("sine", 5.0, 12.0), tmp_path / "used.parquet"))
     held = str(written(piece("sweep", 5.0, 12.0), tmp_path / "held.parquet"))
     folder, file = str(tmp_path / "study"), tmp_path / "result.json"

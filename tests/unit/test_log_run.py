@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.blocks import Block, Flag
-from daq.errors import RunError
-from daq.frames import Frames
-from daq.log import LogWriter, StartRecord
-from daq.run import Run
+from lacet.daq.blocks import Block, Flag
+from lacet.daq.errors import RunError
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogWriter, StartRecord
+from lacet.daq.run import Run
 
 T0 = 1_700_000_000 * 10**9
 RIG = """

@@ -9,8 +9,8 @@ import pytest
 from asammdf import MDF
 from asammdf import Signal as MdfSignal
 
-from daq.errors import RunError
-from daq.run import Run
+from lacet.daq.errors import RunError
+from lacet.daq.run import Run
 
 T = np.arange(200) * 0.004 + 3.0
 WAVE = {axis: np.sin(2.0 * T + k) for k, axis in enumerate("xyz")}

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from identify.catalogue import base_model
-from identify.structure import car_tree, structure
-from identify.study import Study
-from services.cli import main
-from services.environment import HOME
+from lacet.identify.catalogue import base_model
+from lacet.identify.structure import car_tree, structure
+from lacet.identify.study import Study
+from lacet.services.cli import main
 from tests.identify import cars
+from tests.support.places import HOME
 from tests.support.tables import CAR, FILES, piece, written
 from tests.unit.test_json import conforms
 

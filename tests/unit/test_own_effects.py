@@ -9,17 +9,17 @@ from typing import Any
 
 import pytest
 
-from daq.errors import UsageError
-from daq.rig import Rig
-from daq.vehicle import Vehicle
-from identify.drive import Drive
-from identify.one_line import read_line
-from identify.one_line_effect import effect_class
-from identify.study import Study
-from services.cli import main
-from services.commands.effect import DESCRIPTION
-from services.environment import HOME
-from services.fitting import Work
+from lacet.daq.errors import UsageError
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.drive import Drive
+from lacet.identify.one_line import read_line
+from lacet.identify.one_line_effect import effect_class
+from lacet.identify.study import Study
+from lacet.services.cli import main
+from lacet.services.commands.effect import DESCRIPTION
+from lacet.services.fitting import Work
+from tests.support.places import HOME
 from tests.support.tables import FILES, piece, without, written
 from tests.unit.test_json import conforms
 
@@ -30,7 +30,7 @@ RESULT = {"rows": {"used": {}, "held": {}}, "parameters": []}
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     """A study of ten seconds, its base model not fitted."""
-    monkeypatch.setattr("services.fitting.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
     run = written(piece(), tmp_path / "run.parquet")
     return Study.create(tmp_path / "study", [run], [], Rig.load(FILES[1]), Vehicle.load(FILES[3]), draws=19)
 
@@ -143,7 +143,7 @@ OWN = """
 from __future__ import annotations
 from dataclasses import dataclass
 import numpy as np
-from identify.effect import SuspensionForce, Effect
+from lacet.identify.effect import SuspensionForce, Effect
 
 @dataclass(frozen=True)
 class Mine(SuspensionForce):

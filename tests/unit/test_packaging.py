@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
+import sys
 import tomllib
 
 import pytest
 
-from services.environment import FOLDERS, HOME
+from tests.support.places import HOME
 
 LOCKS = ("uv.txt", "run.txt", "dev.txt", "schema.txt")
 PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
@@ -55,12 +57,28 @@ def test_what_runs_is_light():
     assert not {"mujoco", "numba", "cvxpy", "pytest", "pyright", "pre-commit"} & set(pins("run.txt"))
 
 
-def test_the_project_keeps_a_clashing_package_out():
-    assert not set(FOLDERS) & (set(pins("run.txt")) | set(pins("dev.txt")))
+def test_the_wheel_holds_one_package():
+    assert PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"] == ["lacet"]
 
 
-def test_the_wheel_holds_every_folder():
-    assert set(PROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]) == set(FOLDERS)
+def test_every_folder_of_the_package_is_a_link_to_the_one_beside_it():
+    for name in ("daq", "drivers", "identify", "services", "simulate"):
+        assert os.readlink(HOME / "lacet" / name) == f"../{name}"
+
+
+def test_a_checkout_without_links_says_what_to_do(tmp_path):
+    """On Windows git writes a link as a small text file."""
+    package = tmp_path / "lacet"
+    package.mkdir()
+    (package / "__init__.py").write_text((HOME / "lacet" / "__init__.py").read_text(encoding="utf-8"), encoding="utf-8")
+    for name in ("daq", "drivers", "identify", "services", "simulate"):
+        (package / name).write_text(f"../{name}", encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-I", "-c", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import lacet"],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert "core.symlinks" in done.stderr
+    assert "pip install" in done.stderr
 
 
 class TestMakeVenv:

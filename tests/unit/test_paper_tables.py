@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from daq.units import TO_SI
-from daq.vehicle import Vehicle
-from identify.catalogue import catalogue
-from identify.whole import NAMES, UNITS
-from services.paper_score import MET, MISSED, WITHOUT, print_tables, score, true_value
-from services.paper_tables import LINES, SPIN_ROWS, Line
-from simulate import find_car
+from lacet.daq.units import TO_SI
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.catalogue import catalogue
+from lacet.identify.whole import NAMES, UNITS
+from lacet.services.paper_score import MET, MISSED, WITHOUT, print_tables, score, true_value
+from lacet.services.paper_tables import LINES, SPIN_ROWS, Line
+from lacet.simulate import find_car
 
 VEHICLE = Vehicle.load("peugeot-406")
 TRUTH: dict[str, Any] = {"car": find_car("peugeot-406").truth(), "hidden": []}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from daq.channels import CHANNELS, STANDARD
-from daq.rig import DEFAULT_TOLERANCE, Rig
-from daq.vehicle import Vehicle
-from drivers import open_driver
-from identify.catalogue import catalogue
-from identify.whole import NAMES, UNITS
+from lacet.daq.channels import CHANNELS, STANDARD
+from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.drivers import open_driver
+from lacet.identify.catalogue import catalogue
+from lacet.identify.whole import NAMES, UNITS
 
 RIG = Rig.load("peugeot-406")
 VEHICLE = Vehicle.load("peugeot-406")

@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.errors import UsageError
-from daq.toml_reader import Quantity
-from daq.vehicle import Vehicle
-from services.cli import main
-from services.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
-from services.planned_car import known_values, planned_car
-from simulate import MANOEUVRES, find_car
-from simulate.vehicle_file import vehicle_text
+from lacet.daq.errors import UsageError
+from lacet.daq.toml_reader import Quantity
+from lacet.daq.vehicle import Vehicle
+from lacet.services.cli import main
+from lacet.services.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
+from lacet.services.planned_car import known_values, planned_car
+from lacet.simulate import MANOEUVRES, find_car
+from lacet.simulate.vehicle_file import vehicle_text
 from tests.support.tables import FILES, piece, written
 from tests.unit.test_json import conforms
 
@@ -104,7 +104,7 @@ def test_before_the_first_run_and_again_from_what_was_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     pytest.importorskip("mujoco")
-    monkeypatch.setattr("services.commands.plan.SECONDS", 5.0)
+    monkeypatch.setattr("lacet.services.commands.plan.SECONDS", 5.0)
     file, kept = tmp_path / "plan.json", tmp_path / "kept"
     limits = ("--only", "liftoff,sinus", "--max-speed", "50", "--max-duration", "20", "--keep", kept, "--json", file)
     argv = [str(word) for word in ("plan", *SHIPPED, *limits, "--runs", "2")]
@@ -125,7 +125,7 @@ def test_before_the_first_run_and_again_from_what_was_kept(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("services.planning.drive_car", refuse)
+    monkeypatch.setattr("lacet.services.planning.drive_car", refuse)
     assert main(argv) == 0
     again = conforms(file, "plan")
     assert again["ranking"] == first["ranking"]
@@ -137,7 +137,7 @@ def test_on_top_of_runs_with_runs_like_others_and_no_simulator(
     def missing() -> None:
         raise UsageError("the simulated car needs MuJoCo: install it")
 
-    monkeypatch.setattr("services.commands.plan.engine_library", missing)
+    monkeypatch.setattr("lacet.services.commands.plan.engine_library", missing)
     used = str(written(piece("sine", 5.0, 11.0), tmp_path / "used.parquet"))
     like = str(written(piece("liftoff", 5.0, 11.0), tmp_path / "off.parquet"))
     file = tmp_path / "plan.json"

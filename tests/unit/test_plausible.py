@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.rig import Rig
-from daq.run import Run
-from daq.vehicle import Vehicle
-from identify.drive import Drive
-from services.loading import load
-from services.plausible import implausible
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.drive import Drive
+from lacet.services.loading import load
+from lacet.services.plausible import implausible
 from tests.support.tables import CAR, piece, without, written
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daq.rig import Rig
-from services.cli import main
-from services.rig_edit import with_latencies
+from lacet.daq.rig import Rig
+from lacet.services.cli import main
+from lacet.services.rig_edit import with_latencies
 from tests.support.tables import CAR, FILES
 
 HOME = Path(__file__).parents[2]

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.channels import CHANNELS, CORNERS
-from daq.errors import RigError, VehicleError
-from daq.rig import DEFAULT_TOLERANCE, Rig
-from daq.units import TO_SI, canonical, to_si
-from daq.vehicle import Vehicle
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.errors import RigError, VehicleError
+from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
+from lacet.daq.units import TO_SI, canonical, to_si
+from lacet.daq.vehicle import Vehicle
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 RIG_TEXT = (CAR / "rig.toml").read_text(encoding="utf-8")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from daq.channels import CORNERS
-from daq.vehicle import Vehicle
-from simulate.cars import find_car
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Vehicle
+from lacet.simulate.cars import find_car
 
 VEHICLE = Vehicle.load("peugeot-406")
 

@@ -9,8 +9,8 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 
-from daq.mcap_write import describe
-from daq.schema import lacet_pb2 as pb
+from lacet.daq.mcap_write import describe
+from lacet.daq.schema import lacet_pb2 as pb
 
 ROOT = Path(__file__).parents[2]
 

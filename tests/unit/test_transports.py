@@ -9,10 +9,10 @@ from can.interfaces.udp_multicast.utils import pack_message, unpack_message
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.errors import FileFault, UsageError
-from daq.rig import Bus
-from services.transports import can as wire
-from services.transports.endpoints import (
+from lacet.daq.errors import FileFault, UsageError
+from lacet.daq.rig import Bus
+from lacet.services.transports import can as wire
+from lacet.services.transports.endpoints import (
     default_endpoint,
     open_receiver,
     open_sender,
@@ -73,7 +73,9 @@ def test_every_can_bus_has_a_port_of_its_own():
 
 
 def test_socketcan_is_preferred_and_a_replay_keeps_off_real_buses(monkeypatch):
-    monkeypatch.setattr("services.transports.endpoints.has_socketcan", lambda name: name in ("can0", "vcan0", "can1"))
+    monkeypatch.setattr(
+        "lacet.services.transports.endpoints.has_socketcan", lambda name: name in ("can0", "vcan0", "can1")
+    )
     assert default_endpoint(BUSES, "can0", sending=False) == "socketcan:can0"
     assert default_endpoint(BUSES, "can0", sending=True) == "socketcan:vcan0"
     assert default_endpoint(BUSES, "can1", sending=True).startswith("multicast:")

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.blocks import Flag
-from daq.channels import COLUMNS
-from daq.frames import Frames
-from drivers import open_driver
-from drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
+from lacet.daq.blocks import Flag
+from lacet.daq.channels import COLUMNS
+from lacet.daq.frames import Frames
+from lacet.drivers import open_driver
+from lacet.drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
 from tests.driver_cases import decode_all, same_frames
 
 PAGES = Path(__file__).parents[2] / "docs/wires"

@@ -6,12 +6,12 @@ import pytest
 from exact_car import driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from identify.candidate import Candidate
-from identify.diagnose import Diagnosis, diagnose
-from identify.fit import Fit
-from identify.floor import NoiseFloor, floor_of
-from identify.reading import Reading
-from identify.trials import TrialSpace
+from lacet.identify.candidate import Candidate
+from lacet.identify.diagnose import Diagnosis, diagnose
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.reading import Reading
+from lacet.identify.trials import TrialSpace
 
 
 @pytest.fixture(scope="session")

@@ -7,16 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from daq.rig import Rig
-from identify.blocks import BLOCK
-from identify.effect import Effect, SensorFault
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.sheet import sheet_responses
-from identify.trial_sums import FOLDS
-from identify.trials import TrialSpace
-from identify.vectors import Array
-from identify.zeros import zeros_of
+from lacet.daq.rig import Rig
+from lacet.identify.blocks import BLOCK
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.sheet import sheet_responses
+from lacet.identify.trial_sums import FOLDS
+from lacet.identify.trials import TrialSpace
+from lacet.identify.vectors import Array
+from lacet.identify.zeros import zeros_of
 
 
 @dataclass

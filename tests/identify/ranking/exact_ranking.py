@@ -7,12 +7,12 @@ from dataclasses import replace
 
 from exact_car import KNOWN, VEHICLE
 
-from identify.effect import Effect
-from identify.lack_of_fit import Left
-from identify.one_line import read_line
-from identify.one_line_effect import effect_class
-from identify.trials import TrialSpace
-from identify.unlisted import left_by
+from lacet.identify.effect import Effect
+from lacet.identify.lack_of_fit import Left
+from lacet.identify.one_line import read_line
+from lacet.identify.one_line_effect import effect_class
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import left_by
 
 CANDIDATES = [
     KNOWN[key]

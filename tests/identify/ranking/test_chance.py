@@ -9,16 +9,16 @@ import pytest
 from exact_car import driven, exact, fit_of
 from exact_ranking import CANDIDATES, DRAWS
 
-from identify.candidate import Candidate
-from identify.diagnose import diagnose
-from identify.drive import Drive
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.look import structured
-from identify.reading import Reading
-from identify.trials import TrialSpace
-from identify.unlisted import left_by
-from identify.verdicts import SIGNIFICANCE
+from lacet.identify.candidate import Candidate
+from lacet.identify.diagnose import diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.look import structured
+from lacet.identify.reading import Reading
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import left_by
+from lacet.identify.verdicts import SIGNIFICANCE
 
 
 def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: TrialSpace, found: list[Candidate]):

@@ -10,18 +10,18 @@ import scipy.linalg
 from exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from exact_ranking import CANDIDATES
 
-from identify.column_noise import NOISE_PAIRS, ColumnNoise
-from identify.drive import Drive
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.freed import Freed
-from identify.partialling import Partialled, at_gain
-from identify.reading import Reading
-from identify.trial_columns import TrialColumns
-from identify.trial_sums import columns_of
-from identify.trials import TrialSpace
-from identify.unlisted import beside
-from identify.vectors import Array
+from lacet.identify.column_noise import NOISE_PAIRS, ColumnNoise
+from lacet.identify.drive import Drive
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.freed import Freed
+from lacet.identify.partialling import Partialled, at_gain
+from lacet.identify.reading import Reading
+from lacet.identify.trial_columns import TrialColumns
+from lacet.identify.trial_sums import columns_of
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import beside
+from lacet.identify.vectors import Array
 
 
 def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
@@ -111,7 +111,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
-    monkeypatch.setattr("identify.column_noise._SECONDS", 1.9 * SECONDS)
+    monkeypatch.setattr("lacet.identify.column_noise._SECONDS", 1.9 * SECONDS)
     some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
     assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
     places = [trial.place for trial in own.layout.trials]

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from exact_car import KNOWN, RIG, driven, exact, fit_of
 
-from identify.diagnose import diagnose
-from identify.effect import Effect
-from identify.excused import Excused, excused
-from identify.fit import Fit
-from identify.floor import NoiseFloor
-from identify.formulas import propose
-from identify.look import look
-from identify.news import silent
-from identify.reading import Reading
-from identify.trials import TrialSpace
+from lacet.identify.diagnose import diagnose
+from lacet.identify.effect import Effect
+from lacet.identify.excused import Excused, excused
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor
+from lacet.identify.formulas import propose
+from lacet.identify.look import look
+from lacet.identify.news import silent
+from lacet.identify.reading import Reading
+from lacet.identify.trials import TrialSpace
 
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
 FAULT = KNOWN["sensor_gain.force.rr"]
@@ -73,7 +73,7 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
     floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     asked: list[list[str]] = []
-    monkeypatch.setattr("identify.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or [])
+    monkeypatch.setattr("lacet.identify.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or [])
     above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
     assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
     assert len(asked[0]) < len(above)
@@ -88,7 +88,7 @@ def test_what_takes_more_away_than_it_leaves_is_named(
     assert seen.unlisted
     assert seen.strained
     assert seen.best
-    monkeypatch.setattr("identify.look.strength", lambda c: seen.sheet.excess + 1.0)
+    monkeypatch.setattr("lacet.identify.look.strength", lambda c: seen.sheet.excess + 1.0)
     again = look(seen.space, silent)
     assert not again.strained
     assert not again.unlisted

@@ -9,14 +9,14 @@ import pytest
 from exact_car import KNOWN
 from exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
-from identify.diagnose import diagnose
-from identify.effect import Effect
-from identify.fit import Fit
-from identify.floor import NoiseFloor, simulate_floor
-from identify.noisy_law import noise_through
-from identify.sensitivity import Sensitivity
-from identify.trials import TrialSpace
-from identify.unlisted import left_by
+from lacet.identify.diagnose import diagnose
+from lacet.identify.effect import Effect
+from lacet.identify.fit import Fit
+from lacet.identify.floor import NoiseFloor, simulate_floor
+from lacet.identify.noisy_law import noise_through
+from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import left_by
 
 FRICTION = KNOWN["coulomb.front"]
 
@@ -52,7 +52,7 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
         assert values == pytest.approx(SIZE, rel=0.2)
         return {row: share * a for row, a in left_by(space, []).squares.items()}
 
-    monkeypatch.setattr("identify.look.left_by", leaving(0.2, family=0.01))
-    monkeypatch.setattr("identify.look.noise_through", through)
-    monkeypatch.setattr("identify.look.structured", lambda left: True)
+    monkeypatch.setattr("lacet.identify.look.left_by", leaving(0.2, family=0.01))
+    monkeypatch.setattr("lacet.identify.look.noise_through", through)
+    monkeypatch.setattr("lacet.identify.look.structured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

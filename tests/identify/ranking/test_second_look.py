@@ -9,15 +9,15 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from identify import diagnose as ranking
-from identify.diagnose import diagnose
-from identify.fit import Fit, at_faults
-from identify.floor import NoiseFloor, floor_at, floor_of
-from identify.look import Look
-from identify.news import Tell
-from identify.reading import STILL, Reading, read_again
-from identify.trials import TrialSpace
-from identify.unlisted import left_by
+from lacet.identify import diagnose as ranking
+from lacet.identify.diagnose import diagnose
+from lacet.identify.fit import Fit, at_faults
+from lacet.identify.floor import NoiseFloor, floor_at, floor_of
+from lacet.identify.look import Look
+from lacet.identify.news import Tell
+from lacet.identify.reading import STILL, Reading, read_again
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import left_by
 
 TRIED = [KNOWN["coulomb.rear"], KNOWN["anti_roll_bar.front"]]
 AGAIN = "the noise floor at the parameters that the sensor sheet leads to"

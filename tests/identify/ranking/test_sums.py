@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 from dense_ranking import Dense
 
-from identify.catalogue import catalogue
-from identify.column_noise import ColumnNoise, column_labels
-from identify.diagnose import diagnose
-from identify.drive import Drive
-from identify.effect import Effect, Parameter
-from identify.fit import Fit, fit
-from identify.floor import NoiseFloor, floor_of
-from identify.layout import Trial
-from identify.model import Model
-from identify.motion import Motion
-from identify.reading import Reading, read_again
-from identify.trial_sums import FOLDS, TrialSums
-from identify.trials import TrialSpace
-from identify.unlisted import left_by
-from identify.vectors import Array
+from lacet.identify.catalogue import catalogue
+from lacet.identify.column_noise import ColumnNoise, column_labels
+from lacet.identify.diagnose import diagnose
+from lacet.identify.drive import Drive
+from lacet.identify.effect import Effect, Parameter
+from lacet.identify.fit import Fit, fit
+from lacet.identify.floor import NoiseFloor, floor_of
+from lacet.identify.layout import Trial
+from lacet.identify.model import Model
+from lacet.identify.motion import Motion
+from lacet.identify.reading import Reading, read_again
+from lacet.identify.trial_sums import FOLDS, TrialSums
+from lacet.identify.trials import TrialSpace
+from lacet.identify.unlisted import left_by
+from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

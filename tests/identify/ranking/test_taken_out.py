@@ -9,16 +9,16 @@ import pytest
 from exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from identify.diagnose import Diagnosis, diagnose
-from identify.effect import SensorFault
-from identify.fit import at_faults, extended, fit
-from identify.floor import floor_of
-from identify.look import look
-from identify.news import silent
-from identify.reading import Reading
-from identify.reconstruct import Recording
-from identify.taken_out import without_best
-from identify.trials import TrialSpace
+from lacet.identify.diagnose import Diagnosis, diagnose
+from lacet.identify.effect import SensorFault
+from lacet.identify.fit import at_faults, extended, fit
+from lacet.identify.floor import floor_of
+from lacet.identify.look import look
+from lacet.identify.news import silent
+from lacet.identify.reading import Reading
+from lacet.identify.reconstruct import Recording
+from lacet.identify.taken_out import without_best
+from lacet.identify.trials import TrialSpace
 
 HUB, CUBIC = "sensor_gain.hub.fl", "spring_cubic.front"
 TAKEN = f"the runs read again with {HUB} taken out"

@@ -1,0 +1,10 @@
+"""The command ``lacet``, and ``python -m lacet``."""
+
+from __future__ import annotations
+
+import sys
+
+from lacet.services.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
