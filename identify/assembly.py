@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.sheet import SheetEntry, sheet_responses
-from lacet.identify.vectors import Array
 from lacet.identify.zeros import Zeros, zeros_of
 
 KEPT = 900.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 @dataclass(frozen=True)

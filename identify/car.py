@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from lacet.daq.vehicle import Corner, KinematicTable
-from lacet.identify.chain import Chain, Joint
-from lacet.identify.vectors import Array, rotation, rpy, turn
+from lacet.identify.multibody.chain import Chain, Joint
+from lacet.identify.multibody.vectors import Array, rotation, rpy, turn
 
 CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
 """Branches in the paper's numbering."""

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable
 
 from lacet.identify.filters import derivative
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording
-from lacet.identify.vectors import Array
 
 
 def is_load(channel: str) -> bool:

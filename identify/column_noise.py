@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from lacet.identify.assembly import Piece
 from lacet.identify.fit import Fit
 from lacet.identify.layout import Layout
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress
 from lacet.identify.trial_sums import TrialSums, at_zeros, columns_of
-from lacet.identify.vectors import Array
 
 NOISE_PAIRS = 2
 """Pairs of draws."""

@@ -9,8 +9,8 @@ import scipy.linalg
 
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.triangle import triangle
-from lacet.identify.vectors import Array
 from lacet.identify.zeros import Zeros, zeros_of
 
 

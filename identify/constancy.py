@@ -20,10 +20,10 @@ from lacet.identify.candidate import Candidate
 from lacet.identify.column_noise import ColumnNoise
 from lacet.identify.drive import Drive
 from lacet.identify.lack_of_fit import solved, with_columns
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.trial_sums import TrialSums, products_of, without_zeros
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import beside
-from lacet.identify.vectors import Array
 from lacet.identify.verdicts import SIGNIFICANCE
 
 ACTS = 1e-3

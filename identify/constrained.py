@@ -26,7 +26,7 @@ from lacet.identify.effect import Parameter
 from lacet.identify.equations import zeros_following
 from lacet.identify.fit import Fit
 from lacet.identify.information import Information
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 LEAST = 1e-6
 """Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""

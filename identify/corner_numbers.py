@@ -16,8 +16,8 @@ from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SuspensionForce
 from lacet.identify.fit import Fit
 from lacet.identify.motion import Motion
-from lacet.identify.rigid_body import PARAMETERS
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.rigid_body import PARAMETERS
+from lacet.identify.multibody.vectors import Array
 
 _STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
 """Half steps of slopes by travel [m], its rate [m/s] and tyre deflection [m]."""

@@ -18,8 +18,8 @@ from lacet.identify.doubt import Knowledge
 from lacet.identify.drive import Drive
 from lacet.identify.effect import SuspensionForce
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.ride_model import ride_values
-from lacet.identify.vectors import Array
 
 WIDE = 0.25
 """Half of the 95 % interval ÷ value beyond which a value is not determined."""

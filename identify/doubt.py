@@ -16,7 +16,7 @@ from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
 from lacet.identify.estimates import hint
 from lacet.identify.fit import Fit
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.zeros import Zeros
 
 ENOUGH = 0.5

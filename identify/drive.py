@@ -16,10 +16,10 @@ from lacet.identify.effect import Effect
 from lacet.identify.filters import Filters, zero_phase_of
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise import draw_noise
 from lacet.identify.own_files import checked_columns
 from lacet.identify.reconstruct import Recording, Signals, bring_together
-from lacet.identify.vectors import Array
 
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""

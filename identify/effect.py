@@ -15,8 +15,8 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording
-from lacet.identify.vectors import Array
 
 AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
 

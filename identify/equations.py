@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.linalg
 
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.triangle import narrow_triangle, scaled_triangle, triangle
-from lacet.identify.vectors import Array
 
 Weights = Mapping[str, float]
 """σ of each row [N or N·m]."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from lacet.identify.effect import Effect
 from lacet.identify.fit import Fit
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 @dataclass(frozen=True)

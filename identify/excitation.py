@@ -14,18 +14,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.base import find_base
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
 from lacet.identify.floor import simulate_floor
 from lacet.identify.model import Model
+from lacet.identify.multibody.base_parameters import find_base
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise_bias import given_back
 from lacet.identify.priors import known_beforehand
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.stats import clustered_scores, hac
 from lacet.identify.triangle import triangle
 from lacet.identify.uncertainty import at_least
-from lacet.identify.vectors import Array
 from lacet.identify.zeros import zeros_of
 
 NOISE_DRAWS = 8

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sheet import SheetEntry
 from lacet.identify.trials import TrialSpace
-from lacet.identify.vectors import Array
 
 TWICE = 2.0
 """A sheet is strained from this many times the squares that it takes up in simulated runs on average."""

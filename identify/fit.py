@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.identify.assembly import Assembly, Known
-from lacet.identify.base import BaseParameters, find_base
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.equations import Equations, RunEquations, zeros_following
 from lacet.identify.explain import refuse_not_finite
 from lacet.identify.model import Model
+from lacet.identify.multibody.base_parameters import BaseParameters, find_base
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
 from lacet.identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from lacet.identify.priors import known_beforehand
@@ -27,7 +28,6 @@ from lacet.identify.rows import ROWS
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.triangle import scaled_triangle, triangle
 from lacet.identify.uncertainty import at_least, block_bootstrap, spread_of
-from lacet.identify.vectors import Array
 
 _HUBER_TURNS = 6
 

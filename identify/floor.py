@@ -9,9 +9,9 @@ import numpy as np
 
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress
 from lacet.identify.sensitivity import Sensitivity
-from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -25,11 +25,11 @@ from lacet.daq.run import Run
 from lacet.identify.columns import Columns
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise_bias import NOISE_DRAWS
 from lacet.identify.reconstruct import Recording, bring_together
 from lacet.identify.stats import hac
 from lacet.identify.uncertainty import at_least
-from lacet.identify.vectors import Array
 
 WEAK = 0.5
 """A direction of which noise makes up more than this part has instruments too weak to say anything."""

@@ -9,8 +9,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.trial_sums import TrialSums
-from lacet.identify.vectors import Array
 
 _SHARED = 1e-9
 """Part of the largest eigenvalue below which a direction is one that other columns have too."""

@@ -25,8 +25,8 @@ from lacet.identify.effects.sensor_latency import SensorLatency
 from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.stats import hac
-from lacet.identify.vectors import Array
 
 PRIOR = 0.020
 """1 σ of a latency's error before any run [s]: so wide that it does not move what the runs determine."""

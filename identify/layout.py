@@ -11,8 +11,8 @@ from lacet.identify.assembly import Piece
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sheet import SheetEntry, sheet_entries, sheet_responses
-from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lacet.identify.dimension import NUMBER, Dimension
-from lacet.identify.expression import CONSTANTS, Expression
+from lacet.identify.multibody.expression import CONSTANTS, Expression
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt, "min": np.minimum, "max": np.maximum,

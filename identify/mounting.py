@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lacet.daq.rig import Rig
-from lacet.identify.car import orientation
-from lacet.identify.vectors import Array, rpy, turn, unit
+from lacet.identify.multibody.vectors import Array, rpy, turn, unit
 
 
 def sensor_to_body(rig: Rig, channel: str) -> Array:
@@ -18,7 +17,7 @@ def sensor_to_body(rig: Rig, channel: str) -> Array:
     sensor = rig.sensor_of(channel)
     if channel.startswith("imu.") and channel != "imu.attitude":
         sensor = rig.sensor_of("imu.accel") or rig.sensor_of("imu.rate")
-    return np.eye(3) if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation)
+    return np.eye(3) if sensor is None or sensor.axes != "sensor" else rpy(*sensor.orientation)
 
 
 def attitude_matrix(attitude: Array) -> Array:

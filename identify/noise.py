@@ -9,8 +9,8 @@ from scipy.signal import sosfreqz
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.filters import two_pass_sos
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording
-from lacet.identify.vectors import Array
 
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:

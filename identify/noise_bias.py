@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from lacet.identify.assembly import Piece
 from lacet.identify.effect import Effect
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.triangle import scaled_triangle
-from lacet.identify.vectors import Array
 
 NOISE_DRAWS = 6
 """Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""

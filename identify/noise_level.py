@@ -15,7 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 MOTION = 20.0
 """Above this frequency a car's motion is taken to be nothing beside the noise [Hz]: the pre-filter's cut-off."""

@@ -7,8 +7,8 @@ it is added the rows are noisier, and what it leaves must be compared with that.
 from __future__ import annotations
 
 from lacet.identify.effect import Effect
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.trials import TrialSpace
-from lacet.identify.vectors import Array
 
 DRAWS = 2
 """Draws of noise on each run."""

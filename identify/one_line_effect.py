@@ -12,10 +12,10 @@ import numpy as np
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.expression import Expression
 from lacet.identify.motion import Motion
+from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.one_line import Line, LineFault, RowLaw
-from lacet.identify.vectors import Array
 
 WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0
 """A plausible effect stays within a wheel's static load [N], that load at a wheel's radius and at a metre [N·m]."""

@@ -19,8 +19,8 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect, Parameter
 from lacet.identify.motion import Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.rows import ROWS
-from lacet.identify.vectors import Array
 
 _PREFIX = "lacet_user_effects."
 _TEXTS = ("name", "about", "signature", "shown_by", "source")

@@ -8,8 +8,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.trial_sums import FOLDS, TrialSums
-from lacet.identify.vectors import Array
 
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""

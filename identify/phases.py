@@ -15,7 +15,7 @@ from scipy.ndimage import uniform_filter1d
 from lacet.daq.channels import CORNERS
 from lacet.identify.filters import derivative, zero_phase
 from lacet.identify.motion import Motion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 PHASES: tuple[str, ...] = (
     "standing", "straight, steady", "accelerating", "braking", "lift-off", "cornering left", "cornering right",

@@ -19,9 +19,9 @@ from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.equations import Equations, RunEquations
 from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.score import Comparison, profile_zeros
 from lacet.identify.sensitivity import Sensitivity
-from lacet.identify.vectors import Array
 
 CLOSE = 0.05
 """RMS of preview − true fit ÷ RMS of the present residual, on the runs used."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.model import Model
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 def known_beforehand(model: Model, keep: NDArray[np.int64], faults: bool = True) -> Array:

@@ -21,10 +21,10 @@ from lacet.identify.fit import Fit, Stored, at_faults, refitted
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.lack_of_fit import left_after, solved
 from lacet.identify.layout import Layout, sheet_of
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
 from lacet.identify.sheet import SheetEntry
 from lacet.identify.trial_sums import TrialSums
-from lacet.identify.vectors import Array
 
 STRAIGHT = 0.15
 """ω τ at the fit's cut-off up to which a first-order column is right…"""

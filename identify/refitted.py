@@ -15,7 +15,7 @@ import scipy.linalg
 from lacet.identify.assembly import Piece
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 Draws = tuple[Mapping[str, Array], ...]
 """For each drive, row → (D, n) [N or N·m]."""

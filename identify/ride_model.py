@@ -15,7 +15,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car import kinematics
 from lacet.identify.corner_numbers import CornerNumbers
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 G = 9.81
 """Standard gravity as the simulators and the paper round it [m/s²]."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.assembly import Assembly
 from lacet.identify.equations import Equations
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 SECOND = 1.0
 """Length of the stretch that is judged as one [s]."""

@@ -26,10 +26,10 @@ from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.layout import sheet_of
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.priors import known_beforehand
 from lacet.identify.sheet import sheet_responses
 from lacet.identify.triangle import scaled_triangle
-from lacet.identify.vectors import Array
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""

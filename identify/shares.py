@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, corrected_drive
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.score import Comparison
-from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter, lfilter_zi
 
 from lacet.identify.filters import zero_phase_of
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.states import ClearStates, State
-from lacet.identify.vectors import Array
 
 KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)
 """Knots of a broken line, as quantiles of the state over all runs."""

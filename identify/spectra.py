@@ -18,9 +18,9 @@ from scipy.special import betaincinv
 
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.rows import row_unit
 from lacet.identify.states import ClearStates, filtered
-from lacet.identify.vectors import Array
 
 SEGMENT = 4.0
 """Length of a segment [s]: a resolution of about 0.4 Hz with its taper."""

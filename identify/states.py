@@ -18,9 +18,9 @@ from lacet.identify.drive import Drive
 from lacet.identify.filters import zero_phase_of
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise import draw_noise
 from lacet.identify.reconstruct import Recording, Signals
-from lacet.identify.vectors import Array
 
 OWN, AXLE, BODY = 0, 1, 2
 """How near a state is to a row: at its own corner, across its axle, of the body."""

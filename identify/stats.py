@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 def clustered_scores(

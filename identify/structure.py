@@ -10,13 +10,13 @@ import numpy as np
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.base import BaseParameters, find_base
 from lacet.identify.car import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.effect import Effect
 from lacet.identify.filters import Filters
 from lacet.identify.geometry import build_motion
+from lacet.identify.multibody.base_parameters import BaseParameters, find_base
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording, Signals
-from lacet.identify.vectors import Array
 
 _POSTURE = (
     ("lateral", "slides", "y", "left free: no row is about the ground's axes"),

@@ -16,8 +16,8 @@ from lacet.daq.channels import CORNERS
 from lacet.identify.blocks import block_numbers
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.states import filtered
-from lacet.identify.vectors import Array
 
 LEAST_SAMPLES = 4
 """A cell with fewer samples is left empty."""

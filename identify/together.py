@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled
-from lacet.identify.vectors import Array
 
 MOST_TOGETHER = 3
 """Effects that are tried together before a cause is called unlisted."""

@@ -19,8 +19,8 @@ from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.layout import Layout, sensor_columns
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.triangle import scaled_triangle
-from lacet.identify.vectors import Array
 
 FOLDS = 5
 BLOCK = 2.0

@@ -14,13 +14,13 @@ from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.freed import Freed, own_columns
 from lacet.identify.layout import Trial
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
 from lacet.identify.partialling import GONE, Partialled
 from lacet.identify.reading import Reading
 from lacet.identify.rows import row_unit
 from lacet.identify.trial_columns import TrialColumns
 from lacet.identify.trial_sums import BLOCK
-from lacet.identify.vectors import Array
 
 LEAST_COVERAGE = 3.0
 """Effective number of blocks in which a candidate must act."""

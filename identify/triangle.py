@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 def triangle(part: Array, *others: Array) -> Array:

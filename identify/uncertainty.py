@@ -13,9 +13,9 @@ import numpy as np
 from lacet.identify.assembly import Assembly, Piece
 from lacet.identify.drive import Drive
 from lacet.identify.equations import Equations, zeros_following
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sheet import SheetEntry
 from lacet.identify.stats import hac
-from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, fdtri
 
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 SIGNIFICANCE = 0.01
 """Error of one row's verdict: a car has some twenty rows, and one in five runs would be called coloured at 0.05."""

@@ -14,8 +14,8 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car import WHEEL, car_chain
 from lacet.identify.fit import Fit
-from lacet.identify.rigid_body import PARAMETERS, move_parameters
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.rigid_body import PARAMETERS, move_parameters
+from lacet.identify.multibody.vectors import Array
 
 NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)

@@ -12,8 +12,8 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.drive import Drive
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import Sensitivity
-from lacet.identify.vectors import Array
 
 
 @dataclass(frozen=True)

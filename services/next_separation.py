@@ -12,6 +12,7 @@ from lacet.identify.catalogue import find_effect
 from lacet.identify.diagnose import Candidate, Diagnosis
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.fit import Fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.next_run import DURATIONS
 from lacet.identify.separation import (
     NEEDED,
@@ -25,7 +26,6 @@ from lacet.identify.separation import (
     present_runs,
     wrong_pick,
 )
-from lacet.identify.vectors import Array
 from lacet.services.fitting import Tell, Work, silent
 from lacet.services.manoeuvre_library import Limits, kinds, library
 from lacet.services.planned_car import known_values, planned_car

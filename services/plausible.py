@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car import orientation
 from lacet.identify.drive import Drive
-from lacet.identify.vectors import Array, dot
+from lacet.identify.multibody.vectors import Array, dot
 
 _G: Final = 9.80665
 _DEGREE: Final = math.pi / 180.0

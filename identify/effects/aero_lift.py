@@ -10,7 +10,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import AXLES, Effect, Parameter
 from lacet.identify.motion import Motion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class AeroLift(Effect):

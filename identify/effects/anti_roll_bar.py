@@ -7,7 +7,7 @@ from typing import Self
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import AXLES, Effect, Parameter
 from lacet.identify.motion import Motion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class AntiRollBar(Effect):

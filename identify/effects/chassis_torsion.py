@@ -11,7 +11,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import AXLES, Effect, Parameter
 from lacet.identify.filters import derivative
 from lacet.identify.motion import Motion
-from lacet.identify.vectors import Array, cross, unit
+from lacet.identify.multibody.vectors import Array, cross, unit
 
 
 class ChassisTorsion(Effect):

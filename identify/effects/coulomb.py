@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class Coulomb(SuspensionForce):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class DamperAsymmetry(SuspensionForce):

@@ -11,7 +11,7 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect, Parameter
 from lacet.identify.motion import Motion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class EngineMount(Effect):

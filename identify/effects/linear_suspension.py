@@ -8,7 +8,7 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class _PerCorner(SuspensionForce):

@@ -8,8 +8,8 @@ from typing import Self
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect, Parameter
 from lacet.identify.motion import Motion
-from lacet.identify.rigid_body import PARAMETERS, wrench_regressor
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
+from lacet.identify.multibody.vectors import Array
 
 _NAMES = ("M", "MX", "MY", "MZ")
 _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")

@@ -8,11 +8,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
-from lacet.identify.chain import FrameMotion
 from lacet.identify.effect import Effect, Parameter
 from lacet.identify.motion import CornerMotion, Motion
-from lacet.identify.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
-from lacet.identify.vectors import Array, cross, dot
+from lacet.identify.multibody.chain import FrameMotion
+from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
+from lacet.identify.multibody.vectors import Array, cross, dot
 
 # Largest plausible values: a loaded light truck's chassis; an axle (hub, brake, knuckle, share of the arms) of at most
 # 100 kg within 0.2 m of its wheel centre; a wheel of at most 60 kg and 0.4 m.

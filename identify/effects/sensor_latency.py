@@ -15,8 +15,8 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.clocks import late
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.filters import derivative
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording
-from lacet.identify.vectors import Array
 
 _GROUPS: dict[str, tuple[str, ...]] = {
     "wheel": ("wheel.force", "wheel.moment"),

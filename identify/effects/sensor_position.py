@@ -10,8 +10,8 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.mounting import sensor_to_body
+from lacet.identify.multibody.vectors import Array, cross, unit
 from lacet.identify.reconstruct import Recording
-from lacet.identify.vectors import Array, cross, unit
 
 
 class SensorPosition(SensorFault):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class SpringQuadratic(SuspensionForce):

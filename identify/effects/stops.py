@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 _GAPS = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from lacet.identify.effect import Parameter, TyreForce
 from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.road import ABOVE
-from lacet.identify.vectors import Array
 
 
 class TyreDamping(TyreForce):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lacet.identify.effect import Parameter, TyreForce
 from lacet.identify.motion import CornerMotion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class TyreProgression(TyreForce):

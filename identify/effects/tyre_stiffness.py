@@ -7,7 +7,7 @@ from typing import Self
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, TyreForce
 from lacet.identify.motion import CornerMotion
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 
 class TyreStiffness(TyreForce):

@@ -9,7 +9,7 @@ from typing import Self
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import AXLES, Effect, Parameter
 from lacet.identify.motion import CornerMotion, Motion
-from lacet.identify.vectors import Array, dot, turn, unit
+from lacet.identify.multibody.vectors import Array, dot, turn, unit
 
 
 class _WheelTurn(Effect):

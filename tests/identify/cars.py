@@ -15,9 +15,9 @@ from lacet.daq.vehicle import KinematicTable, Vehicle
 from lacet.identify.effect import Effect
 from lacet.identify.filters import Filters
 from lacet.identify.geometry import build_motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording, Signals
 from lacet.identify.sensitivity import residual
-from lacet.identify.vectors import Array
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 RUNS = ("sine", "sweep", "liftoff", "rough")

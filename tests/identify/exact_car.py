@@ -13,9 +13,9 @@ from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, at_faults, fit
 from lacet.identify.model import Model
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise import draw_noise
 from lacet.identify.reconstruct import Recording, Signals
-from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

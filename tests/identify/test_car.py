@@ -23,11 +23,11 @@ from lacet.identify.car import (
     kinematics,
     kingpin_pitch,
 )  # fmt: skip
-from lacet.identify.chain import FrameMotion
 from lacet.identify.effects.rigid_body import RigidBody
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import Motion
-from lacet.identify.rigid_body import move_parameters
+from lacet.identify.multibody.chain import FrameMotion
+from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.rows import CHASSIS_ROWS
 
 CHAIN = car_chain().chain

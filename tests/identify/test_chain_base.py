@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lacet.identify.chain import Chain
-from lacet.identify.chain_base import ChainBase
-from lacet.identify.expression import Expression
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.chain_base_parameters import ChainBase
+from lacet.identify.multibody.expression import Expression
 
 FOLDER = Path(__file__).parents[1] / "data" / "symoro"
 QUARTERS = (0.0, 0.0, np.pi / 2, -np.pi / 2, np.pi)

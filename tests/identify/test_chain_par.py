@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lacet.identify.chain import Chain
-from lacet.identify.expression import Expression
-from lacet.identify.par_file import ParError, read_par
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.symoro import ParError, read_par
 
 FOLDER = Path(__file__).parents[1] / "data" / "symoro"
 CARLITE = json.loads((FOLDER / "CarLite.json").read_text(encoding="utf-8"))

@@ -7,7 +7,7 @@ import pinocchio as pin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lacet.identify.chain import Chain
+from lacet.identify.multibody.chain import Chain
 
 _MADE = {0: pin.JointModelRZ, 1: pin.JointModelPZ}
 

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from lacet.identify.chain import Chain, Joint
-from lacet.identify.rigid_body import move_parameters, wrench, wrench_regressor
+from lacet.identify.multibody.chain import Chain, Joint
+from lacet.identify.multibody.rigid_body import move_parameters, wrench, wrench_regressor
 
 
 @st.composite

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lacet.identify.chain import Chain
+from lacet.identify.multibody.chain import Chain
 
 FOLDER = Path(__file__).parents[1] / "data" / "symoro"
 ROBOTS = ("RX90", "Stanford", "CarLite")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lacet.identify.chain import Chain
+from lacet.identify.multibody.chain import Chain
 
 ROWS: list[dict[str, Any]] = [{"j": 1}, {"j": 2, "ant": 1, "alpha": "pi/2"}, {"j": 3, "ant": 2, "d": "L"}]
 Q = np.full((2, 3), 0.1)

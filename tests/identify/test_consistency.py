@@ -21,9 +21,9 @@ from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, fit
 from lacet.identify.information import Information
 from lacet.identify.model import Model
-from lacet.identify.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
-from lacet.identify.rigid_body import move_parameters
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
+from lacet.identify.multibody.rigid_body import move_parameters
+from lacet.identify.multibody.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 

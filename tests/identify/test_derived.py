@@ -22,9 +22,9 @@ from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
+from lacet.identify.multibody.rigid_body import move_parameters
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.ride_model import G, modes, ride_values, roll_centre
-from lacet.identify.rigid_body import move_parameters
-from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 X = np.array([VEHICLE.corners[c].position[0] for c in CORNERS])

@@ -15,10 +15,10 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.daq.units import TO_SI
 from lacet.identify.catalogue import base_model, catalogue, effect_classes, find_effect
-from lacet.identify.chain import FrameMotion
 from lacet.identify.effect import AlreadyMeasured, Effect, SensorFault
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.rows import ROWS, row_unit
 
 VEHICLE, RIG = cars.reference_car()

@@ -24,7 +24,7 @@ from lacet.identify.explain import (
 from lacet.identify.fit import fit
 from lacet.identify.information import Information
 from lacet.identify.model import Model
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -18,8 +18,8 @@ from lacet.identify.drive import Drive
 from lacet.identify.filters import Filters, zero_phase
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reconstruct import Recording, Signals, bring_together
-from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 FAST = 500.0

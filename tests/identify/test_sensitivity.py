@@ -11,10 +11,10 @@ from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
 from lacet.identify.fit import fit
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise import draw_noise
 from lacet.identify.reconstruct import Signals
 from lacet.identify.sensitivity import Sensitivity, residual
-from lacet.identify.vectors import Array
 from lacet.identify.zeros import zeros_of
 
 VEHICLE, RIG = cars.reference_car()

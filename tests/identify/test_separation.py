@@ -16,6 +16,7 @@ from lacet.identify.effect import Parameter, SuspensionForce
 from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.model import Model
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.separation import (
     Compared,
     Present,
@@ -26,7 +27,6 @@ from lacet.identify.separation import (
     run_told,
     wrong_pick,
 )
-from lacet.identify.vectors import Array
 from tests.support.tables import piece
 
 VEHICLE, RIG = reference_car()

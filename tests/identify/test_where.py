@@ -16,6 +16,7 @@ from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.left_to_explain import left_to_explain
 from lacet.identify.model import Model
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.phases import PHASES, SHORTEST, phases_of
 from lacet.identify.refitted import Draws, refitted_draws
 from lacet.identify.residual_map import conditional_mean, followed_states
@@ -23,7 +24,6 @@ from lacet.identify.smooth import FOLDS, RIDGE, blocked_losses
 from lacet.identify.spectra import _level, _segments, row_spectrum
 from lacet.identify.states import BLUR, ClearStates, states_of
 from lacet.identify.surface import restoring_surfaces, surface
-from lacet.identify.vectors import Array
 
 DRAWS = 39
 

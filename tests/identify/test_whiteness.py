@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.whiteness import whiteness
 
 SPACING = 0.08

@@ -20,9 +20,9 @@ from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import floor_of
 from lacet.identify.model import Model
 from lacet.identify.motion import Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import residual
 from lacet.identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
-from lacet.identify.vectors import Array
 from lacet.services.manoeuvre_library import Limits, Plan, library
 from lacet.services.planned_car import known_values, planned_car
 from lacet.services.planning import simulated_runs

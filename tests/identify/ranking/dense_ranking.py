@@ -12,10 +12,10 @@ from lacet.identify.blocks import BLOCK
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.sheet import sheet_responses
 from lacet.identify.trial_sums import FOLDS
 from lacet.identify.trials import TrialSpace
-from lacet.identify.vectors import Array
 from lacet.identify.zeros import zeros_of
 
 

@@ -15,13 +15,13 @@ from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.freed import Freed
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled, at_gain
 from lacet.identify.reading import Reading
 from lacet.identify.trial_columns import TrialColumns
 from lacet.identify.trial_sums import columns_of
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import beside
-from lacet.identify.vectors import Array
 
 
 def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):

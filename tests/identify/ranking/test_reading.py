@@ -19,12 +19,12 @@ from lacet.identify.filters import derivative
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.late_or_missing import columns_as_read
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled
 from lacet.identify.reading import READINGS, Reading, read_again
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
-from lacet.identify.vectors import Array
 
 CLOCKS = [e for e in KNOWN.values() if isinstance(e, SensorLatency)]
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]

@@ -20,11 +20,11 @@ from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.layout import Trial
 from lacet.identify.model import Model
 from lacet.identify.motion import Motion
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.reading import Reading, read_again
 from lacet.identify.trial_sums import FOLDS, TrialSums
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
-from lacet.identify.vectors import Array
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.vectors import Array, cross
+from lacet.identify.multibody.vectors import Array, cross
 
 PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Inertia tensor about the frame's origin, first moments, mass."""

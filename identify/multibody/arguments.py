@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import nearest
-from lacet.identify.rigid_body import FRICTION, PARAMETERS
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS
+from lacet.identify.multibody.vectors import Array
 
 
 def real(name: str, value: Any) -> float:

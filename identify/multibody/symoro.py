@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lacet.daq.errors import FileFault
-from lacet.identify.expression import Expression
-from lacet.identify.rigid_body import FRICTION, PARAMETERS
-from lacet.identify.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
+from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS
+from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
 
 _LOADS = ("FX", "FY", "FZ", "CX", "CY", "CZ")
 _BASE_MOTION = ("W0", "WP0", "V0", "VP0")

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.base import BaseParameters, combine, find_base
-from lacet.identify.symbolic_table import LENGTHS
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.base_parameters import BaseParameters, combine, find_base
+from lacet.identify.multibody.symbolic_table import LENGTHS
+from lacet.identify.multibody.vectors import Array
 
 if TYPE_CHECKING:
-    from lacet.identify.chain import Chain
+    from lacet.identify.multibody.chain import Chain
 
 _CLEAR = 1e3
 """Smallest kept ÷ largest dropped pivot below which the number of base parameters is looked at twice."""
@@ -50,7 +50,7 @@ class ChainBase(BaseParameters):
     @cached_property
     def formulas(self) -> tuple[tuple[str, ...], ...]:
         """`relations` as text, ``2*D3``; a number where no closed form was found, nothing where it is 0."""
-        from lacet.identify.closed_form import closed_forms
+        from lacet.identify.multibody.regrouping_formulas import closed_forms
 
         return closed_forms(self)
 
@@ -60,7 +60,7 @@ class ChainBase(BaseParameters):
 
     def relation(self, i: int) -> str:
         """Base parameter `i` in symbols, ``ZZ1 + YY2 + D3**2*M3``: an expression that can be evaluated."""
-        from lacet.identify.closed_form import join
+        from lacet.identify.multibody.regrouping_formulas import join
 
         terms = [("1", self.names[int(self.independent[i])])]
         terms += [(text, self.names[int(k)]) for text, k in zip(self.formulas[i], self.dependent, strict=True) if text]

@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lacet.identify.base import combine
-from lacet.identify.expression import Expression
-from lacet.identify.symbolic_table import ANGLES, LENGTHS
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.base_parameters import combine
+from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.symbolic_table import ANGLES, LENGTHS
+from lacet.identify.multibody.vectors import Array
 
 if TYPE_CHECKING:
-    from lacet.identify.chain_base import ChainBase
+    from lacet.identify.multibody.chain_base_parameters import ChainBase
 
 _MOST = 60
 """Monomials tried for one relation at most."""

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lacet.identify.chain_base import ChainBase, chain_base
-from lacet.identify.joint_states import absent_names, all_parameters, chosen, joint_states, symbol_values, unused
-from lacet.identify.par_file import read_par
-from lacet.identify.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
-from lacet.identify.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
-from lacet.identify.vectors import Array, cross, rotation, unit
+from lacet.identify.multibody.arguments import absent_names, all_parameters, chosen, joint_states, symbol_values, unused
+from lacet.identify.multibody.chain_base_parameters import ChainBase, chain_base
+from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
+from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
+from lacet.identify.multibody.symoro import read_par
+from lacet.identify.multibody.vectors import Array, cross, rotation, unit
 
 _Z = unit(2)
 GRAVITY = (0.0, 0.0, -9.81)

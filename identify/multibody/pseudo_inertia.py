@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lacet.identify.rigid_body import PARAMETERS
-from lacet.identify.vectors import Array
+from lacet.identify.multibody.rigid_body import PARAMETERS
+from lacet.identify.multibody.vectors import Array
 
 
 def pseudo_inertia(values: Sequence[float] | Array) -> Array:
