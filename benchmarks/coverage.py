@@ -33,12 +33,12 @@ from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.estimates import estimates
-from lacet.identify.filters import Filters, derivative, zero_phase
 from lacet.identify.fit import Fit, Stored, fit
 from lacet.identify.model import Model
-from lacet.identify.noise import draw_noise
 from lacet.identify.noise_bias import NOISE_DRAWS
-from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.signals.filters import Filters, derivative, zero_phase
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from lacet.identify.whole import NAMES, whole_vehicle
 
 Array = NDArray[np.float64]

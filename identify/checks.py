@@ -9,8 +9,8 @@ from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.drive import Drive
-from lacet.identify.filters import decimate
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import decimate
 
 _CLEAR = 0.5
 """Another assignment of wheels to corners must leave less than this part of the misfit to be believed."""

@@ -13,13 +13,13 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect
-from lacet.identify.filters import Filters, zero_phase_of
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise import draw_noise
 from lacet.identify.own_files import checked_columns
-from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.signals.filters import Filters, zero_phase_of
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""

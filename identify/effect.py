@@ -16,7 +16,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.reconstruct import Recording
 
 AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
 

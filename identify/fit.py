@@ -22,10 +22,10 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
 from lacet.identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from lacet.identify.priors import known_beforehand
-from lacet.identify.reconstruct import Recording
 from lacet.identify.robust import BadSecond, bad_seconds, huber_weights
 from lacet.identify.rows import ROWS
 from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.triangle import scaled_triangle, triangle
 from lacet.identify.uncertainty import at_least, block_bootstrap, spread_of
 

@@ -26,13 +26,13 @@ from lacet.identify.car import (
     kingpin_pitch,
     orientation,
 )
-from lacet.identify.filters import Filters
 from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
-from lacet.identify.reconstruct import Recording, Signals, bring_together
 from lacet.identify.road import ABOVE, Road
 from lacet.identify.rows import PRESSURE, RELEASED, Torque, available, needs
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
 _CAR = car_chain()
 

@@ -27,7 +27,7 @@ from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.noise_bias import NOISE_DRAWS
-from lacet.identify.reconstruct import Recording, bring_together
+from lacet.identify.signals.reconstruct import Recording, bring_together
 from lacet.identify.stats import hac
 from lacet.identify.uncertainty import at_least
 

@@ -18,14 +18,14 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.clocks import is_load
 from lacet.identify.columns import Columns
 from lacet.identify.drive import Drive
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.time_base import is_load
 from lacet.identify.stats import hac
 
 PRIOR = 0.020

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.filters import Filters
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot
+from lacet.identify.signals.filters import Filters
 
 
 @dataclass(frozen=True)

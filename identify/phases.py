@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.filters import derivative, zero_phase
 from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import derivative, zero_phase
 
 PHASES: tuple[str, ...] = (
     "standing", "straight, steady", "accelerating", "braking", "lift-off", "cornering left", "cornering right",

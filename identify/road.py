@@ -8,7 +8,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
-from lacet.identify.reconstruct import Signals
+from lacet.identify.signals.reconstruct import Signals
 
 ABOVE = 0.005
 """A ground laser no farther than this from its wheel's centre along x sees the road under the tyre [m]."""

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.filters import derivative
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise import draw_noise
-from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 Perturbation = Mapping[str, Array]
 """Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""

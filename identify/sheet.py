@@ -8,10 +8,10 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
-from lacet.identify.clocks import late
 from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.signals.time_base import late
 
 SheetEntry = tuple[str, str, int]
 """``gain`` or ``latency``, channel, component; a sensor's latency goes by its first channel."""

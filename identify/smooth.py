@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, lfilter_zi
 
-from lacet.identify.filters import zero_phase_of
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.states import ClearStates, State
 
 KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)

@@ -15,12 +15,12 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.drive import Drive
-from lacet.identify.filters import zero_phase_of
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise import draw_noise
-from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.signals.filters import zero_phase_of
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 OWN, AXLE, BODY = 0, 1, 2
 """How near a state is to a row: at its own corner, across its axle, of the body."""

@@ -12,11 +12,11 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.effect import Effect
-from lacet.identify.filters import Filters
 from lacet.identify.geometry import build_motion
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 _POSTURE = (
     ("lateral", "slides", "y", "left free: no row is about the ground's axes"),

@@ -25,8 +25,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.effect import Effect
-from lacet.identify.filters import Filters
 from lacet.identify.model import Model
+from lacet.identify.signals.filters import Filters
 
 FORMAT = "lacet-study 1"
 _FILE = "study.json"

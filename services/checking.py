@@ -12,7 +12,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.instruments import Contrast, Instruments
 from lacet.identify.latency import Timings
-from lacet.identify.noise_level import NoiseLevel
+from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.result import plain
 from lacet.services.tables import number, table

@@ -17,12 +17,12 @@ from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.doubt import Knowledge
 from lacet.identify.drive import Drive
 from lacet.identify.estimates import estimates
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, Progress, floor_of
 from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.score import Comparison, compare
+from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study, Version
 from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise

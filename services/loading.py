@@ -12,8 +12,8 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.checks import exchanged_wheels
 from lacet.identify.drive import Drive
-from lacet.identify.filters import Filters
 from lacet.identify.news import Progress, unheard
+from lacet.identify.signals.filters import Filters
 from lacet.services.plausible import implausible
 
 

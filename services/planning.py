@@ -27,10 +27,10 @@ from lacet.identify.excitation import (
     residual_excess,
     run_information,
 )
-from lacet.identify.filters import Filters, zero_phase
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
 from lacet.identify.next_run import Ranking, rank
+from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.services.manoeuvre_library import Limits, Plan
 from lacet.services.planned_car import PlannedCar
 from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exchange_run

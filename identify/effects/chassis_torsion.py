@@ -9,9 +9,9 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import AXLES, Effect, Parameter
-from lacet.identify.filters import derivative
 from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array, cross, unit
+from lacet.identify.signals.filters import derivative
 
 
 class ChassisTorsion(Effect):

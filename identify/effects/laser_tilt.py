@@ -12,8 +12,8 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.geometry import body_attitude
 from lacet.identify.multibody.vectors import Array, unit
-from lacet.identify.reconstruct import Recording
 from lacet.identify.road import Road
+from lacet.identify.signals.reconstruct import Recording
 
 
 class LaserTilt(SensorFault):

@@ -10,7 +10,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.reconstruct import Recording
 
 _PAIRS = ("zx", "zy", "xz", "yz")
 """From which force into which: the vertical one, which is large, into the others; the others into the vertical one,

@@ -12,7 +12,7 @@ from lacet.daq.rig import DEFAULT_TOLERANCE
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.reconstruct import Recording
 
 _FAMILIES = ("wheel.force", "imu.accel", "imu.rate", "laser.ground", "laser.hub")
 """Channels whose zeros carry weight in the rows, and whose instruments warm up."""

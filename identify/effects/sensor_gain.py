@@ -11,7 +11,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.reconstruct import Recording
 
 _CORNER = {"force": "wheel.{c}.force", "hub": "laser.{c}.hub", "ground": "laser.{c}.ground"}
 _IMU = {"accel": "imu.accel", "rate": "imu.rate"}

@@ -12,11 +12,11 @@ from scipy.interpolate import CubicSpline
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Sensor
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.clocks import late
 from lacet.identify.effect import Parameter, SensorFault
-from lacet.identify.filters import derivative
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.signals.time_base import late
 
 _GROUPS: dict[str, tuple[str, ...]] = {
     "wheel": ("wheel.force", "wheel.moment"),
@@ -72,7 +72,7 @@ class SensorLatency(SensorFault):
         return -derivative(recording.signals.value[channel], recording.filters.rate)
 
     def changes(self, recording: Recording) -> dict[str, Array]:
-        """The channels later, or all others earlier (`identify.clocks`)."""
+        """The channels later, or all others earlier (`lacet.identify.signals.time_base`)."""
         return late(self.channels(), recording)
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:

@@ -10,9 +10,9 @@ import numpy as np
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
-from lacet.identify.mounting import attitude_angles, attitude_matrix, sensor_to_body, small_turn, turned
 from lacet.identify.multibody.vectors import Array, cross, unit
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.mounting import attitude_angles, attitude_matrix, sensor_to_body, small_turn, turned
+from lacet.identify.signals.reconstruct import Recording
 
 _AXIS = {"roll": 0, "pitch": 1, "yaw": 2}
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Parameter, SensorFault
-from lacet.identify.mounting import sensor_to_body
 from lacet.identify.multibody.vectors import Array, cross, unit
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.mounting import sensor_to_body
+from lacet.identify.signals.reconstruct import Recording
 
 
 class SensorPosition(SensorFault):

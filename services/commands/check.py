@@ -12,8 +12,8 @@ from lacet.identify.fit import fit
 from lacet.identify.instruments import fit_instruments, pairs_of
 from lacet.identify.latency import Timings, estimate_latencies
 from lacet.identify.model import Model
-from lacet.identify.noise_level import measured_noise
 from lacet.identify.score import compare
+from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.study import Study
 from lacet.services import checking, tables
 from lacet.services.fitting import default_filters, scores

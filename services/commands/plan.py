@@ -13,10 +13,10 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.drive import Drive
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
 from lacet.identify.next_run import Quantity, Ranked, Ranking, chosen, quantities
+from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study
 from lacet.services import tables
 from lacet.services.fitting import Work, default_filters

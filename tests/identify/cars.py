@@ -13,11 +13,11 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import KinematicTable, Vehicle
 from lacet.identify.effect import Effect
-from lacet.identify.filters import Filters
 from lacet.identify.geometry import build_motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording, Signals
 from lacet.identify.sensitivity import residual
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 CAR = Path(__file__).parents[1] / "data" / "car"
 RUNS = ("sine", "sweep", "liftoff", "rough")

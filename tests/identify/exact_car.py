@@ -10,12 +10,12 @@ import numpy as np
 from lacet.identify.catalogue import catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, at_faults, fit
 from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise import draw_noise
-from lacet.identify.reconstruct import Recording, Signals
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import sosfreqz
 
-from lacet.identify.filters import Filters, bring_to_grid, decimate, derivative, two_pass_sos, zero_phase
+from lacet.identify.signals.filters import Filters, bring_to_grid, decimate, derivative, two_pass_sos, zero_phase
 
 RATE = 250.0
 

@@ -18,11 +18,11 @@ from lacet.daq.run import Run, Signal
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
-from lacet.identify.filters import Filters
 from lacet.identify.fit import fit
 from lacet.identify.geometry import build_motion, reconstruct
 from lacet.identify.model import Model
-from lacet.identify.reconstruct import Signals, bring_together
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import Signals, bring_together
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

@@ -14,8 +14,8 @@ from lacet.identify.catalogue import base_model
 from lacet.identify.drive import Drive
 from lacet.identify.fit import fit
 from lacet.identify.model import Model
-from lacet.identify.reconstruct import Recording, Signals
 from lacet.identify.rows import ROWS
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run, Signal
-from lacet.identify.noise_level import measured_noise
+from lacet.identify.signals.noise_level import measured_noise
 
 _, RIG = cars.reference_car()
 

@@ -15,11 +15,11 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run, Signal
 from lacet.identify.catalogue import catalogue
 from lacet.identify.drive import Drive
-from lacet.identify.filters import Filters, zero_phase
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording, Signals, bring_together
+from lacet.identify.signals.filters import Filters, zero_phase
+from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
 VEHICLE, RIG = cars.reference_car()
 FAST = 500.0

@@ -14,9 +14,9 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.drive import Drive
-from lacet.identify.filters import Filters
 from lacet.identify.geometry import reconstruct
 from lacet.identify.rows import RELEASED, ROWS, Torque, available, needs, torque_in
+from lacet.identify.signals.filters import Filters
 
 VEHICLE, RIG = cars.reference_car()
 ALL = {name for row in ROWS for name in needs(row, "hub")}

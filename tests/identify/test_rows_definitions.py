@@ -21,8 +21,8 @@ from lacet.identify.catalogue import base_model
 from lacet.identify.geometry import build_motion
 from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array, dot, turn
-from lacet.identify.reconstruct import Signals
 from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.signals.reconstruct import Signals
 
 pytest.importorskip("mujoco")
 from tests.support import swing_car as swing

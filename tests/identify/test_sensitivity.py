@@ -12,9 +12,9 @@ from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
 from lacet.identify.fit import fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise import draw_noise
-from lacet.identify.reconstruct import Signals
 from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Signals
 from lacet.identify.zeros import zeros_of
 
 VEHICLE, RIG = cars.reference_car()
@@ -140,7 +140,7 @@ def test_noise_has_the_sheets_spectrum() -> None:
 
     from scipy.signal import welch
 
-    from lacet.identify.filters import Filters
+    from lacet.identify.signals.filters import Filters
 
     record = cars.recording(cars.random_signals(1, 4000), VEHICLE, RIG)
     record = replace(record, filters=Filters(), rates={**record.rates, "imu.accel": 200.0, "camera.fl.steer": 100.0})

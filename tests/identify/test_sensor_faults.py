@@ -14,8 +14,8 @@ from lacet.daq.rig import DEFAULT_TOLERANCE
 from lacet.identify.catalogue import catalogue
 from lacet.identify.effect import SensorFault
 from lacet.identify.geometry import build_motion
-from lacet.identify.reconstruct import Recording, Signals
 from lacet.identify.road import laser_mount
+from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

@@ -13,10 +13,10 @@ import pytest
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
-from lacet.identify.filters import derivative
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
-from lacet.identify.reconstruct import Signals
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.reconstruct import Signals
 from lacet.identify.uncertainty import at_least, spread_of
 
 VEHICLE, RIG = cars.reference_car()

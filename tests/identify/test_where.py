@@ -11,7 +11,6 @@ from scipy.signal import lfilter
 
 from lacet.identify.blocks import block_numbers
 from lacet.identify.drive import Drive
-from lacet.identify.filters import zero_phase_of
 from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.left_to_explain import left_to_explain
@@ -20,6 +19,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.phases import PHASES, SHORTEST, phases_of
 from lacet.identify.refitted import Draws, refitted_draws
 from lacet.identify.residual_map import conditional_mean, followed_states
+from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.smooth import FOLDS, RIDGE, blocked_losses
 from lacet.identify.spectra import _level, _segments, row_spectrum
 from lacet.identify.states import BLUR, ClearStates, states_of

@@ -13,10 +13,10 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
 from lacet.identify.drive import Drive
 from lacet.identify.excitation import fit_information, half_widths, predicted, residual_excess, run_information
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.model import Model
 from lacet.identify.next_run import rank
+from lacet.identify.signals.filters import Filters
 from lacet.services.manoeuvre_library import Limits, Plan, library
 from lacet.services.planned_car import known_values, planned_car
 from lacet.services.planning import PlannedRun, simulated_runs

@@ -15,7 +15,6 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, Parameter, SensorFault
-from lacet.identify.filters import Filters
 from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import floor_of
 from lacet.identify.model import Model
@@ -23,6 +22,7 @@ from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import residual
 from lacet.identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
+from lacet.identify.signals.filters import Filters
 from lacet.services.manoeuvre_library import Limits, Plan, library
 from lacet.services.planned_car import known_values, planned_car
 from lacet.services.planning import simulated_runs

@@ -11,7 +11,7 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.filters import Filters
+from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study
 from lacet.services.cli import main
 from lacet.services.fitting import Work

@@ -9,13 +9,11 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
 from exact_ranking import DRAWS
 
-from lacet.identify.clocks import base_channel, late
 from lacet.identify.diagnose import diagnose
 from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
 from lacet.identify.effects.sensor_latency import SensorLatency
 from lacet.identify.excused import excused
-from lacet.identify.filters import derivative
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.late_or_missing import columns_as_read
@@ -23,6 +21,8 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled
 from lacet.identify.reading import READINGS, Reading, read_again
 from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
 

@@ -16,7 +16,7 @@ from lacet.identify.floor import floor_of
 from lacet.identify.look import look
 from lacet.identify.news import silent
 from lacet.identify.reading import Reading
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.taken_out import without_best
 from lacet.identify.trials import TrialSpace
 

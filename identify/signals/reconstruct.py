@@ -18,8 +18,8 @@ from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.filters import Filters, bring_to_grid, derivative
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 
 _GAP = 0.020
 """Longest hole that is interpolated without flagging an interval [s]."""

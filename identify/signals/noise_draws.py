@@ -8,9 +8,9 @@ import numpy as np
 from scipy.signal import sosfreqz
 
 from lacet.daq.channels import CHANNELS
-from lacet.identify.filters import two_pass_sos
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.filters import two_pass_sos
+from lacet.identify.signals.reconstruct import Recording
 
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable
 
-from lacet.identify.filters import derivative
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reconstruct import Recording
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.reconstruct import Recording
 
 
 def is_load(channel: str) -> bool:
