@@ -12,10 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.car.motion import Motion
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SuspensionForce
 from lacet.identify.fit import Fit
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 

@@ -12,9 +12,9 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import Effect
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.own_files import checked_columns
 from lacet.identify.signals.filters import Filters, zero_phase_of

@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
 

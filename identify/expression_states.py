@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.rows import needs
 from lacet.identify.dimension import FORCE, LENGTH, NUMBER, TIME, Dimension
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array, dot
-from lacet.identify.rows import needs
 
 ACROSS = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
 """The other side of the axle."""

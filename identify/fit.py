@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.identify.assembly import Assembly, Known
+from lacet.identify.car.rows import ROWS
 from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.equations import Equations, RunEquations, zeros_following
@@ -23,7 +24,6 @@ from lacet.identify.news import Progress, unheard
 from lacet.identify.noise_bias import NOISE_DRAWS, NoiseMoments
 from lacet.identify.priors import known_beforehand
 from lacet.identify.robust import BadSecond, bad_seconds, huber_weights
-from lacet.identify.rows import ROWS
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.triangle import scaled_triangle, triangle

@@ -4,7 +4,7 @@
 
     [NAME =] WHERE: LAW [; WHERE: LAW …] [, CONSTANT = VALUES UNIT …] [, PARAMETER in LOW..HIGH UNIT …] [# what it is]
 
-The law is read, never run (`lacet.identify.multibody.expression`). It must be linear in its parameters, the names that
+The law is read, never run (`multibody.expression`). It must be linear in its parameters, the names that
 are nothing else; constants that are not linear are listed after it and searched. Units are checked, and a parameter's
 follows.
 """
@@ -21,12 +21,12 @@ from typing import Any
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError, nearest
+from lacet.identify.car.rows import CHASSIS_ROWS, row_unit
 from lacet.identify.dimension import FORCE, LENGTH, TIME, Dimension, read_unit, whole_unit
 from lacet.identify.effect import AXLES
 from lacet.identify.expression_states import STATES, SUFFIXES, Use, all_names, use_of
 from lacet.identify.linear_expression import FUNCTIONS, Dimensions, terms_of, within_size
 from lacet.identify.multibody.expression import CONSTANTS, Expression, ExpressionFault
-from lacet.identify.rows import CHASSIS_ROWS, row_unit
 
 LONGEST = 1000
 """Characters of a line."""

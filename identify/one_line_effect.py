@@ -11,8 +11,8 @@ import numpy as np
 
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.one_line import Line, LineFault, RowLaw

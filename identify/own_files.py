@@ -17,10 +17,10 @@ import numpy as np
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import ROWS
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.rows import ROWS
 
 _PREFIX = "lacet_user_effects."
 _TEXTS = ("name", "about", "signature", "shown_by", "source")

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from lacet.identify.blocks import block_numbers
+from lacet.identify.car.manoeuvre_phases import PHASES, Phases
+from lacet.identify.car.rows import row_unit
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
-from lacet.identify.phases import PHASES, Phases
 from lacet.identify.refitted import Draws, refitted_draws
-from lacet.identify.rows import row_unit
 from lacet.identify.score import Comparison
 from lacet.identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
 from lacet.identify.states import ClearStates, filtered, states_of

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Corner, Vehicle
-from lacet.identify.car import kinematics
+from lacet.identify.car.car_tree import kinematics
 from lacet.identify.corner_numbers import CornerNumbers
 from lacet.identify.multibody.vectors import Array
 

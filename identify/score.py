@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from lacet.identify.car.rows import row_unit
 from lacet.identify.doubt import Knowledge, is_used
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.floor import simulate_floor
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.rows import row_unit
 from lacet.identify.sensitivity import Sensitivity
 from lacet.identify.whiteness import Whiteness, whiteness
 from lacet.identify.zeros import Zeros, zeros_of

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise

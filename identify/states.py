@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.drive import Drive
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise

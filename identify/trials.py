@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.candidate import Candidate
+from lacet.identify.car.rows import row_unit
 from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.freed import Freed, own_columns
@@ -18,7 +19,6 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
 from lacet.identify.partialling import GONE, Partialled
 from lacet.identify.reading import Reading
-from lacet.identify.rows import row_unit
 from lacet.identify.trial_columns import TrialColumns
 from lacet.identify.trial_sums import BLOCK
 

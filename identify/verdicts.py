@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from lacet.identify.candidate import Candidate
+from lacet.identify.car.rows import row_unit
 from lacet.identify.effect import Effect, Parameter, SensorFault
-from lacet.identify.rows import row_unit
 
 SIGNIFICANCE = 0.05
 """Family-wise error of a proposal."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car import WHEEL, car_chain
+from lacet.identify.car.car_tree import WHEEL, car_chain
 from lacet.identify.fit import Fit
 from lacet.identify.multibody.rigid_body import PARAMETERS, move_parameters
 from lacet.identify.multibody.vectors import Array

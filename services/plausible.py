@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.identify.car import orientation
+from lacet.identify.car.car_tree import orientation
 from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array, dot
 

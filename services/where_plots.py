@@ -15,8 +15,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.left_to_explain import Left
-from lacet.identify.phases import PHASES, Phases
 from lacet.identify.residual_map import Against, InPhase, residual_map
 from lacet.identify.score import Comparison
 from lacet.identify.spectra import RowSpectrum

@@ -8,8 +8,8 @@ from typing import Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import AXLES, Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 
 

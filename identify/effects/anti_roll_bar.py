@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Self
 
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import AXLES, Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 
 

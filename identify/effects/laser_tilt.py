@@ -9,10 +9,10 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import body_attitude
+from lacet.identify.car.road import Road
 from lacet.identify.effect import Parameter, SensorFault
-from lacet.identify.geometry import body_attitude
 from lacet.identify.multibody.vectors import Array, unit
-from lacet.identify.road import Road
 from lacet.identify.signals.reconstruct import Recording
 
 

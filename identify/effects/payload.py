@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Self
 
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array
 

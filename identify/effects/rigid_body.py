@@ -7,9 +7,9 @@ from typing import Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
+from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
 from lacet.identify.multibody.vectors import Array, cross, dot

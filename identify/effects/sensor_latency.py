@@ -72,7 +72,7 @@ class SensorLatency(SensorFault):
         return -derivative(recording.signals.value[channel], recording.filters.rate)
 
     def changes(self, recording: Recording) -> dict[str, Array]:
-        """The channels later, or all others earlier (`lacet.identify.signals.time_base`)."""
+        """The channels later, or all others earlier (`signals.time_base`)."""
         return late(self.channels(), recording)
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:

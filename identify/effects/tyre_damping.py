@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.road import ABOVE
 from lacet.identify.effect import Parameter, TyreForce
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.road import ABOVE
 
 
 class TyreDamping(TyreForce):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from lacet.identify.car.motion import CornerMotion
 from lacet.identify.effect import Parameter, TyreForce
-from lacet.identify.motion import CornerMotion
 from lacet.identify.multibody.vectors import Array
 
 

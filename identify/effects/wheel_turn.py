@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Self
 
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.effect import AXLES, Effect, Parameter
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array, dot, turn, unit
 
 

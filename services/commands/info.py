@@ -12,7 +12,7 @@ from lacet.daq.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.rows import ROWS, needs, row_unit
+from lacet.identify.car.rows import ROWS, needs, row_unit
 from lacet.services import tables
 from lacet.services.effect_list import list_effects
 from lacet.services.model_info import find_model, model_info

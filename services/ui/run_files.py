@@ -17,7 +17,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, RunError, UsageError, nearest
 from lacet.daq.log import LogReader
 from lacet.daq.run import Run
-from lacet.identify.rows import ROWS, needs
+from lacet.identify.car.rows import ROWS, needs
 from lacet.identify.study import Study
 from lacet.services.result import plain
 from lacet.services.ui.desk import Desk, one_stamp

@@ -11,8 +11,8 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.residual_map import BIN, residual_map
-from lacet.identify.rows import ROWS, row_unit
 from lacet.identify.study import Study, Version
 from lacet.services.fitting import overall
 from lacet.services.result import plain

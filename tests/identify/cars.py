@@ -12,8 +12,8 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import KinematicTable, Vehicle
+from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effect import Effect
-from lacet.identify.geometry import build_motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.sensitivity import residual
 from lacet.identify.signals.filters import Filters

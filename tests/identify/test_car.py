@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car import (
+from lacet.identify.car.car_tree import (
     AXLE,
     CARRIER,
     CHASSIS,
@@ -23,12 +23,12 @@ from lacet.identify.car import (
     kinematics,
     kingpin_pitch,
 )  # fmt: skip
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import CHASSIS_ROWS
 from lacet.identify.effects.rigid_body import RigidBody
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import move_parameters
-from lacet.identify.rows import CHASSIS_ROWS
 
 CHAIN = car_chain().chain
 VEHICLE, RIG = cars.reference_car()

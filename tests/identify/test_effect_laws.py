@@ -8,11 +8,11 @@ import cars
 import numpy as np
 import pytest
 
+from lacet.identify.car.kinematics import build_motion
 from lacet.identify.catalogue import catalogue
 from lacet.identify.effects.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.damper_hysteresis import DamperHysteresis, dahl
 from lacet.identify.effects.engine_mount import EngineMount
-from lacet.identify.geometry import build_motion
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.sensitivity import Sensitivity, residual
 

@@ -14,12 +14,12 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.daq.units import TO_SI
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.catalogue import base_model, catalogue, effect_classes, find_effect
 from lacet.identify.effect import AlreadyMeasured, Effect, SensorFault
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.chain import FrameMotion
-from lacet.identify.rows import ROWS, row_unit
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

@@ -15,11 +15,11 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import NotIdentifiable, RunError
 from lacet.daq.run import Run, Signal
+from lacet.identify.car.kinematics import build_motion, reconstruct
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
 from lacet.identify.fit import fit
-from lacet.identify.geometry import build_motion, reconstruct
 from lacet.identify.model import Model
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together

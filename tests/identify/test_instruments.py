@@ -11,12 +11,12 @@ import pytest
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
+from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.catalogue import catalogue
 from lacet.identify.drive import Drive
 from lacet.identify.fit import Fit, fit
 from lacet.identify.instruments import Instruments, Pair, fit_instruments, pair_of, pairs_of
 from lacet.identify.model import Model
-from lacet.identify.rows import TYRE_ROWS
 from lacet.identify.whole import NAMES, whole_vehicle
 
 VEHICLE, RIG = cars.reference_car()

@@ -10,11 +10,11 @@ import pytest
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run
+from lacet.identify.car.rows import ROWS
 from lacet.identify.catalogue import base_model
 from lacet.identify.drive import Drive
 from lacet.identify.fit import fit
 from lacet.identify.model import Model
-from lacet.identify.rows import ROWS
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import effect_classes
 from lacet.identify.dimension import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
 from lacet.identify.expression_states import STATES, all_names, use_of
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import Motion
 from lacet.identify.one_line import LineFault, read_line, read_lines
 from lacet.identify.one_line_effect import WHEEL_FORCE, OneLine, effect_class
 

@@ -13,9 +13,9 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import reconstruct
+from lacet.identify.car.rows import RELEASED, ROWS, Torque, available, needs, torque_in
 from lacet.identify.drive import Drive
-from lacet.identify.geometry import reconstruct
-from lacet.identify.rows import RELEASED, ROWS, Torque, available, needs, torque_in
 from lacet.identify.signals.filters import Filters
 
 VEHICLE, RIG = cars.reference_car()

@@ -17,9 +17,9 @@ import pytest
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.catalogue import base_model
-from lacet.identify.geometry import build_motion
-from lacet.identify.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array, dot, turn
 from lacet.identify.sensitivity import Sensitivity, residual
 from lacet.identify.signals.reconstruct import Signals

@@ -11,10 +11,10 @@ import pytest
 
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.rig import DEFAULT_TOLERANCE
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.road import laser_mount
 from lacet.identify.catalogue import catalogue
 from lacet.identify.effect import SensorFault
-from lacet.identify.geometry import build_motion
-from lacet.identify.road import laser_mount
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()

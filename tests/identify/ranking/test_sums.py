@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from dense_ranking import Dense
 
+from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import catalogue
 from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.diagnose import diagnose
@@ -19,7 +20,6 @@ from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.layout import Trial
 from lacet.identify.model import Model
-from lacet.identify.motion import Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.reading import Reading, read_again
 from lacet.identify.trial_sums import FOLDS, TrialSums

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.motion import Motion
+from lacet.identify.car.motion import Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative, zero_phase
 

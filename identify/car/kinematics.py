@@ -14,7 +14,7 @@ from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Corner, Vehicle
-from lacet.identify.car import (
+from lacet.identify.car.car_tree import (
     CARRIER,
     CHASSIS,
     FIRST_JOINT,
@@ -26,11 +26,11 @@ from lacet.identify.car import (
     kingpin_pitch,
     orientation,
 )
-from lacet.identify.motion import CornerMotion, Motion
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.road import ABOVE, Road
+from lacet.identify.car.rows import PRESSURE, RELEASED, Torque, available, needs
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
-from lacet.identify.road import ABOVE, Road
-from lacet.identify.rows import PRESSURE, RELEASED, Torque, available, needs
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
@@ -126,7 +126,7 @@ def _torques(
 ) -> tuple[Array, Array, Array]:
     """Rotation of the wheel per unit of travel in the suspension row, work there of the torque, torque in the spin row.
 
-    Sources: `identify.rows`. Where the half-shaft's torque is eliminated, the brake's takes its place.
+    Sources: `car.rows`. Where the half-shaft's torque is eliminated, the brake's takes its place.
     """
     zero = np.zeros(spin_axis.shape[1])
 

@@ -107,7 +107,7 @@ class Motion:
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
         the wheel load and of the torque on the wheel per unit of travel; a tyre row the load along the road normal; a
-        spin row the moment and the torque about the wheel's axis (`identify.rows`).
+        spin row the moment and the torque about the wheel's axis (`car.rows`).
         """
         kind, name = row.split(".")
         if kind == "chassis":
