@@ -24,10 +24,10 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.candidate import Candidate
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.diagnose import Diagnosis, diagnose
-from lacet.identify.drive import Drive
-from lacet.identify.fit import fit
 from lacet.identify.floor import floor_of
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import fit
 from lacet.identify.score import compare
 from lacet.identify.verdicts import SIGNIFICANCE
 from lacet.services.capturing import encode_rig, simulated_start

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.drive import Drive
+from lacet.identify.regression.prepared_run import Drive
 
 BLOCK = 2.0
 """Length of a block [s]."""

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import decimate
 
 _CLEAR = 0.5

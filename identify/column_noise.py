@@ -2,7 +2,7 @@
 
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
-the same draw subtracted leave the products of errors and the mean shift of bent laws, as `identify.noise_bias` has it
+the same draw subtracted leave the products of errors and the mean shift of bent laws, as `regression.corrected_scores` has it
 for the fit. It depends on the motion and hardly on the noise of a run, so it is found once and kept with the noise
 floor.
 """
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.assembly import Piece
-from lacet.identify.fit import Fit
 from lacet.identify.layout import Layout
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress
+from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.wls import Fit
 from lacet.identify.trial_sums import TrialSums, at_zeros, columns_of
 
 NOISE_PAIRS = 2

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from lacet.identify.effects.rigid_body import RigidBody
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
 from lacet.identify.whole import summation
 
 WHOLE = "vehicle"

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from lacet.identify.candidate import Candidate
 from lacet.identify.column_noise import ColumnNoise
-from lacet.identify.drive import Drive
 from lacet.identify.lack_of_fit import solved, with_columns
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.trial_sums import TrialSums, products_of, without_zeros
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import beside

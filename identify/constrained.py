@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from lacet.daq.errors import SolverError, UsageError
 from lacet.identify.consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
 from lacet.identify.effect import Parameter
-from lacet.identify.equations import zeros_following
-from lacet.identify.fit import Fit
-from lacet.identify.information import Information
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.information import Information
+from lacet.identify.regression.qr_accumulation import zeros_following
+from lacet.identify.regression.wls import Fit
 
 LEAST = 1e-6
 """Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""

@@ -13,11 +13,11 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SuspensionForce
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit
 
 _STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
 """Half steps of slopes by travel [m], its rate [m/s] and tyre deflection [m]."""

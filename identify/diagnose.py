@@ -18,7 +18,6 @@ from lacet.identify.column_noise import ColumnNoise
 from lacet.identify.constancy import Constancy
 from lacet.identify.effect import Effect
 from lacet.identify.excused import Excused
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor, floor_at
 from lacet.identify.formulas import Formula, propose
 from lacet.identify.late_or_missing import columns_as_read
@@ -26,6 +25,7 @@ from lacet.identify.look import MAIN, Look, look, strength, structured
 from lacet.identify.news import Tell, silent
 from lacet.identify.reading import STILL, Reading, read_again, sheet_sums
 from lacet.identify.refine import refined
+from lacet.identify.regression.wls import Fit
 from lacet.identify.taken_out import explained_by, may_leave_more, without_best
 from lacet.identify.trials import TrialSpace
 from lacet.identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of

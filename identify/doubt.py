@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
 from lacet.identify.estimates import hint
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.zeros import Zeros
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensor_offsets import Zeros
+from lacet.identify.regression.wls import Fit
 
 ENOUGH = 0.5
 """Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""

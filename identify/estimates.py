@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
 
 
 @dataclass(frozen=True)

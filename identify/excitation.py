@@ -14,19 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.floor import simulate_floor
-from lacet.identify.model import Model
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise_bias import given_back
-from lacet.identify.priors import known_beforehand
-from lacet.identify.sensitivity import Sensitivity
-from lacet.identify.stats import clustered_scores, hac
-from lacet.identify.triangle import triangle
-from lacet.identify.uncertainty import at_least
-from lacet.identify.zeros import zeros_of
+from lacet.identify.regression.corrected_scores import given_back
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.priors import known_beforehand
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.sensor_offsets import zeros_of
+from lacet.identify.regression.stats import clustered_scores, hac
+from lacet.identify.regression.triangle import triangle
+from lacet.identify.regression.uncertainty import at_least
+from lacet.identify.regression.wls import Fit
 
 NOISE_DRAWS = 8
 """Draws of the channels' noise behind a run's scores: half-widths are then uncertain by some per cent."""

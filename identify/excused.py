@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sheet import SheetEntry
+from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.trials import TrialSpace
 
 TWICE = 2.0

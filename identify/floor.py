@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.wls import Fit
 
 
 @dataclass(frozen=True)

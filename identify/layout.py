@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.assembly import Piece
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sheet import SheetEntry, sheet_entries, sheet_responses
+from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.tolerances import SheetEntry, sheet_entries, sheet_responses
+from lacet.identify.regression.wls import Fit
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,11 @@ import numpy as np
 
 from lacet.identify.blocks import block_numbers
 from lacet.identify.car.rows import row_unit
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
 from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.regression.wls import Fit
 from lacet.identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
 from lacet.identify.states import ClearStates
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.equations import Equations, RunEquations
-from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.qr_accumulation import Equations, RunEquations
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.wls import Fit, corrected_drive
 from lacet.identify.score import Comparison, profile_zeros
-from lacet.identify.sensitivity import Sensitivity
 
 CLOSE = 0.05
 """RMS of preview − true fit ÷ RMS of the present residual, on the runs used."""

@@ -15,15 +15,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.drive import Drive
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.fit import Fit, Stored, at_faults, refitted
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.lack_of_fit import left_after, solved
 from lacet.identify.layout import Layout, sheet_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
-from lacet.identify.sheet import SheetEntry
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.tolerances import SheetEntry
+from lacet.identify.regression.wls import Fit, Stored, at_faults, refitted
 from lacet.identify.trial_sums import TrialSums
 
 STRAIGHT = 0.15

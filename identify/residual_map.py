@@ -12,12 +12,12 @@ from scipy.special import stdtrit
 from lacet.identify.blocks import block_numbers
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import row_unit
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
 from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit
 from lacet.identify.score import Comparison
 from lacet.identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
 from lacet.identify.states import ClearStates, filtered, states_of

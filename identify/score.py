@@ -9,13 +9,13 @@ import numpy as np
 
 from lacet.identify.car.rows import row_unit
 from lacet.identify.doubt import Knowledge, is_used
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.floor import simulate_floor
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.wls import Fit, corrected_drive
 from lacet.identify.whiteness import Whiteness, whiteness
-from lacet.identify.zeros import Zeros, zeros_of
 
 FAILS = 1.2
 """Residual ÷ floor above which a row is said to fail."""

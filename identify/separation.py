@@ -20,16 +20,16 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.assembly import Assembly, Piece
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.layout import sheet_of
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.priors import known_beforehand
-from lacet.identify.sheet import sheet_responses
-from lacet.identify.triangle import scaled_triangle
+from lacet.identify.regression.assembly import Assembly, Piece
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.priors import known_beforehand
+from lacet.identify.regression.tolerances import sheet_responses
+from lacet.identify.regression.triangle import scaled_triangle
+from lacet.identify.regression.wls import Fit
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, corrected_drive
 from lacet.identify.score import Comparison
 
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
 from lacet.identify.states import ClearStates, filtered
 
 SEGMENT = 4.0

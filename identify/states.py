@@ -16,8 +16,8 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals

@@ -25,7 +25,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.effect import Effect
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
 from lacet.identify.signals.filters import Filters
 
 FORMAT = "lacet-study 1"

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.blocks import block_numbers
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit
 from lacet.identify.states import filtered
 
 LEAST_SAMPLES = 4

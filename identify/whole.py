@@ -13,9 +13,9 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import WHEEL, car_chain
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.rigid_body import PARAMETERS, move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
 
 NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)

@@ -10,8 +10,8 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.instruments import Contrast, Instruments
-from lacet.identify.latency import Timings
+from lacet.identify.regression.instrumental_variables import Contrast, Instruments
+from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.result import plain

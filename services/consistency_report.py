@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 from lacet.identify.constrained import Consistency, ConsistentFit, consistency, consistent_fit
-from lacet.identify.explain import explain_grouping, explain_weak
-from lacet.identify.fit import Fit
-from lacet.identify.information import Information
+from lacet.identify.regression.identifiability import explain_grouping, explain_weak
+from lacet.identify.regression.information import Information
+from lacet.identify.regression.wls import Fit
 from lacet.services.result import plain
 
 

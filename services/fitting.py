@@ -15,12 +15,12 @@ from lacet.identify.catalogue import base_model, find_effect
 from lacet.identify.derived import damper_curves, derived_values, ranges
 from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.doubt import Knowledge
-from lacet.identify.drive import Drive
 from lacet.identify.estimates import estimates
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, Progress, floor_of
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.score import Comparison, compare
 from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study, Version

@@ -11,8 +11,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.checks import exchanged_wheels
-from lacet.identify.drive import Drive
 from lacet.identify.news import Progress, unheard
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import Filters
 from lacet.services.plausible import implausible
 

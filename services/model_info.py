@@ -13,8 +13,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
 from lacet.identify.estimates import Estimate, estimates
-from lacet.identify.fit import fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.wls import fit
 from lacet.identify.structure import Structure, TreeJoint, car_tree, structure
 from lacet.identify.study import Study
 from lacet.services import tables

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
 from lacet.identify.own_files import checked_columns
+from lacet.identify.regression.prepared_run import Drive
 
 
 def try_effect(cls: type[Effect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:

@@ -21,8 +21,8 @@ from lacet.daq.exchange import write_table
 from lacet.daq.rig import Rig
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.score import compare
 from lacet.services.capturing import encode_rig, simulated_start, write_capture
 from lacet.services.commands import decode

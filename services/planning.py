@@ -18,7 +18,6 @@ from lacet.daq.exchange import read_table, write_table
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.drive import Drive
 from lacet.identify.excitation import (
     Information,
     RunInformation,
@@ -27,9 +26,10 @@ from lacet.identify.excitation import (
     residual_excess,
     run_information,
 )
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.next_run import Ranking, rank
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.services.manoeuvre_library import Limits, Plan
 from lacet.services.planned_car import PlannedCar

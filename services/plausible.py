@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
-from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array, dot
+from lacet.identify.regression.prepared_run import Drive
 
 _G: Final = 9.80665
 _DEGREE: Final = math.pi / 180.0

@@ -8,11 +8,11 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.left_to_explain import Left, left_to_explain
 from lacet.identify.news import Progress
 from lacet.identify.refitted import refitted_draws
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit
 from lacet.identify.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
 from lacet.identify.score import FAILS, Comparison
 from lacet.identify.spectra import RowSpectrum, row_spectrum

@@ -24,9 +24,9 @@ from benchmarks.blind.identifying import Tables, floor, tables
 from benchmarks.blind.making import BUILD, forget, write_trial
 from lacet.daq.errors import LacetError
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.fit import Fit, fit
-from lacet.identify.sheet import sheet_responses
-from lacet.identify.zeros import zeros_of
+from lacet.identify.regression.sensor_offsets import zeros_of
+from lacet.identify.regression.tolerances import sheet_responses
+from lacet.identify.regression.wls import Fit, fit
 
 Array = NDArray[np.float64]
 TURNS = 3

@@ -22,10 +22,10 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effects.engine_mount import EngineMount
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.score import Comparison, compare
 from lacet.identify.states import State, filtered, states_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre

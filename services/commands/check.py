@@ -8,10 +8,10 @@ from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model, catalogue, find_effect
-from lacet.identify.fit import fit
-from lacet.identify.instruments import fit_instruments, pairs_of
-from lacet.identify.latency import Timings, estimate_latencies
-from lacet.identify.model import Model
+from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
+from lacet.identify.regression.latency import Timings, estimate_latencies
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.wls import fit
 from lacet.identify.score import compare
 from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.study import Study

@@ -8,9 +8,9 @@ from pathlib import Path
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.derived import damper_curves
 from lacet.identify.doubt import Knowledge
-from lacet.identify.fit import fit
-from lacet.identify.instruments import fit_instruments, pairs_of
-from lacet.identify.model import Model
+from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.wls import fit
 from lacet.identify.score import compare
 from lacet.services import tables
 from lacet.services.consistency_report import left_open, mend

@@ -12,10 +12,10 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue, find_effect
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.next_run import Quantity, Ranked, Ranking, chosen, quantities
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study
 from lacet.services import tables

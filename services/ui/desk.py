@@ -18,9 +18,9 @@ from typing import Any
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.diagnose import Diagnosis
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
 from lacet.identify.preview import Preview, preview
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.score import Comparison
 from lacet.identify.shares import Shares, shares_of
 from lacet.identify.study import Study, Version

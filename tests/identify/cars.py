@@ -15,7 +15,7 @@ from lacet.daq.vehicle import KinematicTable, Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effect import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import residual
+from lacet.identify.regression.sensitivity import residual
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording, Signals
 

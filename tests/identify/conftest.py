@@ -10,9 +10,9 @@ import pytest
 
 from lacet.daq.run import Run
 from lacet.identify.catalogue import catalogue
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -8,11 +8,11 @@ import cars
 import numpy as np
 
 from lacet.identify.catalogue import catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.fit import Fit, at_faults, fit
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, at_faults, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals

@@ -17,13 +17,13 @@ from lacet.identify import constrained
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.consistency import bodies, check_bodies, clusters, whole
 from lacet.identify.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.information import Information
-from lacet.identify.model import Model
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.information import Information
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -18,12 +18,12 @@ from lacet.identify.catalogue import catalogue
 from lacet.identify.corner_numbers import CornerNumbers, corner_numbers
 from lacet.identify.derived import Derived, damper_curves, derived_values, ranges
 from lacet.identify.doubt import Knowledge
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.ride_model import G, modes, ride_values, roll_centre
 
 VEHICLE, RIG = cars.reference_car()

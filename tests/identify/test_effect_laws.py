@@ -14,7 +14,7 @@ from lacet.identify.effects.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.damper_hysteresis import DamperHysteresis, dahl
 from lacet.identify.effects.engine_mount import EngineMount
 from lacet.identify.multibody.chain import FrameMotion
-from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.regression.sensitivity import Sensitivity, residual
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)

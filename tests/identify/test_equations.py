@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from lacet.daq.run import Run, Signal
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
-from lacet.identify.equations import Equations, RunEquations
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
-from lacet.identify.triangle import narrow_triangle, triangle
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.qr_accumulation import Equations, RunEquations
+from lacet.identify.regression.triangle import narrow_triangle, triangle
+from lacet.identify.regression.wls import Fit, fit
 
 VEHICLE, RIG = cars.reference_car()
 SIGMA = {"a": 2.0, "b": 0.5}
@@ -168,7 +168,7 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
 
     Pieces are kept up to a bound, which is lowered here below both runs.
     """
-    monkeypatch.setattr("lacet.identify.assembly.KEPT", 10.0)
+    monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 10.0)
     monkeypatch.setattr(Drive.pieces, "__defaults__", (6.0,))
     springs = Model.of(effect for effect in base_model(VEHICLE, "hub") if effect.name != "body")
     peaks, channels = [], []

@@ -13,7 +13,6 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model
-from lacet.identify.drive import Drive
 from lacet.identify.excitation import (
     Information,
     RunInformation,
@@ -23,9 +22,10 @@ from lacet.identify.excitation import (
     residual_excess,
     run_information,
 )
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.next_run import chosen, quantities, rank
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from tests.support.tables import piece
 
 VEHICLE, RIG = reference_car()

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.explain import (
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.identifiability import (
     explain_grouping,
     explain_singular,
     explain_weak,
@@ -21,10 +21,10 @@ from lacet.identify.explain import (
     refuse_not_finite,
     weak_directions,
 )
-from lacet.identify.fit import fit
-from lacet.identify.information import Information
-from lacet.identify.model import Model
-from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.information import Information
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import fit
 
 VEHICLE, RIG = cars.reference_car()
 

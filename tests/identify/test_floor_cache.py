@@ -16,11 +16,11 @@ import pytest
 import lacet.services.fitting
 from lacet.daq.exchange import write_table
 from lacet.identify.column_noise import ColumnNoise
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.study import Study, Version
 from lacet.services.fitting import Work, diagnosis_result
 from lacet.services.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor

@@ -17,10 +17,10 @@ from lacet.daq.errors import NotIdentifiable, RunError
 from lacet.daq.run import Run, Signal
 from lacet.identify.car.kinematics import build_motion, reconstruct
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
-from lacet.identify.fit import fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
 

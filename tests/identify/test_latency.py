@@ -11,10 +11,10 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
 from lacet.identify.catalogue import catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
-from lacet.identify.model import Model
+from lacet.identify.regression.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

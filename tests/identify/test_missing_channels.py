@@ -12,9 +12,9 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS
 from lacet.identify.catalogue import base_model
-from lacet.identify.drive import Drive
-from lacet.identify.fit import fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import fit
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()

@@ -8,11 +8,11 @@ import pytest
 
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.preview import CLOSE, preview
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.score import Comparison, compare
 from lacet.identify.shares import shares_of
 from tests.support.tables import piece

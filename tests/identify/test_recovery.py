@@ -14,10 +14,10 @@ import pytest
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run, Signal
 from lacet.identify.catalogue import catalogue
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 

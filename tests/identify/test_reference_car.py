@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.rows import SUSPENSION_ROWS
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.score import compare
 from lacet.identify.whole import NAMES, whole_vehicle
 

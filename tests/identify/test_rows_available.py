@@ -15,7 +15,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import reconstruct
 from lacet.identify.car.rows import RELEASED, ROWS, Torque, available, needs, torque_in
-from lacet.identify.drive import Drive
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import Filters
 
 VEHICLE, RIG = cars.reference_car()

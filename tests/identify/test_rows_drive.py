@@ -15,10 +15,10 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
-from lacet.identify.drive import Drive
 from lacet.identify.estimates import estimates
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 
 pytest.importorskip("mujoco")
 from tests.support import swing_car as swing

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
-from lacet.identify.fit import fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import Sensitivity, residual
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity, residual
+from lacet.identify.regression.sensor_offsets import zeros_of
+from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Signals
-from lacet.identify.zeros import zeros_of
 
 VEHICLE, RIG = cars.reference_car()
 SIZE = {"kg": 25.0, "kg·m": 2.0, "kg·m²": 1.0, "N/m": 25000.0, "N·s/m": 1700.0, "N": 3000.0}

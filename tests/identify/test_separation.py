@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from cars import reference_car
 
-from lacet.identify.assembly import Piece
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.separation import (
     Compared,
     Present,

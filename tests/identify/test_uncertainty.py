@@ -12,12 +12,12 @@ import pytest
 
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.uncertainty import at_least, spread_of
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.reconstruct import Signals
-from lacet.identify.uncertainty import at_least, spread_of
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -11,13 +11,13 @@ from scipy.signal import lfilter
 
 from lacet.identify.blocks import block_numbers
 from lacet.identify.car.manoeuvre_phases import PHASES, SHORTEST, phases_of
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.left_to_explain import left_to_explain
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.refitted import Draws, refitted_draws
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.residual_map import conditional_mean, followed_states
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.smooth import FOLDS, RIDGE, blocked_losses

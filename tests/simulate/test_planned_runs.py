@@ -11,11 +11,11 @@ import pytest
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
-from lacet.identify.drive import Drive
 from lacet.identify.excitation import fit_information, half_widths, predicted, residual_excess, run_information
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.next_run import rank
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.services.manoeuvre_library import Limits, Plan, library
 from lacet.services.planned_car import known_values, planned_car

@@ -15,7 +15,7 @@ import lacet.services.fitting
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effect import Effect
-from lacet.identify.fit import Fit, fit
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.study import Study
 from lacet.services.fitting import Work
 from lacet.services.ui.server import Settings, create_app

@@ -12,9 +12,9 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.drive import Drive
 from lacet.identify.one_line import read_line
 from lacet.identify.one_line_effect import effect_class
+from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.study import Study
 from lacet.services.cli import main
 from lacet.services.commands.effect import DESCRIPTION

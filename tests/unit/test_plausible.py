@@ -14,7 +14,7 @@ import pytest
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.drive import Drive
+from lacet.identify.regression.prepared_run import Drive
 from lacet.services.loading import load
 from lacet.services.plausible import implausible
 from tests.support.tables import CAR, piece, without, written

@@ -11,13 +11,13 @@ from exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from exact_ranking import CANDIDATES
 
 from lacet.identify.column_noise import NOISE_PAIRS, ColumnNoise
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.freed import Freed
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled, at_gain
 from lacet.identify.reading import Reading
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.trial_columns import TrialColumns
 from lacet.identify.trial_sums import columns_of
 from lacet.identify.trials import TrialSpace

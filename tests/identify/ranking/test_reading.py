@@ -10,17 +10,17 @@ from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, late
 from exact_ranking import DRAWS
 
 from lacet.identify.diagnose import diagnose
-from lacet.identify.drive import Drive
 from lacet.identify.effect import SensorFault
 from lacet.identify.effects.sensor_latency import SensorLatency
 from lacet.identify.excused import excused
-from lacet.identify.fit import Fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.late_or_missing import columns_as_read
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled
 from lacet.identify.reading import READINGS, Reading, read_again
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.wls import Fit
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.trials import TrialSpace

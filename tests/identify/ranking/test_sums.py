@@ -14,14 +14,14 @@ from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import catalogue
 from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.diagnose import diagnose
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.fit import Fit, fit
 from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.layout import Trial
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.reading import Reading, read_again
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.trial_sums import FOLDS, TrialSums
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by

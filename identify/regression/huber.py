@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.assembly import Assembly
-from lacet.identify.equations import Equations
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.assembly import Assembly
+from lacet.identify.regression.qr_accumulation import Equations
 
 SECOND = 1.0
 """Length of the stretch that is judged as one [s]."""

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.assembly import Assembly, Piece
-from lacet.identify.drive import Drive
-from lacet.identify.equations import Equations, zeros_following
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sheet import SheetEntry
-from lacet.identify.stats import hac
+from lacet.identify.regression.assembly import Assembly, Piece
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.qr_accumulation import Equations, zeros_following
+from lacet.identify.regression.stats import hac
+from lacet.identify.regression.tolerances import SheetEntry
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
 
 
 def known_beforehand(model: Model, keep: NDArray[np.int64], faults: bool = True) -> Array:

@@ -18,15 +18,15 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.columns import Columns
-from lacet.identify.drive import Drive
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.fit import Fit, fit
-from lacet.identify.model import Model
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.stacked_equations import Columns
+from lacet.identify.regression.stats import hac
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.time_base import is_load
-from lacet.identify.stats import hac
 
 PRIOR = 0.020
 """1 σ of a latency's error before any run [s]: so wide that it does not move what the runs determine."""

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
 from lacet.identify.car.rows import row_unit
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SuspensionForce
 from lacet.identify.effects.rigid_body import RigidBody
-from lacet.identify.model import Model
 from lacet.identify.multibody.base_parameters import BaseParameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
 
 CONDITION = 1e6
 """Ratio of best to worst known direction beyond which a problem is badly scaled, parameters in plausible sizes."""

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import Sensitivity
-from lacet.identify.sheet import SheetEntry, sheet_responses
-from lacet.identify.zeros import Zeros, zeros_of
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
 
 KEPT = 900.0
 """Pieces of long runs are kept, without their full-rate motion, until they are this long together [s]."""

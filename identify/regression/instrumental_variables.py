@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
-from lacet.identify.columns import Columns
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit, corrected_drive
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.noise_bias import NOISE_DRAWS
+from lacet.identify.regression.corrected_scores import NOISE_DRAWS
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.stacked_equations import Columns
+from lacet.identify.regression.stats import hac
+from lacet.identify.regression.uncertainty import at_least
+from lacet.identify.regression.wls import Fit, corrected_drive
 from lacet.identify.signals.reconstruct import Recording, bring_together
-from lacet.identify.stats import hac
-from lacet.identify.uncertainty import at_least
 
 WEAK = 0.5
 """A direction of which noise makes up more than this part has instruments too weak to say anything."""

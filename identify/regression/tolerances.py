@@ -8,9 +8,9 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
-from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.time_base import late
 
 SheetEntry = tuple[str, str, int]

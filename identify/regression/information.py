@@ -8,9 +8,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.triangle import scaled_triangle
+from lacet.identify.regression.triangle import scaled_triangle
+from lacet.identify.regression.wls import Fit
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.triangle import narrow_triangle, scaled_triangle, triangle
+from lacet.identify.regression.triangle import narrow_triangle, scaled_triangle, triangle
 
 Weights = Mapping[str, float]
 """σ of each row [N or N·m]."""

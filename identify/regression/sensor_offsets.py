@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
-from lacet.identify.drive import Drive
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensitivity import Sensitivity
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.assembly import Piece
 from lacet.identify.effect import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.triangle import scaled_triangle
+from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.triangle import scaled_triangle
 
 NOISE_DRAWS = 6
 """Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""

@@ -7,11 +7,11 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.drive import Drive
-from lacet.identify.fit import Fit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.triangle import triangle
-from lacet.identify.zeros import Zeros, zeros_of
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.triangle import triangle
+from lacet.identify.regression.wls import Fit
 
 
 class Columns:

@@ -11,23 +11,23 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
-from lacet.identify.assembly import Assembly, Known
 from lacet.identify.car.rows import ROWS
-from lacet.identify.drive import Drive
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.equations import Equations, RunEquations, zeros_following
-from lacet.identify.explain import refuse_not_finite
-from lacet.identify.model import Model
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
-from lacet.identify.noise_bias import NOISE_DRAWS, NoiseMoments
-from lacet.identify.priors import known_beforehand
-from lacet.identify.robust import BadSecond, bad_seconds, huber_weights
-from lacet.identify.sensitivity import Sensitivity
+from lacet.identify.regression.assembly import Assembly, Known
+from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
+from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights
+from lacet.identify.regression.identifiability import refuse_not_finite
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.priors import known_beforehand
+from lacet.identify.regression.qr_accumulation import Equations, RunEquations, zeros_following
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.triangle import scaled_triangle, triangle
+from lacet.identify.regression.uncertainty import at_least, block_bootstrap, spread_of
 from lacet.identify.signals.reconstruct import Recording
-from lacet.identify.triangle import scaled_triangle, triangle
-from lacet.identify.uncertainty import at_least, block_bootstrap, spread_of
 
 _HUBER_TURNS = 6
 
