@@ -18,7 +18,6 @@ from lacet.identify.column_noise import ColumnNoise
 from lacet.identify.constancy import Constancy
 from lacet.identify.effect import Effect
 from lacet.identify.excused import Excused
-from lacet.identify.floor import NoiseFloor, floor_at
 from lacet.identify.formulas import Formula, propose
 from lacet.identify.late_or_missing import columns_as_read
 from lacet.identify.look import MAIN, Look, look, strength, structured
@@ -28,6 +27,7 @@ from lacet.identify.refine import refined
 from lacet.identify.regression.wls import Fit
 from lacet.identify.taken_out import explained_by, may_leave_more, without_best
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_at
 from lacet.identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
 MARGINAL = 1.25

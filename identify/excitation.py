@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.floor import simulate_floor
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
@@ -27,6 +26,7 @@ from lacet.identify.regression.stats import clustered_scores, hac
 from lacet.identify.regression.triangle import triangle
 from lacet.identify.regression.uncertainty import at_least
 from lacet.identify.regression.wls import Fit
+from lacet.identify.validation.noise_floor import simulate_floor
 
 NOISE_DRAWS = 8
 """Draws of the channels' noise behind a run's scores: half-widths are then uncertain by some per cent."""

@@ -18,8 +18,8 @@ from lacet.identify.refine import refined
 from lacet.identify.ties import with_ties
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import best_set, left_by
+from lacet.identify.validation.whiteness import whiteness
 from lacet.identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
-from lacet.identify.whiteness import whiteness
 
 MAIN = 0.75
 """Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""

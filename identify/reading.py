@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.lack_of_fit import left_after, solved
 from lacet.identify.layout import Layout, sheet_of
 from lacet.identify.multibody.vectors import Array
@@ -25,6 +24,7 @@ from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit, Stored, at_faults, refitted
 from lacet.identify.trial_sums import TrialSums
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 STRAIGHT = 0.15
 """ω τ at the fit's cut-off up to which a first-order column is right…"""

@@ -14,12 +14,12 @@ import numpy as np
 
 from lacet.identify.candidate import Candidate
 from lacet.identify.effect import SensorFault
-from lacet.identify.floor import floor_of
 from lacet.identify.look import MAIN, STAYS, Look
 from lacet.identify.news import Tell
 from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit, extended
 from lacet.identify.unlisted import left_unexcused
+from lacet.identify.validation.noise_floor import floor_of
 
 
 def may_leave_more(seen: Look) -> bool:

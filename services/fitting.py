@@ -14,16 +14,16 @@ from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model, find_effect
 from lacet.identify.derived import damper_curves, derived_values, ranges
 from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
-from lacet.identify.doubt import Knowledge
-from lacet.identify.estimates import estimates
-from lacet.identify.floor import NoiseFloor, Progress, floor_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import Comparison, compare
 from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study, Version
+from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
+from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.score import Comparison, compare
 from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.loading import Loaded, load

@@ -18,8 +18,8 @@ import numpy as np
 
 import lacet.identify
 from lacet.identify.column_noise import ColumnNoise
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.study import Study, Version
+from lacet.identify.validation.noise_floor import NoiseFloor
 
 KEPT = 6
 """Files kept of each kind; the oldest go."""

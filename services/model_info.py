@@ -12,11 +12,11 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
-from lacet.identify.estimates import Estimate, estimates
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.structure import Structure, TreeJoint, car_tree, structure
 from lacet.identify.study import Study
+from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.services import tables
 from lacet.services.fitting import default_filters
 from lacet.services.loading import Loaded, load

@@ -23,7 +23,7 @@ from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.effect import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import compare
+from lacet.identify.validation.score import compare
 from lacet.services.capturing import encode_rig, simulated_start, write_capture
 from lacet.services.commands import decode
 from lacet.services.fitting import FLOOR_DRAWS, fit_result

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lacet.identify.score import Comparison
+from lacet.identify.validation.score import Comparison
 from lacet.services.fitting import overall
 
 matplotlib.use("Agg")

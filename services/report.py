@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lacet.identify.derived import damper_curves
-from lacet.identify.score import Comparison
 from lacet.identify.study import Study, Version
+from lacet.identify.validation.score import Comparison
 from lacet.services import plots, tables, validation_plots
 from lacet.services.fitting import Tell, Work, overall, silent
 from lacet.services.page import details, page, picture, pre, section

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lacet.identify.score import FAILS
+from lacet.identify.validation.score import FAILS
 from lacet.services.fitting import overall
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lacet.identify.derived import DamperCurve
-from lacet.identify.score import Comparison
+from lacet.identify.validation.score import Comparison
 from lacet.services.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
 
 _KINDS = ("chassis", "suspension", "tyre", "spin")

@@ -8,17 +8,17 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.left_to_explain import Left, left_to_explain
 from lacet.identify.news import Progress
-from lacet.identify.refitted import refitted_draws
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
-from lacet.identify.score import FAILS, Comparison
-from lacet.identify.spectra import RowSpectrum, row_spectrum
-from lacet.identify.states import ClearStates
 from lacet.identify.study import Version
-from lacet.identify.surface import Surface, restoring_surfaces
+from lacet.identify.validation.explainable_residual import Left, left_to_explain
+from lacet.identify.validation.projected_noise import refitted_draws
+from lacet.identify.validation.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
+from lacet.identify.validation.restoring_force import Surface, restoring_surfaces
+from lacet.identify.validation.score import FAILS, Comparison
+from lacet.identify.validation.spectra import RowSpectrum, row_spectrum
+from lacet.identify.validation.states import ClearStates
 from lacet.services import tables
 from lacet.services.fitting import Tell, Work
 from lacet.services.result import plain

@@ -16,11 +16,11 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
-from lacet.identify.left_to_explain import Left
-from lacet.identify.residual_map import Against, InPhase, residual_map
-from lacet.identify.score import Comparison
-from lacet.identify.spectra import RowSpectrum
-from lacet.identify.surface import LEAST_SAMPLES, Surface
+from lacet.identify.validation.explainable_residual import Left
+from lacet.identify.validation.residual_map import Against, InPhase, residual_map
+from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
+from lacet.identify.validation.score import Comparison
+from lacet.identify.validation.spectra import RowSpectrum
 from lacet.services.plots import ERROR, FAULT, HELD, MEASURED, MODEL
 
 COLOURS = dict(

@@ -22,13 +22,13 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.floor import NoiseFloor, floor_of, simulate_floor
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.wls import Fit, corrected_drive, fit
-from lacet.identify.score import profile_zeros
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
+from lacet.identify.validation.score import profile_zeros
 
 Added = tuple[tuple[str, tuple[tuple[str, float], ...]], ...]
 """Effects on top of the base model: key and shape constants of each, in the order they were added."""

@@ -25,7 +25,7 @@ class Case:
 
     Attributes
     ----------
-    state : what the residual is drawn against: a state of `identify.states`, or one of `residuals.FURTHER`.
+    state : what the residual is drawn against: a state of `validation.states`, or one of `residuals.FURTHER`.
     run : the run drawn, a manoeuvre with settings; `beside` : a second run, fitted together with it.
     rows : pattern of rows among which the one that stands out most is drawn.
     hidden : name of the simulator's effect, ``""`` where nothing is hidden; `size` of it [its unit], `shape` constants.

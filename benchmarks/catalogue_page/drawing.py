@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from benchmarks.catalogue_page.residuals import Signature
-from lacet.identify.residual_map import conditional_mean
+from lacet.identify.validation.residual_map import conditional_mean
 
 LINE, POINTS, MEAN, BAND, AXIS = "#2e86ab", "#5fa3c7", "#b3261e", "#d9d9d9", "#444444"
 SIZE = 6.6, 2.2

@@ -26,8 +26,8 @@ from lacet.identify.effects.engine_mount import EngineMount
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import Comparison, compare
-from lacet.identify.states import State, filtered, states_of
+from lacet.identify.validation.score import Comparison, compare
+from lacet.identify.validation.states import State, filtered, states_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive
 from lacet.simulate.vehicle_file import vehicle_text
@@ -73,7 +73,7 @@ FURTHER: dict[str, Callable[[Motion, str], State]] = {
     "7 Hz mass less body, acceleration": _mounted,
     "time": _time,
 }
-"""States beyond those of `identify.states`, by name."""
+"""States beyond those of `validation.states`, by name."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.stories.page import STORIES, play, steps
 from lacet.identify.study import Study
-from lacet.identify.surface import restoring_surfaces
+from lacet.identify.validation.restoring_force import restoring_surfaces
 from lacet.services.fitting import Work
 from lacet.services.plots import fall_figure, png
 from lacet.services.where_plots import surface_figure

@@ -12,9 +12,9 @@ from lacet.identify.regression.instrumental_variables import fit_instruments, pa
 from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
-from lacet.identify.score import compare
 from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.study import Study
+from lacet.identify.validation.score import compare
 from lacet.services import checking, tables
 from lacet.services.fitting import default_filters, scores
 from lacet.services.loading import Loaded, load

@@ -7,11 +7,11 @@ from pathlib import Path
 
 from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.derived import damper_curves
-from lacet.identify.doubt import Knowledge
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
-from lacet.identify.score import compare
+from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.score import compare
 from lacet.services import tables
 from lacet.services.consistency_report import left_open, mend
 from lacet.services.fitting import FLOOR_DRAWS, default_filters, fit_result

@@ -19,11 +19,11 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.diagnose import Diagnosis
 from lacet.identify.effect import Effect
-from lacet.identify.preview import Preview, preview
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.score import Comparison
-from lacet.identify.shares import Shares, shares_of
 from lacet.identify.study import Study, Version
+from lacet.identify.validation.contributions import Shares, shares_of
+from lacet.identify.validation.one_step_update import Preview, preview
+from lacet.identify.validation.score import Comparison
 from lacet.services.fitting import Tell, Work, scores
 from lacet.services.result import plain
 from lacet.services.ui.refusals import Busy, Needs

@@ -7,8 +7,8 @@ from typing import Any
 
 from lacet.daq.errors import nearest
 from lacet.identify.catalogue import find_effect
-from lacet.identify.residual_map import Against, against_states
-from lacet.identify.spectra import row_spectrum
+from lacet.identify.validation.residual_map import Against, against_states
+from lacet.identify.validation.spectra import row_spectrum
 from lacet.services.fitting import silent
 from lacet.services.result import plain
 from lacet.services.ui.binary import packed

@@ -12,8 +12,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
-from lacet.identify.residual_map import BIN, residual_map
 from lacet.identify.study import Study, Version
+from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.services.fitting import overall
 from lacet.services.result import plain
 from lacet.services.ui.binary import packed

@@ -13,11 +13,11 @@ import pytest
 from lacet.daq.run import Run
 from lacet.identify.catalogue import catalogue
 from lacet.identify.diagnose import Diagnosis, diagnose
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.ties import ALIKE
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 from lacet.services.cli import main
 

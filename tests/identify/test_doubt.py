@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lacet.identify.doubt import Knowledge, is_used
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import compare
+from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
+from lacet.identify.validation.score import compare
 
 
 @pytest.fixture(scope="module")

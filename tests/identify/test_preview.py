@@ -9,12 +9,12 @@ import pytest
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.effect import Effect
-from lacet.identify.preview import CLOSE, preview
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import Comparison, compare
-from lacet.identify.shares import shares_of
+from lacet.identify.validation.contributions import shares_of
+from lacet.identify.validation.one_step_update import CLOSE, preview
+from lacet.identify.validation.score import Comparison, compare
 from tests.support.tables import piece
 
 VEHICLE, RIG = cars.reference_car()

@@ -15,7 +15,7 @@ from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.score import compare
+from lacet.identify.validation.score import compare
 from lacet.identify.whole import NAMES, whole_vehicle
 
 VEHICLE, _ = cars.reference_car()

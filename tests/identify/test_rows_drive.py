@@ -15,10 +15,10 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
-from lacet.identify.estimates import estimates
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.parameter_estimates import estimates
 
 pytest.importorskip("mujoco")
 from tests.support import swing_car as swing

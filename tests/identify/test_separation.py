@@ -11,7 +11,6 @@ from cars import reference_car
 
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.model import Model
@@ -27,6 +26,7 @@ from lacet.identify.separation import (
     run_told,
     wrong_pick,
 )
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.support.tables import piece
 
 VEHICLE, RIG = reference_car()

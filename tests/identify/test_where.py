@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from lacet.identify.blocks import block_numbers
 from lacet.identify.car.manoeuvre_phases import PHASES, SHORTEST, phases_of
-from lacet.identify.floor import NoiseFloor, floor_of
-from lacet.identify.left_to_explain import left_to_explain
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.refitted import Draws, refitted_draws
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.residual_map import conditional_mean, followed_states
 from lacet.identify.signals.filters import zero_phase_of
-from lacet.identify.smooth import FOLDS, RIDGE, blocked_losses
-from lacet.identify.spectra import _level, _segments, row_spectrum
-from lacet.identify.states import BLUR, ClearStates, states_of
-from lacet.identify.surface import restoring_surfaces, surface
+from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.explainable_residual import left_to_explain
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.identify.validation.projected_noise import Draws, refitted_draws
+from lacet.identify.validation.residual_map import conditional_mean, followed_states
+from lacet.identify.validation.restoring_force import restoring_surfaces, surface
+from lacet.identify.validation.smooth_regressors import FOLDS, RIDGE, blocked_losses
+from lacet.identify.validation.spectra import _level, _segments, row_spectrum
+from lacet.identify.validation.states import BLUR, ClearStates, states_of
 
 DRAWS = 39
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.whiteness import whiteness
+from lacet.identify.validation.whiteness import whiteness
 
 SPACING = 0.08
 N = 360

@@ -15,7 +15,6 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.effect import Effect, Parameter, SensorFault
-from lacet.identify.floor import floor_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
@@ -23,6 +22,7 @@ from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
 from lacet.identify.signals.filters import Filters
+from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.manoeuvre_library import Limits, Plan, library
 from lacet.services.planned_car import known_values, planned_car
 from lacet.services.planning import simulated_runs

@@ -8,10 +8,10 @@ from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from lacet.identify.candidate import Candidate
 from lacet.identify.diagnose import Diagnosis, diagnose
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 
 @pytest.fixture(scope="session")

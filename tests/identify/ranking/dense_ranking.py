@@ -8,15 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from lacet.daq.rig import Rig
-from lacet.identify.blocks import BLOCK
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
 from lacet.identify.trial_sums import FOLDS
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.blocks import BLOCK
+from lacet.identify.validation.noise_floor import NoiseFloor
 
 
 @dataclass

@@ -11,13 +11,13 @@ from exact_ranking import CANDIDATES, DRAWS
 
 from lacet.identify.candidate import Candidate
 from lacet.identify.diagnose import diagnose
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.look import structured
 from lacet.identify.reading import Reading
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.verdicts import SIGNIFICANCE
 
 

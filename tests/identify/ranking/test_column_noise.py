@@ -11,7 +11,6 @@ from exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from exact_ranking import CANDIDATES
 
 from lacet.identify.column_noise import NOISE_PAIRS, ColumnNoise
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.freed import Freed
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled, at_gain
@@ -22,6 +21,7 @@ from lacet.identify.trial_columns import TrialColumns
 from lacet.identify.trial_sums import columns_of
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import beside
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 
 def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):

@@ -13,12 +13,12 @@ from exact_ranking import DRAWS
 from lacet.identify.column_noise import ColumnNoise
 from lacet.identify.constancy import Constancy, constancy
 from lacet.identify.diagnose import diagnose
-from lacet.identify.floor import floor_of
 from lacet.identify.reading import Reading
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import beside
+from lacet.identify.validation.noise_floor import floor_of
 
 CUBIC = KNOWN["spring_cubic.front"]
 TRIED = [CUBIC, *(KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.force.rr"))]

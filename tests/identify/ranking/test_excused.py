@@ -9,13 +9,13 @@ from exact_car import KNOWN, RIG, driven, exact, fit_of
 from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect
 from lacet.identify.excused import Excused, excused
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.formulas import propose
 from lacet.identify.look import look
 from lacet.identify.news import silent
 from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.noise_floor import NoiseFloor
 
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
 FAULT = KNOWN["sensor_gain.force.rr"]

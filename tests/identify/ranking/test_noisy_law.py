@@ -11,12 +11,12 @@ from exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
 from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.floor import NoiseFloor, simulate_floor
 from lacet.identify.noisy_law import noise_through
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
 
 FRICTION = KNOWN["coulomb.front"]
 

@@ -13,7 +13,6 @@ from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import SensorFault
 from lacet.identify.effects.sensor_latency import SensorLatency
 from lacet.identify.excused import excused
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.late_or_missing import columns_as_read
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.partialling import Partialled
@@ -25,6 +24,7 @@ from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 CLOCKS = [e for e in KNOWN.values() if isinstance(e, SensorLatency)]
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]

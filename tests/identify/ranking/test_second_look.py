@@ -11,13 +11,13 @@ from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from lacet.identify import diagnose as ranking
 from lacet.identify.diagnose import diagnose
-from lacet.identify.floor import NoiseFloor, floor_at, floor_of
 from lacet.identify.look import Look
 from lacet.identify.news import Tell
 from lacet.identify.reading import STILL, Reading, read_again
 from lacet.identify.regression.wls import Fit, at_faults
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_at, floor_of
 
 TRIED = [KNOWN["coulomb.rear"], KNOWN["anti_roll_bar.front"]]
 AGAIN = "the noise floor at the parameters that the sensor sheet leads to"

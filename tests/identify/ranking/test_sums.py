@@ -15,7 +15,6 @@ from lacet.identify.catalogue import catalogue
 from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.floor import NoiseFloor, floor_of
 from lacet.identify.layout import Trial
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.reading import Reading, read_again
@@ -25,6 +24,7 @@ from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.trial_sums import FOLDS, TrialSums
 from lacet.identify.trials import TrialSpace
 from lacet.identify.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

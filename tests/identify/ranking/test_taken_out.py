@@ -11,7 +11,6 @@ from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import SensorFault
-from lacet.identify.floor import floor_of
 from lacet.identify.look import look
 from lacet.identify.news import silent
 from lacet.identify.reading import Reading
@@ -19,6 +18,7 @@ from lacet.identify.regression.wls import at_faults, extended, fit
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.taken_out import without_best
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.noise_floor import floor_of
 
 HUB, CUBIC = "sensor_gain.hub.fl", "spring_cubic.front"
 TAKEN = f"the runs read again with {HUB} taken out"

@@ -15,13 +15,13 @@ from lacet.identify import diagnose as ranking
 from lacet.identify.candidate import Candidate
 from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.look import Look
 from lacet.identify.news import Tell
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.ties import same_losses, with_ties
 from lacet.identify.trials import TrialSpace
+from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.verdicts import SIGNIFICANCE, judged, stands_out
 
 

@@ -12,10 +12,10 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
+from lacet.identify.validation.noise_floor import NoiseFloor
 
 Draws = tuple[Mapping[str, Array], ...]
 """For each drive, row → (D, n) [N or N·m]."""

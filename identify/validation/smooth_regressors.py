@@ -18,7 +18,7 @@ from scipy.signal import lfilter, lfilter_zi
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import zero_phase_of
-from lacet.identify.states import ClearStates, State
+from lacet.identify.validation.states import ClearStates, State
 
 KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)
 """Knots of a broken line, as quantiles of the state over all runs."""
@@ -77,7 +77,7 @@ class ColumnMaker:
         self._made: dict[tuple[str, tuple[str, ...], tuple[int, ...]], tuple[NDArray[np.intp], list[Array], int]] = {}
 
     def columns(self, row: str, names: tuple[str, ...]) -> Columns:
-        """Columns of a row from some of its states (`identify.states`)."""
+        """Columns of a row from some of its states (`validation.states`)."""
         kind, where = row.split(".")
         having = tuple(i for i, drive in enumerate(self.drives) if row in drive.index)
         key = ("chassis" if kind == "chassis" else where, names, having)

@@ -1,6 +1,6 @@
 """Spectrum of a residual against its floor, and its coherence with the states it may follow (Welch).
 
-States are blurred (`identify.states`), so that noise which a state and the residual share does not count.
+States are blurred (`validation.states`), so that noise which a state and the residual share does not count.
 Coherence finds what is linear in a state, however it is delayed: where a smooth function of the present state explains
 little and coherence is high, the force depends on history. Sources: Welch 1967; Carter, Coherence and time delay
 estimation, Proc. IEEE 75 (1987); Bendat and Piersol, Random Data, chapter 7 (multiple coherence).
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
-from lacet.identify.states import ClearStates, filtered
+from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.identify.validation.states import ClearStates, filtered
 
 SEGMENT = 4.0
 """Length of a segment [s]: a resolution of about 0.4 Hz with its taper."""

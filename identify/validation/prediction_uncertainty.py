@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.identify.effect import Effect
-from lacet.identify.estimates import hint
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensor_offsets import Zeros
 from lacet.identify.regression.wls import Fit
+from lacet.identify.validation.parameter_estimates import hint
 
 ENOUGH = 0.5
 """Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""

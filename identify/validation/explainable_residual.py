@@ -17,15 +17,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.blocks import block_numbers
 from lacet.identify.car.rows import row_unit
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
-from lacet.identify.refitted import Draws, refitted_draws
 from lacet.identify.regression.wls import Fit
-from lacet.identify.smooth import FOLDS, SHARES, ColumnMaker, best, blocked_losses
-from lacet.identify.states import ClearStates
+from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.identify.validation.projected_noise import Draws, refitted_draws
+from lacet.identify.validation.smooth_regressors import FOLDS, SHARES, ColumnMaker, best, blocked_losses
+from lacet.identify.validation.states import ClearStates
 
 SIGNIFICANCE = 0.05
 MATTERS = 0.1
@@ -107,7 +107,7 @@ def left_to_explain(
     """What is left to explain, row by row, on the runs a model was fitted to.
 
     `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
-    (`identify.states`, `identify.refitted`). Rows of fewer than two blocks for each of the folds are left out: nothing
+    (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left out: nothing
     can be said of them. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)

@@ -21,7 +21,7 @@ from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit, corrected_drive
-from lacet.identify.score import Comparison, profile_zeros
+from lacet.identify.validation.score import Comparison, profile_zeros
 
 CLOSE = 0.05
 """RMS of preview − true fit ÷ RMS of the present residual, on the runs used."""

@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.doubt import Knowledge, is_used
-from lacet.identify.floor import simulate_floor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_drive
-from lacet.identify.whiteness import Whiteness, whiteness
+from lacet.identify.validation.noise_floor import simulate_floor
+from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
+from lacet.identify.validation.whiteness import Whiteness, whiteness
 
 FAILS = 1.2
 """Residual ÷ floor above which a row is said to fail."""
@@ -28,7 +28,7 @@ class RowScore:
     `rms` of the residual [unit]; `nrmse` % of the measured span; `vaf` % of the measured variance; `floor` RMS that
     noise alone would leave [unit]; `ratio` residual ÷ floor.
 
-    `colour` says what the residual looks like beside the floor (`identify.whiteness`): ``like noise``, ``louder than
+    `colour` says what the residual looks like beside the floor (`validation.whiteness`): ``like noise``, ``louder than
     noise``, ``coloured: 1.2 Hz``, ``too short to tell``; `p` is the probability that noise alone stands as far above
     its floor in any band, `ljung_box` that of the whitened residual's autocorrelation, `peak` the frequency of the
     largest excess [Hz] (NaN without).

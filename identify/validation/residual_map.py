@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from lacet.identify.blocks import block_numbers
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import row_unit
-from lacet.identify.floor import NoiseFloor
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress, unheard
-from lacet.identify.refitted import Draws, refitted_draws
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.score import Comparison
-from lacet.identify.smooth import FOLDS, ColumnMaker, Columns, best, blocked_losses
-from lacet.identify.states import ClearStates, filtered, states_of
+from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.identify.validation.projected_noise import Draws, refitted_draws
+from lacet.identify.validation.score import Comparison
+from lacet.identify.validation.smooth_regressors import FOLDS, ColumnMaker, Columns, best, blocked_losses
+from lacet.identify.validation.states import ClearStates, filtered, states_of
 
 BIN = 0.5
 """Length of a bin of the map [s]."""
@@ -161,7 +161,7 @@ def followed_states(
 ) -> dict[str, list[Follows]]:  # fmt: skip
     """For each row, its states, those first that predict most of its residual.
 
-    `clear`, `draws` : made already (`identify.states`, `identify.refitted`). Rows too short for cross-validation are
+    `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for cross-validation are
     left out. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)

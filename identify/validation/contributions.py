@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, corrected_drive
-from lacet.identify.score import Comparison
+from lacet.identify.validation.score import Comparison
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.blocks import block_numbers
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.states import filtered
+from lacet.identify.validation.blocks import block_numbers
+from lacet.identify.validation.states import filtered
 
 LEAST_SAMPLES = 4
 """A cell with fewer samples is left empty."""
