@@ -31,6 +31,7 @@ import cars  # pyright: ignore[reportMissingImports]
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run
 from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
@@ -39,7 +40,6 @@ from lacet.identify.signals.filters import Filters, derivative, zero_phase
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from lacet.identify.validation.parameter_estimates import estimates
-from lacet.identify.whole import NAMES, whole_vehicle
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "coverage.md"

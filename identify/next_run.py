@@ -11,8 +11,8 @@ import numpy as np
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.excitation import Information, RunInformation, half_widths, predicted
+from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.wls import Fit
-from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 
 DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
 """Durations tried [s], up to the longest allowed."""

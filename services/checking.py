@@ -10,10 +10,10 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
-from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.result import plain
 from lacet.services.tables import number, table
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from lacet.identify.constrained import Consistency, ConsistentFit, consistency, consistent_fit
+from lacet.identify.properties.constrained import Consistency, ConsistentFit, consistency, consistent_fit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.wls import Fit

@@ -12,9 +12,10 @@ from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model, find_effect
-from lacet.identify.derived import damper_curves, derived_values, ranges
 from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.derived import damper_curves, derived_values, ranges
+from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
@@ -24,7 +25,6 @@ from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
-from lacet.identify.whole import NAMES, UNITS, whole_vehicle
 from lacet.services.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.loading import Loaded, load
 from lacet.services.result import plain

@@ -12,9 +12,9 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
+from lacet.identify.properties.structural_identifiability import Structure, TreeJoint, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
-from lacet.identify.structure import Structure, TreeJoint, car_tree, structure
 from lacet.identify.study import Study
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.services import tables

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from lacet.identify.derived import damper_curves
+from lacet.identify.properties.derived import damper_curves
 from lacet.identify.study import Study, Version
 from lacet.identify.validation.score import Comparison
 from lacet.services import plots, tables, validation_plots

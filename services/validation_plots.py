@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lacet.identify.derived import DamperCurve
+from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.score import Comparison
 from lacet.services.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lacet.identify.derived import damper_curves
+from lacet.identify.properties.derived import damper_curves
 from lacet.identify.study import Study
 from lacet.services import tables
 from lacet.services.fitting import Work, scores

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import SolverError, UsageError
 from lacet.daq.run import Run
-from lacet.identify import constrained
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.consistency import bodies, check_bodies, clusters, whole
-from lacet.identify.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties import constrained
+from lacet.identify.properties.body_consistency import bodies, check_bodies, clusters, whole
+from lacet.identify.properties.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

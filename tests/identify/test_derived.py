@@ -15,15 +15,15 @@ from scipy.optimize import minimize
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.catalogue import catalogue
-from lacet.identify.corner_numbers import CornerNumbers, corner_numbers
-from lacet.identify.derived import Derived, damper_curves, derived_values, ranges
 from lacet.identify.effect import Effect
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.corner_rates import CornerNumbers, corner_numbers
+from lacet.identify.properties.derived import Derived, damper_curves, derived_values, ranges
+from lacet.identify.properties.ride_model import G, modes, ride_values, roll_centre
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.ride_model import G, modes, ride_values, roll_centre
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 
 VEHICLE, RIG = cars.reference_car()

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.rows import SUSPENSION_ROWS
+from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import compare
-from lacet.identify.whole import NAMES, whole_vehicle
 
 VEHICLE, _ = cars.reference_car()
 AXLE_OF = {"f": "front", "r": "rear"}

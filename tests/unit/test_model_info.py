@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.catalogue import base_model
-from lacet.identify.structure import car_tree, structure
+from lacet.identify.properties.structural_identifiability import car_tree, structure
 from lacet.identify.study import Study
 from lacet.services.cli import main
 from tests.identify import cars

@@ -13,12 +13,12 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.corner_numbers import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.effect import SuspensionForce
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
+from lacet.identify.properties.ride_model import ride_values
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.ride_model import ride_values
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 
 WIDE = 0.25

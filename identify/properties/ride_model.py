@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.car_tree import kinematics
-from lacet.identify.corner_numbers import CornerNumbers
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.corner_rates import CornerNumbers
 
 G = 9.81
 """Standard gravity as the simulators and the paper round it [m/s²]."""

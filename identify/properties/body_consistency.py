@@ -1,7 +1,7 @@
 """The bodies of a fit: which parameters make each, whether it stands alone in the grouping, and whether it can exist.
 
 A fit holds base parameters. What a body's ten numbers are is then a question only for a body of which nothing was
-grouped into another's parameters, or another's into its own; `identify.constrained` answers it for all together.
+grouped into another's parameters, or another's into its own; `properties.constrained` answers it for all together.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from lacet.identify.effects.rigid_body import RigidBody
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.whole_vehicle import summation
 from lacet.identify.regression.wls import Fit
-from lacet.identify.whole import summation
 
 WHOLE = "vehicle"
 """Name of all bodies taken as one."""
