@@ -21,15 +21,15 @@ from lacet.daq.log_run import build_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.candidate import Candidate
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.verdicts import SIGNIFICANCE
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare
-from lacet.identify.verdicts import SIGNIFICANCE
 from lacet.services.capturing import encode_rig, simulated_start
 from lacet.services.commands.simulate import HOUR_NS, RUN_STEP
 from lacet.services.decoding import Decoder, decode_frames

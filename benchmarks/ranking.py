@@ -21,12 +21,12 @@ from threadpoolctl import threadpool_limits
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.diagnose import diagnose
-from lacet.identify.reading import Reading
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive

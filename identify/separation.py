@@ -21,7 +21,6 @@ import numpy as np
 import scipy.linalg
 
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.layout import sheet_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import Drive
@@ -29,12 +28,13 @@ from lacet.identify.regression.priors import known_beforehand
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.triangle import scaled_triangle
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.layout import sheet_of
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""
 SHOWS = 8.0
-"""Weighted size √λ from which an effect can be tested (`identify.trials`)."""
+"""Weighted size √λ from which an effect can be tested (`selection.trials`)."""
 DRAWS = 8
 """Draws of the channels' noise behind the floor of a run not driven yet."""
 _GONE = 1e-7

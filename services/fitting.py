@@ -12,13 +12,13 @@ from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model, find_effect
-from lacet.identify.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.signals.filters import Filters
 from lacet.identify.study import Study, Version
 from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of

@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
-from lacet.identify.diagnose import Diagnosis
+from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.separation import NEEDED, SHOWS, Compared, wrong_pick
 from lacet.services import tables
 from lacet.services.fitting import Tell, Work

@@ -9,11 +9,11 @@ import numpy as np
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import find_effect
-from lacet.identify.diagnose import Candidate, Diagnosis
 from lacet.identify.effect import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.next_run import DURATIONS
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.identify.separation import (
     NEEDED,
     SHOWS,

@@ -20,13 +20,13 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.wls import Fit, corrected_drive, fit
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
 from lacet.identify.validation.score import profile_zeros
 

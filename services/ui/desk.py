@@ -17,9 +17,9 @@ from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.diagnose import Diagnosis
 from lacet.identify.effect import Effect
 from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.study import Study, Version
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.one_step_update import Preview, preview

@@ -12,13 +12,13 @@ import pytest
 
 from lacet.daq.run import Run
 from lacet.identify.catalogue import catalogue
-from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.ties import ALIKE
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.ties import ALIKE
+from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
-from lacet.identify.verdicts import LEAST_GAIN, SIGNIFICANCE
 from lacet.services.cli import main
 
 pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test

@@ -15,11 +15,11 @@ import pytest
 
 import lacet.services.fitting
 from lacet.daq.exchange import write_table
-from lacet.identify.column_noise import ColumnNoise
 from lacet.identify.effect import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.column_noise import ColumnNoise
 from lacet.identify.study import Study, Version
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.fitting import Work, diagnosis_result

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from exact_car import KNOWN, driven, exact_with, fit_of
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.diagnose import diagnose
-from lacet.identify.reading import Reading
-from lacet.identify.refine import refined
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.refine import refined
+from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 DRAWS, GAP, RATE = 39, 0.0055, 9000.0

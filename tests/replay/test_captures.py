@@ -20,11 +20,11 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.diagnose import diagnose
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare
 from lacet.services.cli import main

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from lacet.daq.errors import UsageError
-from lacet.identify.candidate import Candidate
+from lacet.identify.selection.candidate import Candidate
 from lacet.identify.separation import NEEDED, SHOWS, wrong_pick
 from lacet.identify.study import Study
 from lacet.services.cli import main

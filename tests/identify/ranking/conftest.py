@@ -6,11 +6,11 @@ import pytest
 from exact_car import driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.diagnose import Diagnosis, diagnose
-from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 

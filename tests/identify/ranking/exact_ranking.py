@@ -8,11 +8,11 @@ from dataclasses import replace
 from exact_car import KNOWN, VEHICLE
 
 from lacet.identify.effect import Effect
-from lacet.identify.lack_of_fit import Left
 from lacet.identify.one_line import read_line
 from lacet.identify.one_line_effect import effect_class
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
+from lacet.identify.selection.lack_of_fit import Left
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
 
 CANDIDATES = [
     KNOWN[key]

@@ -9,16 +9,16 @@ import pytest
 from exact_car import driven, exact, fit_of
 from exact_ranking import CANDIDATES, DRAWS
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.diagnose import diagnose
-from lacet.identify.look import structured
-from lacet.identify.reading import Reading
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.look import structured
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.verdicts import SIGNIFICANCE
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.identify.verdicts import SIGNIFICANCE
 
 
 def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: TrialSpace, found: list[Candidate]):

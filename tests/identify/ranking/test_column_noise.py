@@ -10,17 +10,17 @@ import scipy.linalg
 from exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from exact_ranking import CANDIDATES
 
-from lacet.identify.column_noise import NOISE_PAIRS, ColumnNoise
-from lacet.identify.freed import Freed
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.partialling import Partialled, at_gain
-from lacet.identify.reading import Reading
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.trial_columns import TrialColumns
-from lacet.identify.trial_sums import columns_of
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import beside
+from lacet.identify.selection.column_noise import NOISE_PAIRS, ColumnNoise
+from lacet.identify.selection.freed import Freed
+from lacet.identify.selection.partialling import Partialled, at_gain
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trial_columns import TrialColumns
+from lacet.identify.selection.trial_sums import columns_of
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import beside
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 
@@ -111,7 +111,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
-    monkeypatch.setattr("lacet.identify.column_noise._SECONDS", 1.9 * SECONDS)
+    monkeypatch.setattr("lacet.identify.selection.column_noise._SECONDS", 1.9 * SECONDS)
     some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
     assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
     places = [trial.place for trial in own.layout.trials]

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from exact_car import KNOWN, RIG, driven, exact, fit_of
 
-from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.excused import Excused, excused
-from lacet.identify.formulas import propose
-from lacet.identify.look import look
 from lacet.identify.news import silent
-from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.excused import Excused, excused
+from lacet.identify.selection.formulas import propose
+from lacet.identify.selection.look import look
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
@@ -73,7 +73,9 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
     floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     asked: list[list[str]] = []
-    monkeypatch.setattr("lacet.identify.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or [])
+    monkeypatch.setattr(
+        "lacet.identify.selection.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or []
+    )
     above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
     assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
     assert len(asked[0]) < len(above)
@@ -88,7 +90,7 @@ def test_what_takes_more_away_than_it_leaves_is_named(
     assert seen.unlisted
     assert seen.strained
     assert seen.best
-    monkeypatch.setattr("lacet.identify.look.strength", lambda c: seen.sheet.excess + 1.0)
+    monkeypatch.setattr("lacet.identify.selection.look.strength", lambda c: seen.sheet.excess + 1.0)
     again = look(seen.space, silent)
     assert not again.strained
     assert not again.unlisted

@@ -9,13 +9,13 @@ import pytest
 from exact_car import KNOWN
 from exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
-from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.noisy_law import noise_through
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.noisy_law import noise_through
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
 from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
 
 FRICTION = KNOWN["coulomb.front"]
@@ -52,7 +52,7 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
         assert values == pytest.approx(SIZE, rel=0.2)
         return {row: share * a for row, a in left_by(space, []).squares.items()}
 
-    monkeypatch.setattr("lacet.identify.look.left_by", leaving(0.2, family=0.01))
-    monkeypatch.setattr("lacet.identify.look.noise_through", through)
-    monkeypatch.setattr("lacet.identify.look.structured", lambda left: True)
+    monkeypatch.setattr("lacet.identify.selection.look.left_by", leaving(0.2, family=0.01))
+    monkeypatch.setattr("lacet.identify.selection.look.noise_through", through)
+    monkeypatch.setattr("lacet.identify.selection.look.structured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

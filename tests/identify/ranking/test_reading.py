@@ -9,21 +9,21 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
 from exact_ranking import DRAWS
 
-from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import SensorFault
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.excused import excused
-from lacet.identify.late_or_missing import columns_as_read
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.partialling import Partialled
-from lacet.identify.reading import READINGS, Reading, read_again
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.excused import excused
+from lacet.identify.selection.late_or_missing import columns_as_read
+from lacet.identify.selection.partialling import Partialled
+from lacet.identify.selection.reading import READINGS, Reading, read_again
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.time_base import base_channel, late
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 CLOCKS = [e for e in KNOWN.values() if isinstance(e, SensorLatency)]
@@ -105,7 +105,7 @@ def test_late_instruments_are_taken_out_whatever_is_tried():
 def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
     """What never settles is read a few times only, and told."""
     told: list[str] = []
-    monkeypatch.setattr("lacet.identify.reading.Reading.remaining", lambda _, late: np.full(len(late), 5.0))
+    monkeypatch.setattr("lacet.identify.selection.reading.Reading.remaining", lambda _, late: np.full(len(late), 5.0))
     reading = read_again(Reading.of(fitted, floor), told.append)
     assert len([line for line in told if "read again" in line]) == READINGS
     assert all(abs(seconds) > 0.0 for seconds in reading.late.values())
@@ -123,7 +123,7 @@ def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor
 def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, fitted: Fit, monkeypatch: pytest.MonkeyPatch):
     """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
     bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
-    monkeypatch.setattr("lacet.identify.late_or_missing.STRAIGHT", bound)
+    monkeypatch.setattr("lacet.identify.selection.late_or_missing.STRAIGHT", bound)
     off = fit_of(driven(exact_with(KNOWN[key], 0.9 * KNOWN[key].parameters[0].high), 4), fitted)
     own = floor_of(off, DRAWS)
     recorded = Reading.of(off, own)

@@ -9,14 +9,14 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from lacet.identify import diagnose as ranking
-from lacet.identify.diagnose import diagnose
-from lacet.identify.look import Look
 from lacet.identify.news import Tell
-from lacet.identify.reading import STILL, Reading, read_again
 from lacet.identify.regression.wls import Fit, at_faults
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
+from lacet.identify.selection import diagnose as ranking
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.look import Look
+from lacet.identify.selection.reading import STILL, Reading, read_again
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_at, floor_of
 
 TRIED = [KNOWN["coulomb.rear"], KNOWN["anti_roll_bar.front"]]

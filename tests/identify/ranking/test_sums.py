@@ -12,18 +12,18 @@ from dense_ranking import Dense
 
 from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import catalogue
-from lacet.identify.column_noise import ColumnNoise, column_labels
-from lacet.identify.diagnose import diagnose
 from lacet.identify.effect import Effect, Parameter
-from lacet.identify.layout import Trial
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.reading import Reading, read_again
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.trial_sums import FOLDS, TrialSums
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import left_by
+from lacet.identify.selection.column_noise import ColumnNoise, column_labels
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.layout import Trial
+from lacet.identify.selection.reading import Reading, read_again
+from lacet.identify.selection.trial_sums import FOLDS, TrialSums
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 VEHICLE, RIG = cars.reference_car()

@@ -9,15 +9,15 @@ import pytest
 from exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import SensorFault
-from lacet.identify.look import look
 from lacet.identify.news import silent
-from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import at_faults, extended, fit
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.look import look
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.taken_out import without_best
+from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.signals.reconstruct import Recording
-from lacet.identify.taken_out import without_best
-from lacet.identify.trials import TrialSpace
 from lacet.identify.validation.noise_floor import floor_of
 
 HUB, CUBIC = "sensor_gain.hub.fl", "spring_cubic.front"

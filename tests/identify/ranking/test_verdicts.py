@@ -11,18 +11,18 @@ import pytest
 from exact_car import KNOWN, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
 
-from lacet.identify import diagnose as ranking
-from lacet.identify.candidate import Candidate
-from lacet.identify.diagnose import Diagnosis, diagnose
 from lacet.identify.effect import Effect
-from lacet.identify.look import Look
 from lacet.identify.news import Tell
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.ties import same_losses, with_ties
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection import diagnose as ranking
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.look import Look
+from lacet.identify.selection.ties import same_losses, with_ties
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.verdicts import SIGNIFICANCE, judged, stands_out
 from lacet.identify.validation.noise_floor import NoiseFloor
-from lacet.identify.verdicts import SIGNIFICANCE, judged, stands_out
 
 
 def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: Diagnosis):
@@ -118,7 +118,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
     unlisted: Fit, floor: NoiseFloor, rest: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """Six tenths explained are enough where chance leaves the others, and not where it does not."""
-    monkeypatch.setattr("lacet.identify.look.left_by", leaving(rest))
+    monkeypatch.setattr("lacet.identify.selection.look.left_by", leaving(rest))
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -127,7 +127,7 @@ def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
 ):
     small = fit_of(driven(exact_with(HIDDEN, 0.05 * SIZE), 1))
     assert diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == "missing"
-    monkeypatch.setattr("lacet.identify.verdicts.LEAST_GAIN", 0.5)
+    monkeypatch.setattr("lacet.identify.selection.verdicts.LEAST_GAIN", 0.5)
     found = diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]])
     assert found.verdict == "nothing missing"
     assert "Chance does not explain all: hidden.front " in found.says
@@ -169,15 +169,15 @@ def test_a_small_one_that_is_tied_is_not_called_needless(
     unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     """With the hidden law proposed, all others that stand out tied with it."""
-    monkeypatch.setattr("lacet.identify.ties.ALIKE", 0.0)
-    monkeypatch.setattr("lacet.identify.ties.same_losses", lambda *_: True)
+    monkeypatch.setattr("lacet.identify.selection.ties.ALIKE", 0.0)
+    monkeypatch.setattr("lacet.identify.selection.ties.same_losses", lambda *_: True)
     measured = judged
     small = "coulomb.front"
 
     def needless(c: Candidate, effect: Effect, draws: int) -> Candidate:
         return replace(measured(c, effect, draws), **({"answer": "not needed"} if c.key == small else {}))
 
-    monkeypatch.setattr("lacet.identify.look.judged", needless)
+    monkeypatch.setattr("lacet.identify.selection.look.judged", needless)
     found = diagnose(unlisted, floor, [*CANDIDATES, HIDDEN])
     assert found.verdict == "missing"
     assert found.best
@@ -257,7 +257,7 @@ def test_negative_friction_does_not_hide_in_the_best_set(
         name = f"wheel.{row.partition('.')[2]}.force"
         values[name] = values[name] - np.array([[0.0], [0.0], [1.0]]) * 120.0 * series
     spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
-    monkeypatch.setattr("lacet.identify.diagnose.propose", lambda *_: [])  # the formulas are another test's
+    monkeypatch.setattr("lacet.identify.selection.diagnose.propose", lambda *_: [])  # the formulas are another test's
     found = diagnose(spoilt, floor, CANDIDATES, noise=space.noise)
     told = next(c for c in found.candidates if c.key == "coulomb.front")
     assert told.values[0] < -60.0

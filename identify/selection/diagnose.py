@@ -13,22 +13,22 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.column_noise import ColumnNoise
-from lacet.identify.constancy import Constancy
 from lacet.identify.effect import Effect
-from lacet.identify.excused import Excused
-from lacet.identify.formulas import Formula, propose
-from lacet.identify.late_or_missing import columns_as_read
-from lacet.identify.look import MAIN, Look, look, strength, structured
 from lacet.identify.news import Tell, silent
-from lacet.identify.reading import STILL, Reading, read_again, sheet_sums
-from lacet.identify.refine import refined
 from lacet.identify.regression.wls import Fit
-from lacet.identify.taken_out import explained_by, may_leave_more, without_best
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.column_noise import ColumnNoise
+from lacet.identify.selection.constancy import Constancy
+from lacet.identify.selection.excused import Excused
+from lacet.identify.selection.formulas import Formula, propose
+from lacet.identify.selection.late_or_missing import columns_as_read
+from lacet.identify.selection.look import MAIN, Look, look, strength, structured
+from lacet.identify.selection.reading import STILL, Reading, read_again, sheet_sums
+from lacet.identify.selection.refine import refined
+from lacet.identify.selection.taken_out import explained_by, may_leave_more, without_best
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_at
-from lacet.identify.verdicts import LEAST_GAIN, judged, stands_out, unit_of
 
 MARGINAL = 1.25
 """Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from lacet.identify.effect import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.trials import TrialSpace
 
 DRAWS = 2
 """Draws of noise on each run."""

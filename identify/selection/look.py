@@ -7,19 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.constancy import Constancy, constancy
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.excused import Excused, excused
-from lacet.identify.lack_of_fit import LOUDEST, Left
 from lacet.identify.news import Tell
-from lacet.identify.noisy_law import noise_through
-from lacet.identify.refine import refined
-from lacet.identify.ties import with_ties
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import best_set, left_by
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.constancy import Constancy, constancy
+from lacet.identify.selection.excused import Excused, excused
+from lacet.identify.selection.lack_of_fit import LOUDEST, Left
+from lacet.identify.selection.noisy_law import noise_through
+from lacet.identify.selection.refine import refined
+from lacet.identify.selection.ties import with_ties
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import best_set, left_by
+from lacet.identify.selection.verdicts import SIGNIFICANCE, implausible, judged, stands_out
 from lacet.identify.validation.whiteness import whiteness
-from lacet.identify.verdicts import SIGNIFICANCE, implausible, judged, stands_out
 
 MAIN = 0.75
 """Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""

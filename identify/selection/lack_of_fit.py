@@ -10,7 +10,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.trial_sums import TrialSums
+from lacet.identify.selection.trial_sums import TrialSums
 
 _SHARED = 1e-9
 """Part of the largest eigenvalue below which a direction is one that other columns have too."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.partialling import Partialled
-from lacet.identify.trial_sums import FOLDS
+from lacet.identify.selection.partialling import Partialled
+from lacet.identify.selection.trial_sums import FOLDS
 
 DOUBT = 0.1
 """Part of a shift by noise that its simulation may be wrong by: the sheet's noise is, and how loud a run was."""

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.layout import Layout
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Progress
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trial_sums import TrialSums, at_zeros, columns_of
+from lacet.identify.selection.layout import Layout
+from lacet.identify.selection.trial_sums import TrialSums, at_zeros, columns_of
 
 NOISE_PAIRS = 2
 """Pairs of draws."""

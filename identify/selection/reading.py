@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.effects.sensor_latency import SensorLatency
-from lacet.identify.lack_of_fit import left_after, solved
-from lacet.identify.layout import Layout, sheet_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit, Stored, at_faults, refitted
-from lacet.identify.trial_sums import TrialSums
+from lacet.identify.selection.lack_of_fit import left_after, solved
+from lacet.identify.selection.layout import Layout, sheet_of
+from lacet.identify.selection.trial_sums import TrialSums
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 
 STRAIGHT = 0.15

@@ -10,13 +10,13 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.lack_of_fit import louder_rows
-from lacet.identify.layout import Layout
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
-from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit
-from lacet.identify.trial_sums import TrialSums
+from lacet.identify.selection.lack_of_fit import louder_rows
+from lacet.identify.selection.layout import Layout
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trial_sums import TrialSums
 
 
 @dataclass(frozen=True)

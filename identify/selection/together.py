@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.partialling import Partialled
+from lacet.identify.selection.partialling import Partialled
 
 MOST_TOGETHER = 3
 """Effects that are tried together before a cause is called unlisted."""

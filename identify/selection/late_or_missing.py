@@ -11,14 +11,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.lack_of_fit import solved
-from lacet.identify.layout import Trial
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell
-from lacet.identify.partialling import GONE, Partialled
-from lacet.identify.reading import STRAIGHT, Reading, read_again
-from lacet.identify.together import chosen_together
-from lacet.identify.trial_columns import TrialColumns
+from lacet.identify.selection.lack_of_fit import solved
+from lacet.identify.selection.layout import Trial
+from lacet.identify.selection.partialling import GONE, Partialled
+from lacet.identify.selection.reading import STRAIGHT, Reading, read_again
+from lacet.identify.selection.together import chosen_together
+from lacet.identify.selection.trial_columns import TrialColumns
 
 
 def columns_as_read(recorded: Reading, candidates: Sequence[Effect], seed: int, tell: Tell) -> TrialColumns:

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from lacet.identify.effect import Effect
 from lacet.identify.one_line import read_line
 from lacet.identify.one_line_effect import effect_class
-from lacet.identify.reading import Reading
-from lacet.identify.trials import TrialSpace
-from lacet.identify.verdicts import LEAST_GAIN, SIGNIFICANCE
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE
 
 _SIGN = "tanh(rate/v0)"
 _BAND = ", v0 = 0.01 0.03 0.1 m/s"

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.candidate import Candidate
 from lacet.identify.car.rows import row_unit
 from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.selection.candidate import Candidate
 
 SIGNIFICANCE = 0.05
 """Family-wise error of a proposal."""

@@ -14,12 +14,12 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.layout import Layout, sensor_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.triangle import scaled_triangle
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.layout import Layout, sensor_columns
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 FOLDS = 5

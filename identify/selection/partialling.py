@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.trial_sums import FOLDS, TrialSums
+from lacet.identify.selection.trial_sums import FOLDS, TrialSums
 
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""

@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import scipy.stats
 
-from lacet.identify.candidate import Candidate
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.trials import TrialSpace
 
 TIED = 0.05
 """Paired block losses that do not differ at this level (Wilcoxon's signed ranks) are a tie…"""

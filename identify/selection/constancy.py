@@ -16,15 +16,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.candidate import Candidate
-from lacet.identify.column_noise import ColumnNoise
-from lacet.identify.lack_of_fit import solved, with_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.trial_sums import TrialSums, products_of, without_zeros
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import beside
-from lacet.identify.verdicts import SIGNIFICANCE
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.column_noise import ColumnNoise
+from lacet.identify.selection.lack_of_fit import solved, with_columns
+from lacet.identify.selection.trial_sums import TrialSums, products_of, without_zeros
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import beside
+from lacet.identify.selection.verdicts import SIGNIFICANCE
 
 ACTS = 1e-3
 """Part of a law's energy that a run must hold to have a say."""

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from lacet.identify.effect import Effect
-from lacet.identify.lack_of_fit import Left, left_after, with_columns
-from lacet.identify.layout import Layout, Trial
-from lacet.identify.partialling import Partialled
-from lacet.identify.together import chosen_together
-from lacet.identify.trial_sums import TrialSums
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.lack_of_fit import Left, left_after, with_columns
+from lacet.identify.selection.layout import Layout, Trial
+from lacet.identify.selection.partialling import Partialled
+from lacet.identify.selection.together import chosen_together
+from lacet.identify.selection.trial_sums import TrialSums
+from lacet.identify.selection.trials import TrialSpace
 
 
 def beside(space: TrialSpace, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.candidate import Candidate
 from lacet.identify.effect import Effect
-from lacet.identify.partialling import GONE
-from lacet.identify.trials import TrialSpace
-from lacet.identify.unlisted import beside
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.partialling import GONE
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import beside
 
 BETWEEN = 3
 """Values tried on each side of the best, in each of `ROUNDS`."""

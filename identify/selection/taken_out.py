@@ -12,13 +12,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.candidate import Candidate
 from lacet.identify.effect import SensorFault
-from lacet.identify.look import MAIN, STAYS, Look
 from lacet.identify.news import Tell
-from lacet.identify.reading import Reading
 from lacet.identify.regression.wls import Fit, extended
-from lacet.identify.unlisted import left_unexcused
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.look import MAIN, STAYS, Look
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.unlisted import left_unexcused
 from lacet.identify.validation.noise_floor import floor_of
 
 

@@ -9,18 +9,18 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.candidate import Candidate
 from lacet.identify.car.rows import row_unit
-from lacet.identify.column_noise import ColumnNoise, column_labels
 from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.freed import Freed, own_columns
-from lacet.identify.layout import Trial
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.news import Tell, silent
-from lacet.identify.partialling import GONE, Partialled
-from lacet.identify.reading import Reading
-from lacet.identify.trial_columns import TrialColumns
-from lacet.identify.trial_sums import BLOCK
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.column_noise import ColumnNoise, column_labels
+from lacet.identify.selection.freed import Freed, own_columns
+from lacet.identify.selection.layout import Trial
+from lacet.identify.selection.partialling import GONE, Partialled
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trial_columns import TrialColumns
+from lacet.identify.selection.trial_sums import BLOCK
 
 LEAST_COVERAGE = 3.0
 """Effective number of blocks in which a candidate must act."""

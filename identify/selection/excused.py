@@ -10,7 +10,7 @@ import numpy as np
 from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.tolerances import SheetEntry
-from lacet.identify.trials import TrialSpace
+from lacet.identify.selection.trials import TrialSpace
 
 TWICE = 2.0
 """A sheet is strained from this many times the squares that it takes up in simulated runs on average."""
