@@ -6,8 +6,8 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from lacet.identify.design.discrimination import NEEDED, SHOWS, Compared, wrong_pick
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.separation import NEEDED, SHOWS, Compared, wrong_pick
 from lacet.services import tables
 from lacet.services.fitting import Tell, Work
 from lacet.services.next_separation import Recommendation, percent, recommend, short, tied

@@ -9,12 +9,7 @@ import numpy as np
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import find_effect
-from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.multibody.vectors import Array
-from lacet.identify.next_run import DURATIONS
-from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.diagnose import Candidate, Diagnosis
-from lacet.identify.separation import (
+from lacet.identify.design.discrimination import (
     NEEDED,
     SHOWS,
     Compared,
@@ -26,6 +21,11 @@ from lacet.identify.separation import (
     present_runs,
     wrong_pick,
 )
+from lacet.identify.design.run_ranking import DURATIONS
+from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.services.fitting import Tell, Work, silent
 from lacet.services.manoeuvre_library import Limits, kinds, library
 from lacet.services.planned_car import known_values, planned_car

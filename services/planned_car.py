@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.next_run import quantities
+from lacet.identify.design.run_ranking import quantities
 from lacet.identify.regression.wls import Fit
 from lacet.simulate import Car, Hidden, find_car
 from lacet.simulate.cars import Axle, Inertia

@@ -18,7 +18,7 @@ from lacet.daq.exchange import read_table, write_table
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.excitation import (
+from lacet.identify.design.run_information import (
     Information,
     RunInformation,
     fit_information,
@@ -26,7 +26,7 @@ from lacet.identify.excitation import (
     residual_excess,
     run_information,
 )
-from lacet.identify.next_run import Ranking, rank
+from lacet.identify.design.run_ranking import Ranking, rank
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

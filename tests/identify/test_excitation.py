@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
 from lacet.identify.catalogue import base_model
-from lacet.identify.excitation import (
+from lacet.identify.design.run_information import (
     Information,
     RunInformation,
     fit_information,
@@ -22,7 +22,7 @@ from lacet.identify.excitation import (
     residual_excess,
     run_information,
 )
-from lacet.identify.next_run import chosen, quantities, rank
+from lacet.identify.design.run_ranking import chosen, quantities, rank
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

@@ -10,13 +10,7 @@ import pytest
 from cars import reference_car
 
 from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.effect import Parameter, SuspensionForce
-from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.assembly import Piece
-from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.separation import (
+from lacet.identify.design.discrimination import (
     Compared,
     Present,
     Question,
@@ -26,6 +20,12 @@ from lacet.identify.separation import (
     run_told,
     wrong_pick,
 )
+from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.support.tables import piece
 

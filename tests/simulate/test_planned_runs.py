@@ -11,8 +11,14 @@ import pytest
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.catalogue import base_model
-from lacet.identify.excitation import fit_information, half_widths, predicted, residual_excess, run_information
-from lacet.identify.next_run import rank
+from lacet.identify.design.run_information import (
+    fit_information,
+    half_widths,
+    predicted,
+    residual_excess,
+    run_information,
+)
+from lacet.identify.design.run_ranking import rank
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

@@ -14,13 +14,13 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.design.discrimination import NEEDED, Compared, Question, Separations, planned_run, present_runs
 from lacet.identify.effect import Effect, Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.separation import NEEDED, Compared, Question, Separations, planned_run, present_runs
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.manoeuvre_library import Limits, Plan, library

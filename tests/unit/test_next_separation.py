@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from lacet.daq.errors import UsageError
+from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.separation import NEEDED, SHOWS, wrong_pick
 from lacet.identify.study import Study
 from lacet.services.cli import main
 from lacet.services.fitting import Work

@@ -10,7 +10,7 @@ import numpy as np
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.excitation import Information, RunInformation, half_widths, predicted
+from lacet.identify.design.run_information import Information, RunInformation, half_widths, predicted
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.wls import Fit
 
