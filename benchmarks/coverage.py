@@ -30,7 +30,7 @@ import cars  # pyright: ignore[reportMissingImports]
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run
-from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.model import Model

@@ -20,7 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit

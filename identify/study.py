@@ -23,8 +23,8 @@ from typing import Any, cast
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model, catalogue, find_effect
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
 from lacet.identify.signals.filters import Filters
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import catalogue, effect_classes
-from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.study import Study
 
 _RUN = "RUN"

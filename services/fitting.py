@@ -11,7 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
-from lacet.identify.catalogue import base_model, find_effect
+from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle

@@ -10,7 +10,7 @@ from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, Us
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.news import Progress, unheard
+from lacet.identify.progress import Progress, unheard
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.plausibility import exchanged_wheels

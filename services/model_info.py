@@ -11,7 +11,7 @@ from typing import Any
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.properties.structural_identifiability import Structure, TreeJoint, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit

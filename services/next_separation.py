@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.errors import UsageError
-from lacet.identify.catalogue import find_effect
 from lacet.identify.design.discrimination import (
     NEEDED,
     SHOWS,
@@ -22,7 +21,8 @@ from lacet.identify.design.discrimination import (
     wrong_pick,
 )
 from lacet.identify.design.run_ranking import DURATIONS
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Candidate, Diagnosis

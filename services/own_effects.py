@@ -8,9 +8,9 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import LINES, effect_classes, line_effects
-from lacet.identify.one_line import read_line
-from lacet.identify.one_line_effect import OneLine, effect_class
+from lacet.identify.effects.catalogue import LINES, effect_classes, line_effects
+from lacet.identify.effects.language.compiled import OneLine, effect_class
+from lacet.identify.effects.language.parser import read_line
 from lacet.identify.study import Study
 
 _HEAD = """\

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effect import Effect
-from lacet.identify.own_files import checked_columns
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.regression.prepared_run import Drive
 
 

@@ -19,8 +19,8 @@ from typing import Any
 
 from lacet.daq.exchange import write_table
 from lacet.daq.rig import Rig
-from lacet.identify.catalogue import base_model, catalogue, find_effect
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import compare

@@ -8,7 +8,7 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.news import Progress
+from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.study import Version

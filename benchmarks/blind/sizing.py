@@ -23,7 +23,7 @@ from benchmarks.blind.cases import BANDS, CAUSE_BANDS, CAUSES, SINGLES, SIZES, T
 from benchmarks.blind.identifying import Tables, floor, tables
 from benchmarks.blind.making import BUILD, forget, write_trial
 from lacet.daq.errors import LacetError
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit, fit

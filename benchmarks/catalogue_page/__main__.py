@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from benchmarks.catalogue_page.cases import CASES
 from benchmarks.catalogue_page.page import PAGE, PICTURED, PICTURES, page, pictured
 from lacet.daq.errors import LacetError
-from lacet.identify.catalogue import effect_classes
+from lacet.identify.effects.catalogue import effect_classes
 
 DESCRIPTION = """Write docs/catalogue.md from the catalogue, and draw the pictures it lacks.
 

@@ -14,8 +14,8 @@ from typing import Any
 from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import catalogue, effect_classes
-from lacet.identify.effect import AlreadyMeasured, Effect, Parameter, SensorFault
+from lacet.identify.effects.base import AlreadyMeasured, Effect, Parameter, SensorFault
+from lacet.identify.effects.catalogue import catalogue, effect_classes
 
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 PICTURES = PAGE.parent / "images" / "effects"

@@ -21,8 +21,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.effects.engine_mount import EngineMount
+from lacet.identify.effects.body.engine_mount import EngineMount
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import Drive

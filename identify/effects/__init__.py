@@ -1,1 +1,1 @@
-"""One physical effect a file. Whatever class is here with a `name` is in the catalogue."""
+"""Physical effects and sensor faults: what each is, the catalogue of them, and those that users write."""

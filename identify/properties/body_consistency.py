@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.errors import SolverError, UsageError
-from lacet.identify.effect import Parameter
+from lacet.identify.effects.base import Parameter
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.body_consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
 from lacet.identify.regression.information import Information

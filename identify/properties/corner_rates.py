@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
-from lacet.identify.effect import Effect, SuspensionForce
+from lacet.identify.effects.base import Effect, SuspensionForce
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive

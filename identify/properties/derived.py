@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effect import SuspensionForce
+from lacet.identify.effects.base import SuspensionForce
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity

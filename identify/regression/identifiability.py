@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effect import Effect, SuspensionForce
-from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.effects.base import Effect, SuspensionForce
+from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.base_parameters import BaseParameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model

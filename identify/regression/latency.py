@@ -18,7 +18,7 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

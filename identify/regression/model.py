@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from lacet.daq.errors import UsageError
-from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, SensorFault
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,9 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.own_files import checked_columns
 from lacet.identify.signals.filters import Filters, zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together

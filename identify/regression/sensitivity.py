@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.identify.car.rows import ROWS
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Progress, unheard
+from lacet.identify.progress import Progress, unheard
 from lacet.identify.regression.assembly import Assembly, Known
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
 from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights

@@ -2,9 +2,9 @@
 
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
-the same draw subtracted leave the products of errors and the mean shift of bent laws, as `regression.corrected_scores` has it
-for the fit. It depends on the motion and hardly on the noise of a run, so it is found once and kept with the noise
-floor.
+the same draw subtracted leave the products of errors and the mean shift of bent laws, as in
+`regression.corrected_scores` for the fit. It depends on the motion and hardly on the noise of a run, so it is found
+once and kept with the noise floor.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Progress
+from lacet.identify.progress import Progress
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.layout import Layout

@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lacet.identify.effect import Effect
-from lacet.identify.news import Tell, silent
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.column_noise import ColumnNoise

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from lacet.identify.effect import Effect
-from lacet.identify.one_line import read_line
-from lacet.identify.one_line_effect import effect_class
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.language.compiled import effect_class
+from lacet.identify.effects.language.parser import read_line
 from lacet.identify.selection.reading import Reading
 from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE

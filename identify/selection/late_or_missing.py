@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Tell
+from lacet.identify.progress import Tell
 from lacet.identify.selection.lack_of_fit import solved
 from lacet.identify.selection.layout import Trial
 from lacet.identify.selection.partialling import GONE, Partialled

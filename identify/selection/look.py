@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lacet.identify.effect import Effect, SensorFault
-from lacet.identify.news import Tell
+from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.progress import Tell
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.constancy import Constancy, constancy
 from lacet.identify.selection.excused import Excused, excused

@@ -6,7 +6,7 @@ it is added the rows are noisier, and what it leaves must be compared with that.
 
 from __future__ import annotations
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.trials import TrialSpace
 

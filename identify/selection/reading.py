@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Tell, silent
+from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit, Stored, at_faults, refitted

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.partialling import GONE
 from lacet.identify.selection.trials import TrialSpace

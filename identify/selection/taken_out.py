@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.effect import SensorFault
-from lacet.identify.news import Tell
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.progress import Tell
 from lacet.identify.regression.wls import Fit, extended
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.look import MAIN, STAYS, Look

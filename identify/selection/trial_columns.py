@@ -9,9 +9,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Tell, silent
+from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.lack_of_fit import louder_rows
 from lacet.identify.selection.layout import Layout

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Tell, silent
+from lacet.identify.progress import Tell, silent
 from lacet.identify.selection.candidate import Candidate
 from lacet.identify.selection.column_noise import ColumnNoise, column_labels
 from lacet.identify.selection.freed import Freed, own_columns

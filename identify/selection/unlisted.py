@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.selection.lack_of_fit import Left, left_after, with_columns
 from lacet.identify.selection.layout import Layout, Trial
 from lacet.identify.selection.partialling import Partialled

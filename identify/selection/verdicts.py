@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, SensorFault
 from lacet.identify.selection.candidate import Candidate
 
 SIGNIFICANCE = 0.05

@@ -19,7 +19,7 @@ import numpy as np
 
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Progress, unheard
+from lacet.identify.progress import Progress, unheard
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -107,8 +107,8 @@ def left_to_explain(
     """What is left to explain, row by row, on the runs a model was fitted to.
 
     `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
-    (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left out: nothing
-    can be said of them. `progress` is told how many rows are done.
+    (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left
+    out: nothing can be said of them. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Progress
+from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 

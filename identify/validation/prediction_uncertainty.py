@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensor_offsets import Zeros

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.news import Progress, unheard
+from lacet.identify.progress import Progress, unheard
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
@@ -161,8 +161,8 @@ def followed_states(
 ) -> dict[str, list[Follows]]:  # fmt: skip
     """For each row, its states, those first that predict most of its residual.
 
-    `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for cross-validation are
-    left out. `progress` is told how many rows are done.
+    `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for
+    cross-validation are left out. `progress` is told how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
-from lacet.identify.catalogue import find_effect
+from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.study import Study
 from lacet.services import tables
 from lacet.services.commands.diagnose import fall, print_fall

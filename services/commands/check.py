@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
-from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
-from lacet.identify.expression_states import STATES, SUFFIXES
-from lacet.identify.linear_expression import FUNCTIONS
-from lacet.identify.one_line_effect import OneLine
+from lacet.identify.effects.language.compiled import OneLine
+from lacet.identify.effects.language.linearity import FUNCTIONS
+from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.study import Study
 from lacet.services import tables
 from lacet.services.loading import load

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lacet.identify.catalogue import base_model, catalogue, find_effect
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.model import Model

@@ -11,8 +11,8 @@ from typing import Any
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model, catalogue, find_effect
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

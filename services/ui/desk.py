@@ -17,7 +17,7 @@ from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.study import Study, Version

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from lacet.daq.errors import nearest
-from lacet.identify.catalogue import find_effect
+from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
 from lacet.services.fitting import silent

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.identify.expression_states import STATES, SUFFIXES
-from lacet.identify.linear_expression import FUNCTIONS
-from lacet.identify.one_line import LineFault
-from lacet.identify.one_line_effect import OneLine
+from lacet.identify.effects.language.compiled import OneLine
+from lacet.identify.effects.language.linearity import FUNCTIONS
+from lacet.identify.effects.language.parser import LineFault
+from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.study import Study
 from lacet.services.effect_list import effect_records
 from lacet.services.fitting import silent

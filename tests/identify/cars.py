@@ -13,7 +13,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import KinematicTable, Vehicle
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.signals.filters import Filters

@@ -7,8 +7,8 @@ from functools import cache
 import cars
 import numpy as np
 
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

@@ -16,7 +16,7 @@ import pytest
 from benchmarks.blind import identifying, making, page, scoring
 from benchmarks.blind.__main__ import append, results
 from benchmarks.blind.cases import SINGLES, Campaign, Cell, cells
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 
 pytest.importorskip("mujoco")
 SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=8.0)

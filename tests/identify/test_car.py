@@ -26,7 +26,7 @@ from lacet.identify.car.car_tree import (
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS
-from lacet.identify.effects.rigid_body import RigidBody
+from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import move_parameters
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import SolverError, UsageError
 from lacet.daq.run import Run
-from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array

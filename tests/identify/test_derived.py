@@ -14,8 +14,8 @@ import scipy.linalg
 from scipy.optimize import minimize
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import CornerNumbers, corner_numbers

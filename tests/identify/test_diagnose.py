@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.run import Run
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effects.chassis_torsion import ChassisTorsion
-from lacet.identify.effects.damper_hysteresis import DamperHysteresis, dahl
-from lacet.identify.effects.engine_mount import EngineMount
+from lacet.identify.effects.body.chassis_torsion import ChassisTorsion
+from lacet.identify.effects.body.engine_mount import EngineMount
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis, dahl
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 

@@ -17,8 +17,8 @@ from lacet.daq.units import TO_SI
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.rows import ROWS, row_unit
-from lacet.identify.catalogue import base_model, catalogue, effect_classes, find_effect
-from lacet.identify.effect import AlreadyMeasured, Effect, SensorFault
+from lacet.identify.effects.base import AlreadyMeasured, Effect, SensorFault
+from lacet.identify.effects.catalogue import base_model, catalogue, effect_classes, find_effect
 from lacet.identify.multibody.chain import FrameMotion
 
 VEHICLE, RIG = cars.reference_car()
@@ -271,7 +271,7 @@ def test_a_wrong_key_gets_the_nearest() -> None:
 
 
 _OWN = """
-from lacet.identify.effects.anti_roll_bar import AntiRollBar
+from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
 
 class Mine(AntiRollBar):
     name = "mine"

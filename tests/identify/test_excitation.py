@@ -12,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
-from lacet.identify.catalogue import base_model
 from lacet.identify.design.run_information import (
     Information,
     RunInformation,
@@ -23,6 +22,7 @@ from lacet.identify.design.run_information import (
     run_information,
 )
 from lacet.identify.design.run_ranking import chosen, quantities, rank
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
@@ -39,7 +39,7 @@ def drive(name: str, start: float = 5.0, stop: float = 12.0) -> Drive:
 @cache
 def fitted(*names: str) -> Fit:
     """The base model with both bars, which this car has."""
-    from lacet.identify.catalogue import catalogue
+    from lacet.identify.effects.catalogue import catalogue
 
     bars = [e for key, e in catalogue(VEHICLE, "hub").items() if key.startswith("anti_roll_bar")]
     reference = drive("sine").recording.reference

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.identify.catalogue import base_model
-from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.identifiability import (
     explain_grouping,

@@ -15,7 +15,7 @@ import pytest
 
 import lacet.services.fitting
 from lacet.daq.exchange import write_table
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

@@ -16,8 +16,8 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import NotIdentifiable, RunError
 from lacet.daq.run import Run, Signal
 from lacet.identify.car.kinematics import build_motion, reconstruct
-from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.effect import SensorFault
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit
@@ -327,7 +327,7 @@ def test_channels_that_do_not_overlap_name_the_culprits() -> None:
 
 def test_correction_of_a_latency_undoes_it() -> None:
     """`SensorLatency.correct` reads the channel later: exact to interpolation, for latencies of many samples."""
-    from lacet.identify.effects.sensor_latency import SensorLatency
+    from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 
     fault = SensorLatency("laser")
     assert isinstance(fault, SensorFault)

@@ -12,7 +12,7 @@ import pytest
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
 from lacet.identify.car.rows import TYRE_ROWS
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Instruments, Pair, fit_instruments, pair_of, pairs_of
 from lacet.identify.regression.model import Model

@@ -10,8 +10,8 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.regression.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

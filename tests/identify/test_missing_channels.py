@@ -11,7 +11,7 @@ import pytest
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS
-from lacet.identify.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit

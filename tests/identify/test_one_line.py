@@ -15,11 +15,11 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.catalogue import effect_classes
-from lacet.identify.dimension import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
-from lacet.identify.expression_states import STATES, all_names, use_of
-from lacet.identify.one_line import LineFault, read_line, read_lines
-from lacet.identify.one_line_effect import WHEEL_FORCE, OneLine, effect_class
+from lacet.identify.effects.catalogue import effect_classes
+from lacet.identify.effects.language.compiled import WHEEL_FORCE, OneLine, effect_class
+from lacet.identify.effects.language.parser import LineFault, read_line, read_lines
+from lacet.identify.effects.language.states import STATES, all_names, use_of
+from lacet.identify.effects.language.units import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE = cars.with_tables(VEHICLE)

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from lacet.daq.run import Run
-from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

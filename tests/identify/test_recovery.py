@@ -13,7 +13,7 @@ import pytest
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.run import Run, Signal
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

@@ -19,7 +19,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array, dot, turn
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from lacet.identify.signals.reconstruct import Signals

@@ -14,7 +14,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

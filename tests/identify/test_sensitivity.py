@@ -7,8 +7,8 @@ import exact_car
 import numpy as np
 import pytest
 
-from lacet.identify.catalogue import base_model, catalogue
-from lacet.identify.effect import SensorFault
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity, residual

@@ -13,8 +13,8 @@ from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.rig import DEFAULT_TOLERANCE
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.road import laser_mount
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effect import SensorFault
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 VEHICLE, RIG = cars.reference_car()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from cars import reference_car
 
-from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.design.discrimination import (
     Compared,
     Present,
@@ -20,7 +19,8 @@ from lacet.identify.design.discrimination import (
     run_told,
     wrong_pick,
 )
-from lacet.identify.effect import Parameter, SuspensionForce
+from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.model import Model

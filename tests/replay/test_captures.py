@@ -19,7 +19,7 @@ from lacet.daq.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model, catalogue
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

@@ -10,7 +10,6 @@ import pytest
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import base_model
 from lacet.identify.design.run_information import (
     fit_information,
     half_widths,
@@ -19,6 +18,7 @@ from lacet.identify.design.run_information import (
     run_information,
 )
 from lacet.identify.design.run_ranking import rank
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit

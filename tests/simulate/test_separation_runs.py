@@ -13,9 +13,9 @@ import pytest
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.catalogue import base_model, catalogue
 from lacet.identify.design.discrimination import NEEDED, Compared, Question, Separations, planned_run, present_runs
-from lacet.identify.effect import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

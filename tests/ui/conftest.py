@@ -14,7 +14,7 @@ from fastapi.testclient import TestClient
 import lacet.services.fitting
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.study import Study
 from lacet.services.fitting import Work

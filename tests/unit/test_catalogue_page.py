@@ -9,8 +9,8 @@ import pytest
 
 from benchmarks.catalogue_page import page as made
 from benchmarks.catalogue_page.cases import CASES
-from lacet.identify.catalogue import effect_classes
-from lacet.identify.effect import AlreadyMeasured
+from lacet.identify.effects.base import AlreadyMeasured
+from lacet.identify.effects.catalogue import effect_classes
 from lacet.simulate import Hidden, make_manoeuvre
 
 TEXT = made.PAGE.read_text(encoding="utf-8")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lacet.identify.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model
 from lacet.identify.properties.structural_identifiability import car_tree, structure
 from lacet.identify.study import Study
 from lacet.services.cli import main

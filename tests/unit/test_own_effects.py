@@ -12,8 +12,8 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.one_line import read_line
-from lacet.identify.one_line_effect import effect_class
+from lacet.identify.effects.language.compiled import effect_class
+from lacet.identify.effects.language.parser import read_line
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.study import Study
 from lacet.services.cli import main
@@ -143,7 +143,7 @@ OWN = """
 from __future__ import annotations
 from dataclasses import dataclass
 import numpy as np
-from lacet.identify.effect import SuspensionForce, Effect
+from lacet.identify.effects.base import SuspensionForce, Effect
 
 @dataclass(frozen=True)
 class Mine(SuspensionForce):

@@ -9,7 +9,7 @@ import pytest
 
 from lacet.daq.units import TO_SI
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS
 from lacet.services.paper_score import MET, MISSED, WITHOUT, print_tables, score, true_value
 from lacet.services.paper_tables import LINES, SPIN_ROWS, Line

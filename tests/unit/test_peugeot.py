@@ -6,7 +6,7 @@ from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.drivers import open_driver
-from lacet.identify.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS
 
 RIG = Rig.load("peugeot-406")

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from lacet.daq.rig import Rig
-from lacet.identify.effect import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses

@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from exact_car import KNOWN, VEHICLE
 
-from lacet.identify.effect import Effect
-from lacet.identify.one_line import read_line
-from lacet.identify.one_line_effect import effect_class
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.language.compiled import effect_class
+from lacet.identify.effects.language.parser import read_line
 from lacet.identify.selection.lack_of_fit import Left
 from lacet.identify.selection.trials import TrialSpace
 from lacet.identify.selection.unlisted import left_by

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from exact_car import KNOWN, RIG, driven, exact, fit_of
 
-from lacet.identify.effect import Effect
-from lacet.identify.news import silent
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.excused import Excused, excused

@@ -9,7 +9,7 @@ import pytest
 from exact_car import KNOWN
 from exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
-from lacet.identify.effect import Effect
+from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import diagnose

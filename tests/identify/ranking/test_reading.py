@@ -9,8 +9,8 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
 from exact_ranking import DRAWS
 
-from lacet.identify.effect import SensorFault
-from lacet.identify.effects.sensor_latency import SensorLatency
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity

@@ -9,7 +9,7 @@ import pytest
 from exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from lacet.identify.news import Tell
+from lacet.identify.progress import Tell
 from lacet.identify.regression.wls import Fit, at_faults
 from lacet.identify.selection import diagnose as ranking
 from lacet.identify.selection.diagnose import diagnose

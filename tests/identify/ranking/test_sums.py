@@ -11,8 +11,8 @@ import pytest
 from dense_ranking import Dense
 
 from lacet.identify.car.motion import Motion
-from lacet.identify.catalogue import catalogue
-from lacet.identify.effect import Effect, Parameter
+from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

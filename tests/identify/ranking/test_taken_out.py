@@ -9,8 +9,8 @@ import pytest
 from exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
-from lacet.identify.effect import SensorFault
-from lacet.identify.news import silent
+from lacet.identify.effects.base import SensorFault
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import at_faults, extended, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.look import look

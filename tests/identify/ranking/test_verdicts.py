@@ -11,8 +11,8 @@ import pytest
 from exact_car import KNOWN, driven, exact, exact_with, fit_of
 from exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
 
-from lacet.identify.effect import Effect
-from lacet.identify.news import Tell
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Tell
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking

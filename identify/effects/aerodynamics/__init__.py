@@ -1,0 +1,1 @@
+"""Forces of the air on the body: drag, lift, side force."""

@@ -1,0 +1,1 @@
+"""Masses and their carriers: rigid bodies, payload, unsprung mass, engine mounts, a chassis that twists."""

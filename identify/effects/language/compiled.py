@@ -1,0 +1,137 @@
+"""The effect that a line describes: its variants, parameters and columns, as any class of the catalogue has them."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any, ClassVar, Self, cast
+
+import numpy as np
+
+from lacet.daq.errors import UsageError
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
+from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.language.parser import Line, LineFault, RowLaw
+from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.vectors import Array
+
+WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0
+"""A plausible effect stays within a wheel's static load [N], that load at a wheel's radius and at a metre [N·m]."""
+_DRAWS = 512
+_WIDER = (1.0, 2.0, 4.0, 8.0)
+"""How far beyond the usual size of its states a law is followed that is zero within (a stop with a wide gap)."""
+
+
+class OneLine(Effect):
+    """An effect written as one line. `effect_class` makes a subclass of each line."""
+
+    line: ClassVar[Line]
+    bounds: ClassVar[dict[str, tuple[float, float]]]
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """The places its line leaves open: both axles (one value left and right) and each corner."""
+        first = {name: values[0] for name, values in cls.grids.items()}
+        return [cls(where, dict(first)) for where in cls.line.places]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The line's parameters, with the unit that follows from the law."""
+        out: list[Parameter] = []
+        for name in self.line.parameters:
+            low, high = self.bounds[name]
+            expect = "positive" if low >= 0 else "negative" if high <= 0 else "any"
+            out.append(self.named(name, self.line.unit(name), low, high, expect))
+        return tuple(out)
+
+    def acted_on(self) -> Iterator[tuple[str, str, RowLaw]]:
+        """Rows acted on: (row, corner, law), the corner empty for a chassis row."""
+        for law in self.line.rows:
+            for corner in law.corners(self.where):
+                yield (f"{law.row}.{corner}" if corner else law.row), corner, law
+
+    def lacks(self, motion: Motion) -> tuple[str, ...]:
+        """Channels of its states that a run has not, in the rows that the run has."""
+        uses = [
+            (use, corner) for row, corner, law in self.acted_on() for use in law.uses.values() if row in motion.rows
+        ]
+        return tuple(dict.fromkeys(channel for use, corner in uses for channel in use.lacks(motion, corner)))
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """The law's parts at the rows acted on. Raises UsageError where one has no finite value."""
+        out: dict[str, Array] = {}
+        names = list(self.line.parameters)
+        for row, corner, law in self.acted_on():
+            values = {name: use.value(motion, corner) for name, use in law.uses.items()}
+            table = out.setdefault(row, np.zeros((len(names), motion.t.size)))
+            for name, term in law.terms.items():
+                with np.errstate(all="ignore"):
+                    part = term.series({**values, **self.shape}, motion.t.size)
+                bad = np.flatnonzero(~np.isfinite(part))
+                if bad.size:
+                    raise UsageError(self._not_finite(motion, row, law, values, int(bad[0])))
+                table[names.index(name)] += part
+        return out
+
+    def _not_finite(self, motion: Motion, row: str, law: RowLaw, values: dict[str, Array], at: int) -> str:
+        states = ", ".join(f"{n} = {values[n][at]:.4g} {use.state.unit}" for n, use in law.uses.items())
+        return (
+            f"{self.key}: {law.text} has no finite value in {row} at t = {motion.t[at]:.2f} s of {motion.name}, where "
+            f"{states or 'no state is in it'}. Write the law so that it has one there, as in /max(abs(rate), 0.01 m/s)"
+        )
+
+
+def effect_class(line: Line) -> type[OneLine]:
+    """The effect of a line that has a name. Raises LineFault when no plausible size of a parameter can be told."""
+    law = "; ".join(f"{law.named}: {law.text}" for law in line.rows)
+    states = ", ".join(dict.fromkeys(use.state.name.replace("_", " ") for use in line.states.values()))
+    attributes: dict[str, Any] = {
+        "__doc__": f"{line.about or law}.", "__module__": __name__, "line": line, "name": line.name,
+        "about": line.about or law,
+        "signature": "; ".join(f"{law.named} row follows {law.text}" for law in line.rows),
+        "shown_by": f"a run in which {states or 'the car'} changes much",
+        "source": "one line of the user's",
+        "rows": tuple(dict.fromkeys(law.row for law in line.rows)),
+        "grids": dict(line.grids),
+        "bounds": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
+    }  # fmt: skip
+    return cast(type[OneLine], type(f"OneLine_{line.name}", (OneLine,), attributes))
+
+
+def _plausible(line: Line, parameter: str) -> tuple[float, float]:
+    """± the largest value with which the law stays within a plausible force at the usual sizes of its states.
+
+    A parameter in several rows must stay within in each; of the constants tried those count that allow most.
+    """
+    sizes: list[float] = []
+    for shape in itertools.product(*line.grids.values()):
+        constants = dict(zip(line.grids, shape, strict=True))
+        each = [_size(law, law.terms[parameter], constants) for law in line.rows if parameter in law.terms]
+        sizes += [min(size for size in each if size)] if any(each) else []
+    if not sizes:
+        unit = line.unit(parameter)
+        says = f"no plausible size of {parameter} can be told: at every usual size of its states the law is zero or "
+        raise LineFault(
+            line.text, f"{says}not finite. Give bounds at the end of the line: ', {parameter} in -500..500 {unit}'"
+        )
+    size = float(f"{max(sizes):.1e}")
+    return -size, size
+
+
+def _size(law: RowLaw, term: Expression, constants: dict[str, float]) -> float:
+    """Plausible force ÷ the largest |term| at usual states; 0 where the term is zero or not finite throughout."""
+    plausible = CAR_MOMENT if law.row.startswith("chassis.m") else WHEEL_MOMENT if law.row == "spin" else WHEEL_FORCE
+    for wider in _WIDER:
+        rng = np.random.default_rng(0)
+        states = {
+            name: wider * rng.uniform(use.state.low, use.state.high, _DRAWS) for name, use in sorted(law.uses.items())
+        }
+        with np.errstate(all="ignore"):
+            found = np.abs(term.series({**states, **constants}, _DRAWS))
+        found = found[np.isfinite(found)]
+        largest = float(np.max(found)) if found.size else 0.0
+        if largest > 0.0 and math.isfinite(plausible / largest) and plausible / largest > 0.0:
+            return plausible / largest
+    return 0.0

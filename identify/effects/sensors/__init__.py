@@ -1,0 +1,1 @@
+"""Faults of the sensors: gain, drift, latency, misalignment, position, crosstalk."""

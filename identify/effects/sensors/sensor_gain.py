@@ -1,0 +1,72 @@
+"""Instruments whose scale is off."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Self
+
+import numpy as np
+
+from lacet.daq.channels import CHANNELS
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.base import Parameter, SensorFault
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.reconstruct import Recording
+
+_CORNER = {"force": "wheel.{c}.force", "hub": "laser.{c}.hub", "ground": "laser.{c}.ground"}
+_IMU = {"accel": "imu.accel", "rate": "imu.rate"}
+
+
+class SensorGain(SensorFault):
+    """One scale off: y = (1 + g) x. Wheel forces and lasers by corner, the inertial unit by axis, the speed sensor.
+
+    The scale of a hub laser looks like other springs, dampers and bars at its corner; only the tyre row, in which it
+    takes part in the deflection, tells them apart. A scale that all wheel forces have in common, or the whole of the
+    specific force, is another mass and cannot be seen. Moments are not tried: the loads' moments are mostly force times
+    lever.
+    """
+
+    name = "sensor_gain"
+    about = "an instrument's scale off by a fraction"
+    signature = "every row it enters is too large or too small in proportion"
+    shown_by = "large signals"
+    source = "Doebelin (2004), Measurement Systems, chapter 3 (sensitivity)"
+    looks_like = ("spring", "damper", "anti_roll_bar")
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """Each wheel's force, each laser, each axis of the inertial unit, the speed sensor."""
+        corners = [f"{what}.{c}" for what in _CORNER for c in vehicle.corners]
+        return [cls(where) for where in (*corners, *(f"{what}.{axis}" for what in _IMU for axis in "xyz"), "speed")]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Relative gain error g."""
+        return (self.named("g", "-", -0.2, 0.2),)
+
+    def channels(self) -> tuple[str, ...]:
+        """The one channel."""
+        what, _, place = self.where.partition(".")
+        if what in _CORNER:
+            return (_CORNER[what].format(c=place),)
+        return (_IMU.get(what, "correvit.speed"),)
+
+    def _scaled(self, channel: str) -> Array:
+        """(k, 1) one for the components that are scaled."""
+        what, _, place = self.where.partition(".")
+        if what in _IMU:
+            return (np.arange(3) == "xyz".index(place)).astype(float)[:, None]
+        return np.ones((CHANNELS[channel].width, 1))
+
+    def perturb(self, channel: str, recording: Recording) -> Array:
+        """x."""
+        return self._scaled(channel) * recording.signals.value[channel]
+
+    def correct(self, channel: str, recording: Recording, p: float) -> Array:
+        """y / (1 + g)."""
+        return recording.signals.value[channel] / (1.0 + p * self._scaled(channel))
+
+    @property
+    def tolerance(self) -> str:
+        """The sheet's gain."""
+        return "gain"

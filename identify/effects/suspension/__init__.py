@@ -1,0 +1,1 @@
+"""Springs, dampers, friction, bars and stops: forces in the suspension rows."""

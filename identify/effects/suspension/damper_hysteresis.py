@@ -1,0 +1,66 @@
+"""Friction that turns round over a stroke: bushes, joints, leaf springs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
+from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.multibody.vectors import Array
+
+
+class DamperHysteresis(Effect):
+    """Dahl's friction: F = f z, dz/ds = (1 − z sign ṡ) / length, so that z goes from −1 to 1 over some lengths.
+
+    It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), which is what is
+    computed, exactly for a travel that is monotone between samples. The run (or a piece of a long one) begins at z = 0;
+    how it began is forgotten after a few lengths of travel. Coulomb friction is the same where strokes are long.
+    """
+
+    name = "damper_hysteresis"
+    about = "friction with memory: turns round over a stroke (bushes, joints, leaf springs)"
+    signature = "suspension row is a loop against travel, as wide at slow as at fast travel"
+    shown_by = "slow sinus steering, smooth driving: many reversals of a small travel"
+    source = "Dahl (1976), AIAA Journal 14, 1675; Fancher et al. (1980), SAE 800905"
+    rows = ("suspension",)
+    looks_like = ("coulomb",)
+    instantaneous = False
+    # Shorter strokes than a few tenths of a millimetre of laser noise cannot be followed.
+    grids: ClassVar = {"length": (0.001, 0.003, 0.01)}
+
+    @classmethod
+    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
+        """Both axles and each corner."""
+        return [cls(where) for where in (*AXLES, *vehicle.corners)]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Friction force f."""
+        return (self.named("f", "N", 0.0, 1500.0, "positive"),)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """z at the corners acted on."""
+        length = self.shape.get("length", 0.003)
+        return {f"suspension.{c}": dahl(motion.corners[c].travel, length)[None] for c in self.corners()}
+
+
+def dahl(travel: Array, length: float) -> Array:
+    """(N,) state z of Dahl's friction along a travel [m], from z = 0.
+
+    Each step is z ← a z + b with a = exp(−|Δs| / length), b = (1 − a) sign Δs. Steps are put together in pairs, pairs
+    of pairs and so on (a prefix scan): no loop over samples, and 0 ≤ a ≤ 1 keeps rounding small.
+    """
+    step = np.diff(travel, prepend=travel[:1])
+    a = np.exp(-np.abs(step) / length)
+    b = (1.0 - a) * np.sign(step)
+    a[0] = 0.0
+    shift = 1
+    while shift < travel.size and np.any(a[shift:] > 1e-15):
+        b[shift:] += a[shift:] * b[:-shift]
+        a[shift:] *= a[:-shift].copy()
+        shift *= 2
+    return b

@@ -1,0 +1,1 @@
+"""Vertical laws of the tyres, and what the wheel dynamometers measure of their other forces."""

@@ -1,0 +1,129 @@
+"""A user's own effect files: loaded, and what is wrong in them told with file, class and method.
+
+Of an effect that ships with lacet the same would be a bug, and crashes as one.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import ModuleType
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import ROWS
+from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.multibody.vectors import Array
+
+_PREFIX = "lacet_user_effects."
+_TEXTS = ("name", "about", "signature", "shown_by", "source")
+T = TypeVar("T")
+
+
+def load_own(file: Path) -> ModuleType:
+    """A user's file as a module. Raises UsageError when it cannot be loaded."""
+    name = f"{_PREFIX}{file.stem}"
+    spec = importlib.util.spec_from_file_location(name, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module  # data classes look themselves up there
+    try:
+        spec.loader.exec_module(module)
+    except Exception as cause:  # whatever a user's file raises is theirs to see, with its place
+        del sys.modules[name]
+        raise UsageError(f"{file}: cannot be loaded: {type(cause).__name__}: {cause}") from cause
+    return module
+
+
+def is_own(cls: type[Effect]) -> bool:
+    """Whether a class comes from a user's file."""
+    return cls.__module__.startswith(_PREFIX)
+
+
+def vetted(cls: type[Effect]) -> None:
+    """Raise UsageError when a user's class that has a name is not whole."""
+    if not is_own(cls) or "name" not in vars(cls):
+        return
+    if inspect.isabstract(cls):
+        missing = ", ".join(sorted(cls.__abstractmethods__))
+        raise UsageError(f"{_place(cls)} must also define {missing}")
+    absent = [name for name in _TEXTS if not (isinstance(found := getattr(cls, name, None), str) and found.strip())]
+    if absent:
+        raise UsageError(f"{_place(cls)} must say its {', '.join(absent)} (a text each)")
+
+
+def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequence[str] = ()) -> Sequence[Effect]:
+    """A class's variants and those for runs, a user's class looked at. Raises UsageError where they cannot be used."""
+    if not is_own(cls):
+        return [*cls.variants(vehicle, reference), *cls.for_runs(runs)]
+    found: Any = _call(cls, "variants", lambda: [*cls.variants(vehicle, reference), *cls.for_runs(runs)])
+    for one in found:
+        if not isinstance(one, Effect):
+            raise UsageError(f"{_place(cls)}.variants must give effects, found {type(one).__name__}")
+        parameters: Any = _call(cls, "parameters", lambda one=one: tuple(one.parameters))
+        if not parameters or not all(isinstance(p, Parameter) for p in parameters):
+            raise UsageError(f"{_place(cls)}.parameters must be one Parameter or more: (self.named(…),)")
+        for p in parameters:
+            if not (np.isfinite(p.low) and np.isfinite(p.high) and p.low < p.high):
+                raise UsageError(f"{_place(cls)}.parameters: {p.name} needs finite bounds, low below high")
+    return found
+
+
+def checked_columns(effect: Effect, motion: Motion) -> dict[str, Array]:
+    """An effect's columns; those of a user's file are looked at. Raises UsageError where they cannot be used."""
+    cls = type(effect)
+    if not is_own(cls):
+        return effect.columns(motion)
+    found: Any = _call(cls, "columns", lambda: effect.columns(motion))
+    if not isinstance(found, dict):
+        raise UsageError(f"{_place(cls)}.columns must give a dictionary row → (p, N), found {type(found).__name__}")
+    shape = (len(effect.parameters), motion.t.size)
+    out: dict[str, Array] = {}
+    for row, table in cast(dict[Any, Any], found).items():
+        if row not in ROWS:
+            raise UsageError(f"{_place(cls)}.columns: there is no row {row!r} (lacet info --rows lists them)")
+        array: Array = _call(cls, f"columns of {row}", lambda table=table: np.asarray(table, float))
+        if array.shape != shape:
+            raise UsageError(
+                f"{_place(cls)}.columns: {row} has shape {array.shape}, expected (parameters, samples) = {shape}"
+            )
+        bad = np.flatnonzero(~np.all(np.isfinite(array), axis=0))
+        if bad.size:
+            when = f"t = {motion.t[bad[0]]:.2f} s of {motion.name}"
+            raise UsageError(f"{_place(cls)}.columns: {row} has no finite value at {when} ({bad.size} samples in all)")
+        out[str(row)] = array
+    return out
+
+
+def _call(cls: type[Effect], method: str, function: Callable[[], T]) -> T:
+    try:
+        return function()
+    except LacetError:
+        raise
+    except Exception as cause:  # as above: theirs to see, with its place
+        raise UsageError(f"{_place(cls)}.{method} fails: {_line(cls, cause)}{type(cause).__name__}: {cause}") from cause
+
+
+def _line(cls: type[Effect], cause: Exception) -> str:
+    """``line 12: ``, the deepest line of the user's file on the way to a fault."""
+    file, number, trace = _file(cls), 0, cause.__traceback__
+    while trace is not None:
+        number = trace.tb_lineno if trace.tb_frame.f_code.co_filename == file else number
+        trace = trace.tb_next
+    return f"line {number}: " if number else ""
+
+
+def _file(cls: type[Effect]) -> str:
+    return inspect.getfile(cls)
+
+
+def _place(cls: type[Effect]) -> str:
+    return f"{_file(cls)}: {cls.__name__}"
