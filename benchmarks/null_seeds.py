@@ -30,9 +30,9 @@ from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.verdicts import SIGNIFICANCE
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare
-from lacet.services.capturing import encode_rig, simulated_start
+from lacet.services.acquisition.capture import encode_rig, simulated_start
+from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
 from lacet.services.commands.simulate import HOUR_NS, RUN_STEP
-from lacet.services.decoding import Decoder, decode_frames
 from lacet.services.environment import HOME
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, find_car, make_manoeuvre, measure
 from lacet.simulate import run as simulate_drive

@@ -13,11 +13,11 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from benchmarks.stories.page import STORIES, play, steps
-from lacet.identify.study import Study
 from lacet.identify.validation.restoring_force import restoring_surfaces
-from lacet.services.fitting import Work
-from lacet.services.plots import fall_figure, png
-from lacet.services.where_plots import surface_figure
+from lacet.services.render.failure_plots import surface_figure
+from lacet.services.render.plots import fall_figure, png
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 
 IMAGES = STORIES.parent / "images" / "stories"
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.identify.effects.catalogue import find_effect
-from lacet.identify.study import Study
-from lacet.services import tables
 from lacet.services.commands.diagnose import fall, print_fall
-from lacet.services.fitting import Work
 from lacet.services.progress import Line
+from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 
 HELP = "add an effect to the model and see the error fall"
 DESCRIPTION = """\

@@ -13,14 +13,15 @@ from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
-from lacet.identify.study import Study
 from lacet.identify.validation.score import compare
-from lacet.services import checking, tables
-from lacet.services.fitting import default_filters, scores
-from lacet.services.loading import Loaded, load
 from lacet.services.progress import Line
+from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
-from lacet.services.rig_edit import with_latencies
+from lacet.services.workspace import sensor_check as checking
+from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.rig_text import with_latencies
+from lacet.services.workspace.session import default_filters, scores
+from lacet.services.workspace.study import Study
 
 HELP = "check the sensors' noise and latencies against the rig file, and the fit for bias by noise"
 DESCRIPTION = """\

@@ -6,12 +6,12 @@ import argparse
 from pathlib import Path
 
 from lacet.identify.properties.derived import damper_curves
-from lacet.identify.study import Study
-from lacet.services import tables
-from lacet.services.fitting import Work, scores
 from lacet.services.progress import Line
+from lacet.services.render import tables
+from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.result import DONE, write_result
-from lacet.services.validation_plots import draw_comparison, draw_dampers
+from lacet.services.workspace.session import Work, scores
+from lacet.services.workspace.study import Study
 
 HELP = "compare the model with the measurement, row by row"
 DESCRIPTION = """\

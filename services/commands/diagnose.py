@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
-from lacet.identify.study import Study
-from lacet.services import tables
-from lacet.services.fitting import LEAST_DRAWS, Work, diagnosis_result, overall
-from lacet.services.next_report import add_arguments as add_next_arguments
-from lacet.services.next_report import hint, next_of, next_text
 from lacet.services.progress import Line
+from lacet.services.render import tables
+from lacet.services.render.separation_report import add_arguments as add_next_arguments
+from lacet.services.render.separation_report import hint, next_of, next_text
 from lacet.services.result import DONE, write_result
+from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result, overall
+from lacet.services.workspace.study import Study
 
 HELP = "find out which physical effect is missing"
 DESCRIPTION = """\

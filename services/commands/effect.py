@@ -10,10 +10,13 @@ from lacet.daq.errors import UsageError
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.states import STATES, SUFFIXES
-from lacet.identify.study import Study
-from lacet.services import tables
-from lacet.services.loading import load
-from lacet.services.own_effects import (
+from lacet.services.progress import Line
+from lacet.services.render import tables
+from lacet.services.result import DONE, write_result
+from lacet.services.workspace.effect_trial import outcome, try_effect
+from lacet.services.workspace.loading import load
+from lacet.services.workspace.study import Study
+from lacet.services.workspace.user_effects import (
     line_result,
     may_have,
     own_classes,
@@ -23,9 +26,6 @@ from lacet.services.own_effects import (
     take_out,
     with_name,
 )
-from lacet.services.own_trial import outcome, try_effect
-from lacet.services.progress import Line
-from lacet.services.result import DONE, write_result
 
 HELP = "add an effect of your own to the catalogue of a study, in one line"
 DESCRIPTION = """\

@@ -12,13 +12,13 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare
-from lacet.services import tables
-from lacet.services.consistency_report import left_open, mend
-from lacet.services.fitting import FLOOR_DRAWS, default_filters, fit_result
-from lacet.services.loading import load
 from lacet.services.progress import Line
+from lacet.services.render import tables
+from lacet.services.render.consistency_report import left_open, mend
+from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.result import DONE, WITH_LOSSES, write_result
-from lacet.services.validation_plots import draw_comparison, draw_dampers
+from lacet.services.workspace.loading import load
+from lacet.services.workspace.session import FLOOR_DRAWS, default_filters, fit_result
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\

@@ -13,11 +13,11 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs, row_unit
-from lacet.services import tables
-from lacet.services.effect_list import list_effects
-from lacet.services.model_info import find_model, model_info
 from lacet.services.progress import Line
+from lacet.services.render import tables
 from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.services.workspace.effect_list import list_effects
+from lacet.services.workspace.model_tree import find_model, model_info
 
 HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
 DESCRIPTION = """\

@@ -21,18 +21,18 @@ from lacet.daq.log import LogWriter, StartRecord
 from lacet.daq.rig import Rig
 from lacet.daq.spool import Spool
 from lacet.daq.vehicle import Vehicle
-from lacet.services.decoding import Decoder
-from lacet.services.progress import Line
-from lacet.services.record import Health, Recorder, Summary
-from lacet.services.result import DONE, WITH_LOSSES, write_result
-from lacet.services.transports.base import Receiver
-from lacet.services.transports.endpoints import (
+from lacet.services.acquisition.recorder import Health, Recorder, Summary
+from lacet.services.acquisition.stream_decoder import Decoder
+from lacet.services.acquisition.transports.base import Receiver
+from lacet.services.acquisition.transports.endpoints import (
     default_endpoint,
     open_receiver,
     parse_assignments,
     read_endpoints,
     ready_file,
 )
+from lacet.services.progress import Line
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\

@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lacet.identify.study import Study
-from lacet.services import tables
 from lacet.services.commands.diagnose import fall, print_fall
-from lacet.services.fitting import Work
 from lacet.services.progress import Line
+from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 
 HELP = "take an effect out of the model again"
 DESCRIPTION = """\

@@ -13,18 +13,18 @@ from threading import Event
 from lacet.daq.errors import UsageError
 from lacet.daq.log import LogReader
 from lacet.daq.rig import Rig
-from lacet.services.progress import Line
-from lacet.services.replay import Progress, replay
-from lacet.services.result import DONE, WITH_LOSSES, write_result
-from lacet.services.transports.base import Sender
-from lacet.services.transports.endpoints import (
+from lacet.services.acquisition.player import Progress, replay
+from lacet.services.acquisition.transports.base import Sender
+from lacet.services.acquisition.transports.endpoints import (
     default_endpoint,
     open_sender,
     parse_assignments,
     ready_file,
     write_endpoints,
 )
-from lacet.services.transports.serial import PtySender
+from lacet.services.acquisition.transports.serial import PtySender
+from lacet.services.progress import Line
+from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "play a recorded run's raw frames onto the wires"
 DESCRIPTION = """\

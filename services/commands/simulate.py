@@ -16,7 +16,7 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.daq.exchange import write_table
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.services.capturing import encode_rig, simulated_start, write_capture
+from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.result import DONE, plain, write_result
 from lacet.simulate import (
     CARS,
@@ -166,7 +166,7 @@ def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]
     """The car, its anti-roll bars, and what was assumed of it."""
     if named in CARS or not named.endswith(".toml"):
         return find_car(named), (), ()
-    from lacet.services.planned_car import known_values, planned_car  # loads the identification, 2 s
+    from lacet.services.planning.nominal_car import known_values, planned_car  # loads the identification, 2 s
 
     vehicle = Vehicle.load(named)
     like = planned_car(vehicle, known_values(vehicle, None, rig.wheel_reference))

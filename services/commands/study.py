@@ -7,13 +7,13 @@ import shutil
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.identify.study import Study
-from lacet.services import tables
-from lacet.services.fitting import LEAST_DRAWS, Work, default_filters
-from lacet.services.loading import find_rig, find_vehicle
 from lacet.services.progress import Line
-from lacet.services.report import write_report
+from lacet.services.render import tables
+from lacet.services.render.report import write_report
 from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.services.workspace.loading import find_rig, find_vehicle
+from lacet.services.workspace.session import LEAST_DRAWS, Work, default_filters
+from lacet.services.workspace.study import Study
 
 HELP = "make a study, and see how the error fell"
 DESCRIPTION = """\

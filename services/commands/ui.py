@@ -27,7 +27,7 @@ Docs: workbench.md."""
 
 
 LEAST_DRAWS = 19
-"""As `services.fitting` has it, which is loaded with the server only."""
+"""As `services.workspace.session` has it, which is loaded with the server only."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -6,10 +6,10 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
-from lacet.identify.study import Study
-from lacet.services import tables
 from lacet.services.commands.study import study_result
+from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
+from lacet.services.workspace.study import Study
 
 HELP = "go back to the version before"
 DESCRIPTION = """\

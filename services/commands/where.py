@@ -5,12 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lacet.identify.study import Study
-from lacet.services.fitting import Work
 from lacet.services.progress import Line
+from lacet.services.render.failure_report import write_where
 from lacet.services.result import DONE, write_result
-from lacet.services.where import find_where, follows_table, left_table, phase_table, says, where_result
-from lacet.services.where_report import write_where
+from lacet.services.workspace.failure import find_where, follows_table, left_table, phase_table, says, where_result
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 
 HELP = "see where the model fails: rows, phases, states, and how much is left to explain"
 DESCRIPTION = """\

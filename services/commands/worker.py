@@ -18,8 +18,8 @@ import zenoh
 from lacet.daq.bus import ROUTER, open_session
 from lacet.daq.bus_listener import BusListener
 from lacet.daq.errors import UsageError
+from lacet.services.acquisition.worker import DEADLINE, PATIENCE, RESULT, Worker
 from lacet.services.result import DONE, WITH_LOSSES, write_result
-from lacet.services.worker import DEADLINE, PATIENCE, RESULT, Worker
 
 HELP = "assemble runs from the bus and identify the car from them"
 DESCRIPTION = f"""\
@@ -111,4 +111,4 @@ def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
 
 def fit(path: Path) -> dict[str, Any]:
     """Fit the base model to a run (imported when it is needed: the worker starts at once)."""
-    return importlib.import_module("lacet.services.fitting").fit_run(path)
+    return importlib.import_module("lacet.services.workspace.session").fit_run(path)

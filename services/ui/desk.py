@@ -20,14 +20,14 @@ from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.study import Study, Version
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
-from lacet.services.fitting import Tell, Work, scores
 from lacet.services.result import plain
 from lacet.services.ui.refusals import Busy, Needs
-from lacet.services.where import Where, find_where, says, where_result
+from lacet.services.workspace.failure import Where, find_where, says, where_result
+from lacet.services.workspace.session import Tell, Work, scores
+from lacet.services.workspace.study import Study, Version
 
 WAIT = 2.0
 """How long a small question waits for a job to end [s]."""

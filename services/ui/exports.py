@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.services.commands.study import study_result
-from lacet.services.fitting import overall
 from lacet.services.result import FORMAT, plain
 from lacet.services.ui.desk import Desk
 from lacet.services.ui.refusals import Needs
 from lacet.services.ui.tasks import REPORT
 from lacet.services.ui.views import parameters_payload
+from lacet.services.workspace.session import overall
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 """The report is one file with its styles and pictures inside, and nothing that runs."""

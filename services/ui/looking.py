@@ -9,11 +9,11 @@ from lacet.daq.errors import nearest
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
-from lacet.services.fitting import silent
 from lacet.services.result import plain
 from lacet.services.ui.binary import packed
 from lacet.services.ui.desk import WAIT, Desk
 from lacet.services.ui.refusals import Needs, NotThere
+from lacet.services.workspace.session import silent
 
 
 def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:

@@ -9,14 +9,14 @@ from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
-from lacet.identify.study import Study
-from lacet.services.effect_list import effect_records
-from lacet.services.fitting import silent
-from lacet.services.own_effects import line_result, may_have, own_lines, put, with_name
-from lacet.services.own_trial import outcome, try_effect
 from lacet.services.result import plain
 from lacet.services.ui.desk import WAIT, Desk
 from lacet.services.ui.refusals import Busy
+from lacet.services.workspace.effect_list import effect_records
+from lacet.services.workspace.effect_trial import outcome, try_effect
+from lacet.services.workspace.session import silent
+from lacet.services.workspace.study import Study
+from lacet.services.workspace.user_effects import line_result, may_have, own_lines, put, with_name
 
 LONGEST = 2000
 """Characters a line may have."""

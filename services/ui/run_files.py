@@ -18,9 +18,9 @@ from lacet.daq.errors import LacetError, RunError, UsageError, nearest
 from lacet.daq.log import LogReader
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
-from lacet.identify.study import Study
 from lacet.services.result import plain
 from lacet.services.ui.desk import Desk, one_stamp
+from lacet.services.workspace.study import Study
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
 """Endings of files that can be runs."""

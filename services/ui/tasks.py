@@ -8,19 +8,19 @@ from typing import Any, TypeVar
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.identify.study import Study
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall
 from lacet.services.commands.study import study_result
-from lacet.services.decoding_log import decode_log
-from lacet.services.fitting import LEAST_DRAWS, Work, diagnosis_result
-from lacet.services.loading import find_rig, find_vehicle
-from lacet.services.next_report import next_result
-from lacet.services.next_separation import recommend
-from lacet.services.report import write_report
+from lacet.services.planning.separation import recommend
+from lacet.services.render.report import write_report
+from lacet.services.render.separation_report import next_result
 from lacet.services.result import plain
 from lacet.services.ui.desk import Desk
 from lacet.services.ui.jobs import Do, Teller
 from lacet.services.ui.run_files import FOLDER, RAW, RunFiles, find_run
+from lacet.services.workspace.decode import decode_log
+from lacet.services.workspace.loading import find_rig, find_vehicle
+from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result
+from lacet.services.workspace.study import Study
 
 REPORT = "report.html"
 Found = TypeVar("Found")

@@ -12,13 +12,13 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
-from lacet.identify.study import Study, Version
 from lacet.identify.validation.residual_map import BIN, residual_map
-from lacet.services.fitting import overall
 from lacet.services.result import plain
 from lacet.services.ui.binary import packed
 from lacet.services.ui.desk import Compared, Desk
 from lacet.services.ui.refusals import NotThere
+from lacet.services.workspace.session import overall
+from lacet.services.workspace.study import Study, Version
 
 MOST_CELLS = 1200
 """Cells of the residual map along one run."""

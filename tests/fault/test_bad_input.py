@@ -14,8 +14,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from lacet.daq.log import LogReader
-from lacet.identify.study import Study
 from lacet.services.cli import main
+from lacet.services.workspace.study import Study
 from tests.support.places import HOME
 from tests.support.tables import FILES, exchanged, piece, spoilt, without, written
 
@@ -45,7 +45,7 @@ class Said(NamedTuple):
 def lacet(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Runs a command line in this process; a traceback fails the test by itself."""
     monkeypatch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
-    monkeypatch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.session.FLOOR_DRAWS", 3)
 
     def run(*argv: object) -> Said:
         file = tmp_path / "result.json"

@@ -13,17 +13,17 @@ import cars
 import numpy as np
 import pytest
 
-import lacet.services.fitting
+import lacet.services.workspace.session
 from lacet.daq.exchange import write_table
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.column_noise import ColumnNoise
-from lacet.identify.study import Study, Version
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
-from lacet.services.fitting import Work, diagnosis_result
-from lacet.services.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
+from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
+from lacet.services.workspace.session import Work, diagnosis_result
+from lacet.services.workspace.study import Study, Version
 
 TRIED = ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl")
 DRAWS = 19
@@ -57,8 +57,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
         count["noise"] += 1
         return of(*args, pairs=1, **more)
 
-    monkeypatch.setattr(lacet.services.fitting, "floor_of", floor)
-    monkeypatch.setattr(lacet.services.fitting, "fit", fit_once)
+    monkeypatch.setattr(lacet.services.workspace.session, "floor_of", floor)
+    monkeypatch.setattr(lacet.services.workspace.session, "fit", fit_once)
     monkeypatch.setattr(ColumnNoise, "of", noise)
     monkeypatch.setattr(Study, "effects", few)
     return count

@@ -23,7 +23,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.log import LogReader
 from lacet.daq.spool import Spool
 from lacet.daq.wire import StartRecord, block_to_bytes
-from lacet.services.worker import RunResult, Worker
+from lacet.services.acquisition.worker import RunResult, Worker
 from tests.support.rig import T0, free_port, rig_text, samples
 
 CHANNEL_NAMES = ("imu.accel", "wheel.fl.speed", "camera.rr.steer")

@@ -17,8 +17,8 @@ from lacet.daq.frames import Frames
 from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
+from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
 from lacet.services.cli import main
-from lacet.services.decoding import Decoder, decode_frames
 
 T0 = 1_700_000_000 * 10**9
 SECONDS = 2.0

@@ -14,10 +14,10 @@ from lacet.daq.blocks import Block
 from lacet.daq.frames import Frames
 from lacet.daq.log import LogReader, LogWriter, StartRecord
 from lacet.daq.rig import Rig
-from lacet.services.decoding import Decoder, decode_frames
-from lacet.services.record import Recorder
-from lacet.services.replay import Progress, replay
-from lacet.services.transports.endpoints import open_receiver, open_sender
+from lacet.services.acquisition.player import Progress, replay
+from lacet.services.acquisition.recorder import Recorder
+from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
+from lacet.services.acquisition.transports.endpoints import open_receiver, open_sender
 from tests.support.rig import T0, free_port, make_frames, rig_text
 
 

@@ -14,11 +14,11 @@ import pytest
 
 from lacet.daq.frames import Frames
 from lacet.daq.queue import BoundedQueue
-from lacet.services.transports.base import Receiver, Sender
-from lacet.services.transports.can import GROUP, MulticastSender, multicast_receiver
-from lacet.services.transports.reader import Reader
-from lacet.services.transports.serial import PtySender, SerialReceiver
-from lacet.services.transports.udp import UdpSender, udp_receiver
+from lacet.services.acquisition.transports.base import Receiver, Sender
+from lacet.services.acquisition.transports.can import GROUP, MulticastSender, multicast_receiver
+from lacet.services.acquisition.transports.reader import Reader
+from lacet.services.acquisition.transports.serial import PtySender, SerialReceiver
+from lacet.services.acquisition.transports.udp import UdpSender, udp_receiver
 from tests.support.rig import free_port
 
 

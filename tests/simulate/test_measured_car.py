@@ -11,7 +11,7 @@ from simulated_drives import drive
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
-from lacet.services.paper_tables import LINES
+from lacet.services.reproduction.published_tables import LINES
 from lacet.simulate import Hidden, find_car, make_manoeuvre, run
 from lacet.simulate.vehicle_file import vehicle_text
 

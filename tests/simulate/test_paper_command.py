@@ -12,7 +12,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from lacet.services.cli import main
-from lacet.services.paper_campaign import Places, experiment, identify, simulation
+from lacet.services.reproduction.campaigns import Places, experiment, identify, simulation
 from lacet.simulate import engine
 from tests.unit.test_json import conforms
 
@@ -28,7 +28,7 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("lacet.services.commands.paper.QUICK", 5.0)
-    monkeypatch.setattr("lacet.services.paper_campaign.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.reproduction.campaigns.FLOOR_DRAWS", 3)
     words = ("--tables", "simulation", "--quick")
     code, told = paper(tmp_path / "out", *words)
     printed = capsys.readouterr().out
@@ -66,7 +66,7 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     }  # fmt: skip
     assert b"stiffness" not in (folder / "vehicle.toml").read_bytes()
     # the fit made again without the truth in reach is the same
-    monkeypatch.setattr("lacet.services.paper_campaign.drive", None)
+    monkeypatch.setattr("lacet.services.reproduction.campaigns.drive", None)
     first = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
     (folder / "fit.json").unlink()
     hidden_away = shutil.move(tmp_path / "out" / "truth", tmp_path / "elsewhere")
@@ -76,7 +76,7 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     assert again == first
     shutil.move(hidden_away, tmp_path / "out" / "truth")
     # finished steps are kept: nothing is driven or fitted
-    monkeypatch.setattr("lacet.services.paper_campaign.fit", None)
+    monkeypatch.setattr("lacet.services.reproduction.campaigns.fit", None)
     assert paper(tmp_path / "out", *words)[1]["campaigns"] == told["campaigns"]
 
 

@@ -23,9 +23,9 @@ from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.noise_floor import floor_of
-from lacet.services.manoeuvre_library import Limits, Plan, library
-from lacet.services.planned_car import known_values, planned_car
-from lacet.services.planning import simulated_runs
+from lacet.services.planning.manoeuvre_library import Limits, Plan, library
+from lacet.services.planning.nominal_car import known_values, planned_car
+from lacet.services.planning.simulated_plans import simulated_runs
 from lacet.simulate import Hidden, Sheet, exchange_run, find_car, make_manoeuvre, run
 from lacet.simulate.vehicle_file import vehicle_text
 

@@ -13,8 +13,8 @@ pytest.importorskip("mujoco")
 
 from benchmarks.stories.__main__ import PICTURES
 from benchmarks.stories.page import STORIES, close, not_printed, play, steps
-from lacet.identify.study import Study, Version
-from lacet.services.fitting import overall
+from lacet.services.workspace.session import overall
+from lacet.services.workspace.study import Study, Version
 
 
 def played(page: str) -> None:

@@ -22,12 +22,12 @@ from lacet.daq.frames import Frames
 from lacet.daq.log import LogReader, LogWriter, StartRecord
 from lacet.daq.queue import BoundedQueue
 from lacet.daq.rig import Rig
-from lacet.services.decoding import Decoder
-from lacet.services.record import Recorder
-from lacet.services.replay import replay
-from lacet.services.transports.can import SocketCanSender, has_socketcan, socketcan_receiver
-from lacet.services.transports.endpoints import default_endpoint, open_receiver, open_sender
-from lacet.services.transports.reader import Reader
+from lacet.services.acquisition.player import replay
+from lacet.services.acquisition.recorder import Recorder
+from lacet.services.acquisition.stream_decoder import Decoder
+from lacet.services.acquisition.transports.can import SocketCanSender, has_socketcan, socketcan_receiver
+from lacet.services.acquisition.transports.endpoints import default_endpoint, open_receiver, open_sender
+from lacet.services.acquisition.transports.reader import Reader
 
 
 def say(check: str, ok: bool, **facts: object) -> None:

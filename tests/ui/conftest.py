@@ -11,14 +11,14 @@ import pytest
 from bench_page import Page
 from fastapi.testclient import TestClient
 
-import lacet.services.fitting
+import lacet.services.workspace.session
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.study import Study
-from lacet.services.fitting import Work
 from lacet.services.ui.server import Settings, create_app
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, piece, written
 
 TRIED = ("anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear")
@@ -41,8 +41,8 @@ def quick(model: Any, drives: Any, **more: Any) -> Fit:
 
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Fits without the noise's bias, few candidates, few draws behind a score's floor."""
-    patch.setattr(lacet.services.fitting, "fit", quick)
-    patch.setattr(lacet.services.fitting, "FLOOR_DRAWS", 3)
+    patch.setattr(lacet.services.workspace.session, "fit", quick)
+    patch.setattr(lacet.services.workspace.session, "FLOOR_DRAWS", 3)
     patch.setattr(Study, "effects", few)
 
 

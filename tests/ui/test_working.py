@@ -14,16 +14,16 @@ from fastapi.testclient import TestClient
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.identify.study import Study
 from lacet.services.cli import main
-from lacet.services.fitting import Work
-from lacet.services.page import details
-from lacet.services.page import page as html_page
+from lacet.services.render.html import details
+from lacet.services.render.html import page as html_page
 from lacet.services.ui.desk import Desk
 from lacet.services.ui.events import Events
 from lacet.services.ui.jobs import Jobs, Teller
 from lacet.services.ui.server import Settings, create_app
 from lacet.services.ui.watch import state_of
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, piece, written
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.properties.structural_identifiability import car_tree, structure
-from lacet.identify.study import Study
 from lacet.services.cli import main
+from lacet.services.workspace.study import Study
 from tests.identify import cars
 from tests.support.places import HOME
 from tests.support.tables import CAR, FILES, piece, written

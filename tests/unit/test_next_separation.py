@@ -12,12 +12,12 @@ import pytest
 from lacet.daq.errors import UsageError
 from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
 from lacet.identify.selection.candidate import Candidate
-from lacet.identify.study import Study
 from lacet.services.cli import main
-from lacet.services.fitting import Work
-from lacet.services.manoeuvre_library import KMH, Limits
-from lacet.services.next_report import hint, next_result, next_text
-from lacet.services.next_separation import ORDINARY, recommend, tied
+from lacet.services.planning.manoeuvre_library import KMH, Limits
+from lacet.services.planning.separation import ORDINARY, recommend, tied
+from lacet.services.render.separation_report import hint, next_result, next_text
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 from tests.support.tables import FILES, piece, written
 from tests.unit.test_json import conforms
 
@@ -50,17 +50,17 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("next")
     run = str(written(piece("sine", 5.0, 12.0), folder / "sine.parquet"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
+        patch.setattr("lacet.services.workspace.session.FLOOR_DRAWS", 3)
         assert main(["study", "new", str(folder / "study"), "--use", run, *FILES, "--draws", "19"]) == 0
     return folder / "study"
 
 
 def asked(study: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> dict[str, Any]:
     """The result of asking, with two manoeuvres of a few seconds."""
-    monkeypatch.setattr("lacet.services.next_separation.SECONDS", 5.0)
+    monkeypatch.setattr("lacet.services.planning.separation.SECONDS", 5.0)
     few = lambda only, without: ["liftoff"]  # noqa: E731
-    monkeypatch.setattr("lacet.services.next_separation.kinds", few)
-    monkeypatch.setattr("lacet.services.next_separation.Limits", lambda: Limits(speed=50 * KMH))
+    monkeypatch.setattr("lacet.services.planning.separation.kinds", few)
+    monkeypatch.setattr("lacet.services.planning.separation.Limits", lambda: Limits(speed=50 * KMH))
     file = study / "out.json"
     assert main(["diagnose", str(study), "--next", *names, "--json", str(file)]) == 0
     return conforms(file, "diagnose")["next"]
@@ -84,7 +84,7 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("lacet.services.planning.drive_car", refuse)
+    monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
     nothing: Any = SimpleNamespace(best=None, candidates=(), louder={})
     shown = recommend(Work(Study.open(study)), nothing, ["tyre_damping.front"])
     assert shown is not None

@@ -15,10 +15,10 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.study import Study
 from lacet.services.cli import main
 from lacet.services.commands.effect import DESCRIPTION
-from lacet.services.fitting import Work
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
 from tests.support.places import HOME
 from tests.support.tables import FILES, piece, without, written
 from tests.unit.test_json import conforms
@@ -30,7 +30,7 @@ RESULT = {"rows": {"used": {}, "held": {}}, "parameters": []}
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     """A study of ten seconds, its base model not fitted."""
-    monkeypatch.setattr("lacet.services.fitting.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.session.FLOOR_DRAWS", 3)
     run = written(piece(), tmp_path / "run.parquet")
     return Study.create(tmp_path / "study", [run], [], Rig.load(FILES[1]), Vehicle.load(FILES[3]), draws=19)
 

@@ -11,8 +11,8 @@ from lacet.daq.units import TO_SI
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS
-from lacet.services.paper_score import MET, MISSED, WITHOUT, print_tables, score, true_value
-from lacet.services.paper_tables import LINES, SPIN_ROWS, Line
+from lacet.services.reproduction.published_tables import LINES, SPIN_ROWS, Line
+from lacet.services.reproduction.scores import MET, MISSED, WITHOUT, print_tables, score, true_value
 from lacet.simulate import find_car
 
 VEHICLE = Vehicle.load("peugeot-406")

@@ -15,8 +15,8 @@ from lacet.daq.errors import UsageError
 from lacet.daq.toml_reader import Quantity
 from lacet.daq.vehicle import Vehicle
 from lacet.services.cli import main
-from lacet.services.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
-from lacet.services.planned_car import known_values, planned_car
+from lacet.services.planning.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
+from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.simulate import MANOEUVRES, find_car
 from lacet.simulate.vehicle_file import vehicle_text
 from tests.support.tables import FILES, piece, written
@@ -125,7 +125,7 @@ def test_before_the_first_run_and_again_from_what_was_kept(
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
-    monkeypatch.setattr("lacet.services.planning.drive_car", refuse)
+    monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
     assert main(argv) == 0
     again = conforms(file, "plan")
     assert again["ranking"] == first["ranking"]

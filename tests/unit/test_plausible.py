@@ -15,8 +15,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import Drive
-from lacet.services.loading import load
 from lacet.services.plausible import implausible
+from lacet.services.workspace.loading import load
 from tests.support.tables import CAR, piece, without, written
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")

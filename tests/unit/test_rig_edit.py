@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from lacet.daq.rig import Rig
 from lacet.services.cli import main
-from lacet.services.rig_edit import with_latencies
+from lacet.services.workspace.rig_text import with_latencies
 from tests.support.tables import CAR, FILES
 
 HOME = Path(__file__).parents[2]

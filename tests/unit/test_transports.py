@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import FileFault, UsageError
 from lacet.daq.rig import Bus
-from lacet.services.transports import can as wire
-from lacet.services.transports.endpoints import (
+from lacet.services.acquisition.transports import can as wire
+from lacet.services.acquisition.transports.endpoints import (
     default_endpoint,
     open_receiver,
     open_sender,
@@ -74,7 +74,7 @@ def test_every_can_bus_has_a_port_of_its_own():
 
 def test_socketcan_is_preferred_and_a_replay_keeps_off_real_buses(monkeypatch):
     monkeypatch.setattr(
-        "lacet.services.transports.endpoints.has_socketcan", lambda name: name in ("can0", "vcan0", "can1")
+        "lacet.services.acquisition.transports.endpoints.has_socketcan", lambda name: name in ("can0", "vcan0", "can1")
     )
     assert default_endpoint(BUSES, "can0", sending=False) == "socketcan:can0"
     assert default_endpoint(BUSES, "can0", sending=True) == "socketcan:vcan0"

@@ -1,0 +1,306 @@
+"""The one live loop: wires → queue → log of raw frames → decoder → log of blocks and bus."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from threading import Event
+from typing import Any, Protocol
+
+from lacet.daq.blocks import Block
+from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.frames import Frames
+from lacet.daq.log import LogWriteError, LogWriter, StopRecord
+from lacet.daq.queue import BoundedQueue
+from lacet.daq.wire import Losses, Tally, block_to_bytes, frames_to_bytes
+from lacet.services.acquisition.transports.base import Receiver
+from lacet.services.acquisition.transports.reader import Reader
+
+BATCH = 0.1
+"""Frames are decoded and written together for this long [s]."""
+QUEUE_FRAMES = 60_000
+"""Frames the queue holds: some eight seconds of a full rig."""
+
+
+class LiveDecoder(Protocol):
+    """What the loop needs of `services.acquisition.stream_decoder.Decoder`."""
+
+    def feed(self, frames: Frames) -> list[Block]:
+        """Blocks that the batch completes."""
+        ...
+
+    def finish(self) -> list[Block]:
+        """What was still waiting at the end."""
+        ...
+
+    def losses(self) -> Losses:
+        """Losses so far, by bus, then cause."""
+        ...
+
+    def ledger(self) -> Losses:
+        """Everything counted so far, by bus, then what."""
+        ...
+
+
+@dataclass
+class Health:
+    """The last second of a recording.
+
+    Attributes
+    ----------
+    seconds : since the start [s].
+    frames : bus → frames/s received.
+    samples : channel → samples/s.
+    losses : source → cause → number since the start.
+    down : buses whose wire is not open.
+    waiting : frames in the queue.
+    """
+
+    seconds: float
+    frames: dict[str, float]
+    samples: dict[str, float]
+    losses: dict[str, dict[str, int]]
+    down: list[str]
+    waiting: int
+
+
+@dataclass
+class Summary:
+    """A finished recording. `frames` and `samples` by bus and channel, `losses` by source and cause."""
+
+    reason: str
+    seconds: float
+    frames: dict[str, int]
+    samples: dict[str, int]
+    losses: dict[str, dict[str, int]]
+    log_error: str | None = None
+    tallies: dict[str, Tally] = field(default_factory=dict)
+
+
+class Recorder:
+    """Records until it is told to stop. Neither a dead link, nor the bus, nor a full disk ends it.
+
+    Parameters
+    ----------
+    receivers : one for each bus.
+    decoder : makes blocks of frames.
+    log : open log; closed by `run`.
+    publisher : the bus, None to do without.
+    axes : channel → axes where the rig declares others than the vocabulary (as given to the log).
+    tell : called with plain sentences for the user.
+    report : called once a second.
+    queue_frames : capacity of the queue.
+    """
+
+    def __init__(
+        self,
+        receivers: Sequence[Receiver],
+        decoder: LiveDecoder,
+        log: LogWriter,
+        publisher: RunPublisher | None = None,
+        *,
+        axes: Mapping[str, str] | None = None,
+        tell: Callable[[str], None] = print,
+        report: Callable[[Health], None] = lambda health: None,
+        queue_frames: int = QUEUE_FRAMES,
+    ):
+        self.queue: BoundedQueue[Frames] = BoundedQueue(queue_frames)
+        self.readers = [Reader(receiver, self.queue, tell) for receiver in receivers]
+        self._decoder = decoder
+        self._log = log
+        self._publisher = publisher
+        self._axes = dict(axes or {})
+        self._tell = tell
+        self._report = report
+        self._log_error: str | None = None
+        self._frames: dict[str, Tally] = {}
+        self._blocks: dict[str, Tally] = {}
+        self._reported: tuple[float, Counter[str], Counter[str]] = (0.0, Counter(), Counter())
+
+    def run(
+        self,
+        stop: Event,
+        duration: float | None = None,
+        until_idle: float | None = None,
+        on_ready: Callable[[], None] = lambda: None,
+    ) -> Summary:
+        """Record until `stop` is set, `duration` [s] is over, or no frame came for `until_idle` [s] after the first.
+
+        Parameters
+        ----------
+        on_ready : called once every wire is open for the first time.
+
+        Returns
+        -------
+        Summary : the log is closed and the manifest is published.
+
+        Raises
+        ------
+        BaseException : a bug in a reader or a driver; the log is closed, and says so.
+        """
+        started = time.monotonic()
+        for reader in self.readers:
+            reader.start()
+        with self._log:  # an exception closes it with its reason
+            try:
+                reason = self._loop(stop, started, duration, until_idle, on_ready)
+            finally:
+                for reader in self.readers:
+                    reader.stop()
+                for reader in self.readers:
+                    reader.join()
+            self._work(self.queue.drain())
+            self._blocks_out(self._decoder.finish())
+            self._second(started)
+            return self._finish(reason, started)
+
+    def _loop(
+        self,
+        stop: Event,
+        started: float,
+        duration: float | None,
+        until_idle: float | None,
+        on_ready: Callable[[], None],
+    ) -> str:
+        ready = False
+        last_frame: float | None = None
+        next_report = started + 1.0
+        while True:
+            batch = self._gather()
+            now = time.monotonic()
+            if batch:
+                last_frame = now
+                self._work(batch)
+            self._tick()
+            for reader in self.readers:
+                if reader.fault is not None:
+                    raise reader.fault
+            if not ready and all(reader.up.is_set() for reader in self.readers):
+                ready = True
+                on_ready()
+            if now >= next_report:
+                next_report = max(next_report + 1.0, now)
+                self._second(started)
+            if stop.is_set():
+                return "stopped"
+            if duration is not None and now - started >= duration:
+                return f"duration of {duration:g} s is over"
+            if until_idle is not None and last_frame is not None and now - last_frame >= until_idle:
+                return f"nothing came for {until_idle:g} s"
+
+    def _gather(self) -> list[Frames]:
+        """Everything that comes within one batch time."""
+        until = time.monotonic() + BATCH
+        out: list[Frames] = []
+        while (left := until - time.monotonic()) > 0.0:
+            # Sleeping and then taking all costs less than being woken for every piece.
+            time.sleep(left)
+            out += self.queue.drain()
+        return out
+
+    def _work(self, batch: list[Frames]) -> None:
+        for source in dict.fromkeys(frames.source for frames in batch):
+            frames = Frames.concat(source, [part for part in batch if part.source == source])
+            tally = self._frames.get(source, Tally())
+            self._frames[source] = tally.add(self._store_frames(frames, tally.messages), len(frames))
+            self._blocks_out(self._decoder.feed(frames))
+
+    def _blocks_out(self, blocks: list[Block]) -> None:
+        for block in blocks:
+            if not len(block):
+                continue
+            tally = self._blocks.get(block.channel, Tally())
+            message = self._store_block(block, tally.messages)
+            self._blocks[block.channel] = tally.add(message, len(block))
+            if self._publisher is not None:
+                self._publisher.put_block(block.channel, message, len(block))
+
+    def _store_frames(self, frames: Frames, sequence: int) -> bytes:
+        try:
+            return self._log.write_frames(frames)
+        except LogWriteError as error:
+            self._log_failed(error)
+            return frames_to_bytes(frames, sequence)
+
+    def _store_block(self, block: Block, sequence: int) -> bytes:
+        try:
+            return self._log.write_block(block)
+        except LogWriteError as error:  # the bus still gets it, numbered as before
+            self._log_failed(error)
+            return block_to_bytes(block, sequence, self._axes.get(block.channel))
+
+    def _tick(self) -> None:
+        try:
+            if self._log.error is None:
+                self._log.tick(time.time_ns())
+        except LogWriteError as error:
+            self._log_failed(error)
+
+    def _log_failed(self, error: LogWriteError) -> None:
+        if self._log_error is None:
+            self._log_error = str(error)
+            self._tell(f"THE LOG CANNOT BE WRITTEN ANY FURTHER; publishing goes on. {error}")
+
+    def losses(self) -> dict[str, dict[str, int]]:
+        """The loss ledger: bus (or channel, of what the disk did not take) → cause → number since the start."""
+        out: dict[str, Counter[str]] = {}
+        for reader in self.readers:
+            out[reader.receiver.source] = Counter(reader.losses())
+        for source, number in self.queue.dropped.items():
+            out.setdefault(source, Counter())["queue"] += number
+        for source, causes in (*self._decoder.losses().items(), *self._log.losses.items()):
+            out.setdefault(source, Counter()).update(causes)
+        return {source: {c: n for c, n in sorted(causes.items()) if n} for source, causes in out.items() if +causes}
+
+    def _second(self, started: float) -> None:
+        now = time.monotonic()
+        before, frames, samples = self._reported
+        seconds = now - started
+        received = Counter({reader.receiver.source: reader.received for reader in self.readers})
+        decoded = Counter({channel: tally.samples for channel, tally in self._blocks.items()})
+        span = max(seconds - before, 1e-9)
+        self._reported = (seconds, received, decoded)
+        health = Health(
+            seconds,
+            {name: (number - frames[name]) / span for name, number in received.items()},
+            {name: (number - samples[name]) / span for name, number in sorted(decoded.items())},
+            self.losses(),
+            [reader.receiver.source for reader in self.readers if not (reader.up.is_set() or reader.stopping)],
+            self.queue.held,
+        )
+        if self._publisher is not None:
+            try:
+                self._publisher.put_ledger(_ledger(health, self._decoder.ledger()))
+            except Exception as error:
+                self._tell(f"bus: {error}; recording goes on")
+        self._report(health)
+
+    def _finish(self, reason: str, started: float) -> Summary:
+        losses = self.losses()
+        if self._log_error is not None:
+            reason = f"{reason}; the log is not complete: {self._log_error}"
+        frames = {name: tally.samples for name, tally in self._frames.items()}
+        samples = {name: tally.samples for name, tally in sorted(self._blocks.items())}
+        try:
+            self._log.close(StopRecord(time.time_ns(), reason, {}, losses))
+        except LogWriteError as error:
+            self._log_failed(error)
+            losses = self.losses()
+        if self._publisher is not None:
+            self._publisher.finish(losses, dict(self._frames))
+        return Summary(reason, time.monotonic() - started, frames, samples, losses, self._log_error, self._blocks)
+
+
+def _ledger(health: Health, counts: Losses) -> dict[str, Any]:
+    return {
+        "format": "lacet-ledger 1",
+        "seconds": round(health.seconds, 3),
+        "frames_per_second": {name: round(rate, 1) for name, rate in health.frames.items()},
+        "samples_per_second": {name: round(rate, 1) for name, rate in health.samples.items()},
+        "losses": health.losses,
+        "counts": counts,
+        "down": health.down,
+        "queue": health.waiting,
+    }

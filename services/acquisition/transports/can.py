@@ -1,0 +1,234 @@
+"""CAN: SocketCAN where the kernel has it, otherwise python-can's `udp_multicast` format on the loopback interface.
+
+Sockets of our own rather than python-can's: they give integer nanosecond stamps and the kernel's drop count, and cost
+8 µs a frame instead of 35. On the wire they are the same, so python-can's tools see this traffic and it sees theirs.
+"""
+
+from __future__ import annotations
+
+import errno
+import socket
+import struct
+import time
+from functools import partial
+
+import msgpack
+
+from lacet.daq.frames import Frames
+from lacet.services.acquisition.transports.sockets import SocketReceiver, waiting_bytes
+
+_FRAME = struct.Struct("=IB3x8s")  # struct can_frame: id and flags, length, padding, data
+_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000  # linux/can.h: CAN_{EFF,RTR,ERR}_FLAG
+_ID = 0x1FFF_FFFF
+_STANDARD = 0x7FF  # the largest 11-bit id; above it a frame is sent as extended
+_CAN_RAW = 1
+_ROOM = 256 << 10  # bytes waiting at a receiver below which a sender in a hurry goes on
+
+GROUP = "239.74.163.2"
+"""python-can's own IPv4 multicast group."""
+LOOPBACK = "127.0.0.1"
+
+
+def has_socketcan(interface: str) -> bool:
+    """Whether this kernel has SocketCAN and an interface of that name."""
+    if not hasattr(socket, "AF_CAN"):
+        return False
+    try:
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, _CAN_RAW):
+            socket.if_nametoindex(interface)
+    except OSError:
+        return False
+    return True
+
+
+def unpack_socketcan(data: bytes) -> tuple[int, bytes] | None:
+    """One ``struct can_frame`` → (id, payload); None for error and remote frames."""
+    if len(data) != _FRAME.size:
+        raise ValueError("not a classic CAN frame")
+    ident, length, payload = _FRAME.unpack(data)
+    if ident & (_REMOTE | _ERROR):
+        return None
+    return ident & _ID, payload[:length]
+
+
+def unpack_multicast(data: bytes) -> tuple[int, bytes] | None:
+    """One datagram of python-can's `udp_multicast` → (id, payload); None for error and remote frames."""
+    try:
+        fields = msgpack.unpackb(data)
+        if fields["is_remote_frame"] or fields["is_error_frame"]:
+            return None
+        ident, payload = fields["arbitration_id"], fields["data"]
+        if not (isinstance(ident, int) and 0 <= ident <= _ID and isinstance(payload, bytes) and len(payload) <= 64):
+            raise ValueError
+    except (ValueError, TypeError, LookupError, msgpack.exceptions.UnpackException) as error:
+        raise ValueError("not a frame of python-can's udp_multicast") from error
+    return ident, payload
+
+
+def pack_multicast(ident: int, payload: bytes) -> bytes:
+    """One frame as python-can's `udp_multicast` sends it; the receiver stamps it."""
+    data = msgpack.packb(
+        {
+            "timestamp": 0.0,
+            "arbitration_id": ident,
+            "is_extended_id": ident > _STANDARD,
+            "is_remote_frame": False,
+            "is_error_frame": False,
+            "channel": None,
+            "dlc": len(payload),
+            "data": payload,
+            "is_fd": len(payload) > 8,
+            "bitrate_switch": False,
+            "error_state_indicator": False,
+        }
+    )
+    assert data is not None  # it gives bytes unless a stream is named
+    return data
+
+
+def _open_socketcan(interface: str) -> socket.socket:
+    sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, _CAN_RAW)
+    try:
+        sock.bind((interface,))
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def socketcan_receiver(source: str, interface: str) -> SocketReceiver:
+    """Receive from a SocketCAN interface. Link down raises OSError from `read`; opening again waits for it."""
+    return SocketReceiver(source, partial(_open_socketcan, interface), unpack_socketcan)
+
+
+def _open_multicast(group: str, port: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.bind((group, port))  # the group's address, not any: another group on this port is another bus
+        joined = False
+        # Loopback, where our senders speak, and the default route's interface, where python-can's speak.
+        for interface in (LOOPBACK, "0.0.0.0"):
+            try:
+                request = socket.inet_aton(group) + socket.inet_aton(interface)
+                sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, request)
+                joined = True
+            except OSError:
+                continue
+        if not joined:
+            raise OSError(errno.ENODEV, no_multicast(group))
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def no_multicast(group: str) -> str:
+    """What to do on a machine that does not carry multicast."""
+    return f"this machine has no route for multicast group {group}; remedy: sudo ip route add 239.0.0.0/8 dev lo"
+
+
+def multicast_receiver(source: str, group: str, port: int) -> SocketReceiver:
+    """Receive python-can's `udp_multicast` frames. Each bus needs a port of its own."""
+    return SocketReceiver(source, partial(_open_multicast, group, port), unpack_multicast)
+
+
+class SocketCanSender:
+    """Send on a SocketCAN interface; a frame the interface refuses for a second is counted in `unsent`."""
+
+    def __init__(self, source: str, interface: str):
+        self.source = source
+        self.unsent = 0
+        self.sees_receivers = False
+        self.endpoint = f"socketcan:{interface}"
+        self._interface = interface
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        """Open the interface."""
+        self._socket = _open_socketcan(self._interface)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 0)  # it never reads
+
+    def send(self, frames: Frames) -> None:
+        """Put frames on the bus, in order; a full transmit queue is waited for."""
+        assert self._socket is not None
+        for ident, payload in _pairs(frames):
+            word = ident | _EXTENDED if ident > _STANDARD else ident
+            self._send_one(self._socket, _FRAME.pack(word, len(payload), payload))
+
+    def _send_one(self, sock: socket.socket, data: bytes) -> None:
+        until = time.monotonic() + 1.0
+        while True:
+            try:
+                sock.send(data)
+                return
+            except OSError as error:
+                if error.errno != errno.ENOBUFS or time.monotonic() > until:
+                    self.unsent += 1
+                    return
+            time.sleep(0.001)
+
+    def has_room(self) -> bool:
+        """Unknown on a CAN bus: a receiver's queue cannot be seen."""
+        return True
+
+    def close(self) -> None:
+        """Release the socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+class MulticastSender:
+    """Send in python-can's `udp_multicast` format; never leaves the machine (loopback interface, hop limit 0).
+
+    Parameters
+    ----------
+    interface : IPv4 address of the interface to speak on; loopback needs no route and no network.
+    """
+
+    def __init__(self, source: str, group: str, port: int, interface: str = LOOPBACK):
+        self.source = source
+        self.unsent = 0
+        self.sees_receivers = True
+        self.endpoint = f"multicast:{group}:{port}"
+        self._to = (group, port)
+        self._interface = interface
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        """Open the socket; it is not a member of the group, so it does not hear itself."""
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._interface))
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        except OSError as error:
+            sock.close()
+            raise OSError(error.errno, no_multicast(self._to[0])) from error
+        self._socket = sock
+
+    def send(self, frames: Frames) -> None:
+        """Put frames on the wire, in order."""
+        assert self._socket is not None
+        for ident, payload in _pairs(frames):
+            try:
+                self._socket.sendto(pack_multicast(ident, payload), self._to)
+            except OSError as error:
+                if error.errno in (errno.ENETUNREACH, errno.EHOSTUNREACH):
+                    raise OSError(error.errno, no_multicast(self._to[0])) from error
+                self.unsent += 1
+
+    def has_room(self) -> bool:
+        """Whether the slowest listener on this machine has read nearly everything so far."""
+        return (waiting_bytes(self._to[1]) or 0) < _ROOM
+
+    def close(self) -> None:
+        """Release the socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+
+def _pairs(frames: Frames) -> list[tuple[int, bytes]]:
+    data, offset = frames.data.tobytes(), frames.offset.tolist()
+    return [(ident, data[offset[i] : offset[i + 1]]) for i, ident in enumerate(frames.ident.tolist())]

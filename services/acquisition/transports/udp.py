@@ -1,0 +1,63 @@
+"""UDP over IPv4: one datagram is one frame."""
+
+from __future__ import annotations
+
+import socket
+from itertools import pairwise
+
+from lacet.daq.frames import Frames
+from lacet.services.acquisition.transports.sockets import SocketReceiver, waiting_bytes
+
+_ROOM = 256 << 10  # bytes waiting at a receiver below which a sender in a hurry goes on
+
+
+def udp_receiver(source: str, host: str, port: int) -> SocketReceiver:
+    """Receive the datagrams sent to `port` at the address `host` of this machine (0.0.0.0: at any)."""
+
+    def connect() -> socket.socket:
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            sock.bind((host, port))
+        except OSError as error:
+            sock.close()
+            raise OSError(error.errno, f"UDP {host}:{port}: {error.strerror}") from error
+        return sock
+
+    return SocketReceiver(source, connect, lambda data: (0, data))
+
+
+class UdpSender:
+    """Send each frame as one datagram to `host`:`port`; a datagram refused because nobody listens is `unsent`."""
+
+    def __init__(self, source: str, host: str, port: int):
+        self.source = source
+        self.unsent = 0
+        self.sees_receivers = True
+        self.endpoint = f"udp:{host}:{port}"
+        self._to = (host, port)
+        self._socket: socket.socket | None = None
+
+    def open(self) -> None:
+        """Open the socket."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.connect(self._to)
+
+    def send(self, frames: Frames) -> None:
+        """Send the frames, in order."""
+        assert self._socket is not None
+        data, offset = frames.data.tobytes(), frames.offset.tolist()
+        for first, last in pairwise(offset):
+            try:
+                self._socket.send(data[first:last])
+            except OSError:  # the answer "port unreachable" to an earlier datagram: that one is lost, this one unsent
+                self.unsent += 1
+
+    def has_room(self) -> bool:
+        """Whether a listener on this machine has read nearly everything so far."""
+        return (waiting_bytes(self._to[1]) or 0) < _ROOM
+
+    def close(self) -> None:
+        """Release the socket."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None

@@ -1,0 +1,313 @@
+"""Which run to drive next to tell effects apart that look alike, or to show one that the present runs cannot test."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lacet.daq.errors import UsageError
+from lacet.identify.design.discrimination import (
+    NEEDED,
+    SHOWS,
+    Compared,
+    Present,
+    Question,
+    RunTold,
+    Separations,
+    planned_run,
+    present_runs,
+    wrong_pick,
+)
+from lacet.identify.design.run_ranking import DURATIONS
+from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.catalogue import find_effect
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import Candidate, Diagnosis
+from lacet.services.planning.manoeuvre_library import Limits, kinds, library
+from lacet.services.planning.nominal_car import known_values, planned_car
+from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, simulated_runs
+from lacet.services.workspace.session import Tell, Work, silent
+from lacet.simulate.engine import engine_library
+
+FAULT = 4.0
+"""Ordinary size of a sensor fault, in 1 σ of its sheet's tolerance."""
+ORDINARY = 20.0
+"""√λ on the runs at hand of an ordinary size of physics, where that is plausible."""
+_UNTOUCHED = ("gain", "latency", "drift")
+"""Tolerances that stand in the sheet channel by channel, or differ from run to run."""
+
+
+@dataclass(frozen=True)
+class Recommended:
+    """One manoeuvre: separation, or √λ of a single effect, `now` and `after` a run as long as allowed.
+
+    `seconds` : the shortest duration tried that is enough, or None; `ordinary` : √λ of a single effect at an ordinary
+    size after it.
+    """
+
+    run: PlannedRun
+    now: float
+    after: float
+    seconds: float | None
+    ordinary: float | None
+    sentence: str
+
+    @property
+    def manoeuvre(self) -> str:
+        """Manoeuvre, speed and amplitude in words."""
+        return self.run.label
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """Every manoeuvre, the best first.
+
+    `compared` : the effects at the sizes used; `found` which of them have a size that the runs gave; `each` √λ of each
+    now; `says` what to drive in plain sentences.
+    """
+
+    compared: tuple[Compared, ...]
+    found: tuple[bool, ...]
+    now: float
+    each: Sequence[float]
+    runs: tuple[Recommended, ...]
+    says: str
+    warnings: tuple[str, ...]
+
+    @property
+    def alone(self) -> bool:
+        """Whether it is one effect that is to be shown."""
+        return len(self.compared) == 1
+
+    @property
+    def needed(self) -> float:
+        """What separation, or √λ, is enough."""
+        return SHOWS if self.alone else NEEDED
+
+
+def recommend(
+    work: Work, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
+    without: Sequence[str] = (), tell: Tell = silent,
+) -> Recommendation | None:  # fmt: skip
+    """What every manoeuvre of the library would tell.
+
+    Parameters
+    ----------
+    names : effects to tell apart, or the one to be shown; by default the best candidate and those tied with it.
+    limits, without : what may be driven, and manoeuvres that cannot be.
+
+    Returns None when no names are given and nothing is tied. Raises UsageError for effects that there are not, or that
+    are in the model, and without the simulator.
+    """
+    fitted = work.fitted(work.study.version())
+    wanted = list(dict.fromkeys(names or tied(diagnosis)))
+    if not wanted:
+        return None
+    try:
+        engine_library()
+    except UsageError as missing:
+        raise UsageError(f"runs are predicted by simulation: {missing}") from None
+    known = work.study.effects(work.loaded.reference)
+    compared, found = _compared(fitted, known, diagnosis, wanted)
+    why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
+    faults = [e for e in known.values() if isinstance(e, SensorFault) and e.tolerance not in _UNTOUCHED]
+    question = Question(fitted, compared, [(fault, _tolerance(fitted, fault)) for fault in faults])
+    tell("what the present runs tell")
+    present = present_runs(question, work.floor(work.study.version()), diagnosis.louder)
+    before = Separations(question, present)
+    sized = _sized(before, found)
+    question = Question(fitted, sized, question.tolerances)
+    before = Separations(question, present)
+    chosen = limits or Limits()
+    planned, problems = _library(work, fitted, chosen, without, tell)
+    runs: list[Recommended] = []
+    for number, one in enumerate(planned, 1):
+        tell(f"what it would tell, {number} of {len(planned)}: {one.label}")
+        lacking = [reason for c in compared if (reason := one.drive.can(c.effect))]
+        if lacking:
+            problems.append(f"left out: {one.label}: {lacking[0]}")
+            continue
+        told = planned_run(question, one.drive, diagnosis.louder)
+        runs.append(_judged(question, present, before, one, told, chosen, bool(why)))
+        one.drive.forget_motion()
+        one.drive.forget_columns()
+    runs.sort(key=lambda r: (r.seconds is None, -r.after))
+    now, each = _value(before), _sizes(before)
+    says = _says(question, now, runs, not names, why)
+    return Recommendation(question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems))
+
+
+def tied(diagnosis: Diagnosis) -> list[str]:
+    """The best candidate and those that cannot be told apart from it, or nothing."""
+    best = diagnosis.best
+    return [best.key, *(key for key, _ in best.ties)] if best and best.ties else []
+
+
+def _compared(
+    fitted: Fit, known: Mapping[str, Effect], diagnosis: Diagnosis, wanted: Sequence[str]
+) -> tuple[list[Compared], list[bool]]:
+    """The effects at the sizes that the runs gave, or ordinary ones."""
+    by_key = {c.key: c for c in diagnosis.candidates}
+    out: list[Compared] = []
+    found: list[bool] = []
+    for key in wanted:
+        effect = find_effect(key, dict(known))
+        if key in fitted.model:
+            raise UsageError(f"{key} is in the model: only effects that are not can be told apart")
+        if not effect.parameters:
+            raise UsageError(f"{key} has no parameters: the measurements hold it already")
+        for drive in fitted.drives:
+            if why := drive.can(effect):
+                raise UsageError(f"{key} cannot be computed on these runs: {why}")
+        c = by_key.get(key)
+        real = c is not None and c.answer in ("missing", "undecided") and bool(c.values)
+        if c is not None and real:
+            effect, values = replace(effect, shape=dict(c.shape)), np.array(c.values)
+        else:
+            effect = replace(effect, shape=_middle(effect, c))
+            values = ordinary(fitted, effect)
+        out.append(Compared(effect, values))
+        found.append(real)
+    return out, found
+
+
+def _middle(effect: Effect, c: Candidate | None) -> dict[str, float]:
+    """Shape constants that the ranking liked best, or those in the middle of what it tries."""
+    middle = {name: values[len(values) // 2] for name, values in effect.grids.items()}
+    return {**middle, **effect.shape, **(c.shape if c else {})}
+
+
+def _sized(before: Separations, found: Sequence[bool]) -> list[Compared]:
+    """The effects, those of plausible size made so small that they would stand out by `ORDINARY` at present."""
+    out: list[Compared] = []
+    for i, (c, real) in enumerate(zip(before.question.compared, found, strict=True)):
+        size = before.size(i)
+        share = 1.0 if real or len(found) == 1 or size <= ORDINARY else ORDINARY / size
+        out.append(replace(c, values=share * c.values))
+    return out
+
+
+def ordinary(fitted: Fit, effect: Effect) -> Array:
+    """(p,) sizes that are plausible: of physics 1 σ of what is, of a sensor fault four of its tolerance."""
+    sizes = np.array([q.prior * (-1.0 if q.expect == "negative" else 1.0) for q in effect.parameters])
+    if isinstance(effect, SensorFault) and (tolerance := _tolerance(fitted, effect)) > 0.0:
+        return np.minimum(sizes, FAULT * tolerance)
+    return sizes
+
+
+def _tolerance(fitted: Fit, fault: SensorFault) -> float:
+    rig = fitted.drives[0].recording.rig
+    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
+
+
+def _library(
+    work: Work, fitted: Fit, limits: Limits, without: Sequence[str], tell: Tell
+) -> tuple[list[PlannedRun], list[str]]:
+    """The motions of the library, simulated with what is known of the car, and why some could not be made."""
+    loaded = work.loaded
+    like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
+    plans = library(like.car, limits, kinds((), without), SECONDS)
+    channels = frozenset(name for drive in loaded.drives for name in drive.recording.rates)
+    return simulated_runs(
+        plans, like, loaded.vehicle, loaded.rig, work.study.filters, limits, work.study.folder / "planned", tell,
+        loaded.drives[0].recording.rates, channels,
+    )  # fmt: skip
+
+
+def _judged(
+    question: Question, present: Present, before: Separations, run: PlannedRun, told: RunTold, limits: Limits,
+    blocked: bool,
+) -> Recommended:  # fmt: skip
+    """One manoeuvre, as long as allowed, and the shortest duration that is enough."""
+    after = Separations(question, present, told.lasting(limits.duration))
+    value, now = _value(after), _value(before)
+    needed = SHOWS if len(question.compared) == 1 else NEEDED
+    seconds = None
+    if value >= needed and (now < needed or blocked):
+        tried = [*(d for d in DURATIONS if d < limits.duration), limits.duration]
+        enough = (d for d in tried if _value(Separations(question, present, told.lasting(d))) >= needed)
+        seconds = next(enough, limits.duration)
+    ordinary = _alone(after, question.compared[0].values) if len(question.compared) == 1 else None
+    sentence = _sentence(question, run.label, seconds or limits.duration, now, value, limits.duration)
+    return Recommended(run, now, value, seconds, ordinary, sentence)
+
+
+def _value(separations: Separations) -> float:
+    """Of one effect how far it stands out, √λ; of more the smallest separation of two."""
+    return _sizes(separations)[0] if len(separations.question.compared) == 1 else separations.least()
+
+
+def _sizes(separations: Separations) -> list[float]:
+    """√λ of each effect; where it is asked for alone, at its largest plausible size."""
+    compared = separations.question.compared
+    if len(compared) == 1:
+        return [_alone(separations, np.array([q.largest for q in compared[0].effect.parameters]))]
+    return [separations.size(i) for i in range(len(compared))]
+
+
+def _alone(separations: Separations, sizes: Array) -> float:
+    """√λ of the first effect, of the parameter that stands out most."""
+    return max((separations.size(0, values) for values in np.diag(sizes)), default=0.0)
+
+
+def _names(question: Question) -> str:
+    keys = [one.effect.key for one in question.compared]
+    return f"tell {keys[0]} from {' and '.join(keys[1:])}" if len(keys) > 1 else f"show {keys[0]}"
+
+
+def _sentence(question: Question, label: str, seconds: float, now: float, after: float, longest: float) -> str:
+    if len(question.compared) == 1:
+        return (
+            f"To {_names(question)}: drive {label}, {seconds:g} s (at its largest plausible size it would stand out "
+            f"{short(after)} times its noise after {longest:g} s, at present {short(now)}; {SHOWS:g} are needed)."
+        )
+    return (
+        f"To {_names(question)}: drive {label}, {seconds:g} s (separation {short(after)} after {longest:g} s, at "
+        f"present {short(now)}; {NEEDED:g} is needed)."
+    )
+
+
+def _says(question: Question, now: float, runs: Sequence[Recommended], tied_now: bool, why: str) -> str:
+    """What to drive, or that it is of no use; `why` a single effect cannot be tested at present."""
+    alone = len(question.compared) == 1
+    needed = SHOWS if alone else NEEDED
+    if now >= needed and alone and not why:
+        return (
+            f"To {_names(question)} no further run is needed: at its largest plausible size it stands out "
+            f"{short(now)} times its noise now ({needed:g} are needed)."
+        )
+    if now >= needed and not alone and not tied_now:
+        return f"To {_names(question)} no further run is needed (separation {short(now)} now; {needed:g} is needed)."
+    if not runs:
+        return "No manoeuvre of the library could be simulated."
+    best = runs[0]
+    if now >= needed and not alone:
+        return (
+            f"The runs at hand could {_names(question)} (separation {short(now)}; {needed:g} is needed), yet the "
+            f"error falls alike with each: both may be missing, or neither. {best.run.label} would tell most "
+            f"(separation {short(best.after)})."
+        )
+    if best.seconds is None:
+        what = "√λ" if alone else "separation"
+        wrong = "" if alone else f": the wrong one would still be picked with {percent(best.after)}"
+        return (
+            f"No manoeuvre of the library is enough to {_names(question)}: the best is {best.run.label}, {what} "
+            f"{short(best.after)}, at present {short(now)}; {needed:g} is needed{wrong}."
+        )
+    if alone:
+        return f"{best.sentence} Now: {why}" if why else best.sentence
+    return f"{best.sentence} The wrong one is then picked with {percent(best.after)}, at present {percent(now)}."
+
+
+def short(x: float) -> str:
+    """A separation or √λ in few digits."""
+    return f"{x:.0f}" if x >= 10.0 else f"{x:.1f}"
+
+
+def percent(separation: float) -> str:
+    """How often the wrong one is picked."""
+    part = 100.0 * wrong_pick(separation)
+    return "less than 0.1 %" if part < 0.1 else f"{part:.1f} %" if part < 10.0 else f"{part:.0f} %"

@@ -1,0 +1,173 @@
+"""The work behind ``lacet plan``: motions of the library simulated or read again, and runs ranked."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import LacetError
+from lacet.daq.exchange import read_table, write_table
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.design.run_information import (
+    Information,
+    RunInformation,
+    fit_information,
+    predicted,
+    residual_excess,
+    run_information,
+)
+from lacet.identify.design.run_ranking import Ranking, rank
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.signals.filters import Filters, zero_phase
+from lacet.services.planning.manoeuvre_library import Limits, Plan
+from lacet.services.planning.nominal_car import PlannedCar
+from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exchange_run
+from lacet.simulate import run as drive_car
+
+SECONDS = 14.0
+"""Length of a simulated motion: what a longer run tells follows from it."""
+STEP = 0.001
+RATE = 100.0
+"""Integration step [s] and rate of the channels kept [Hz]: five times the pre-filter's cut-off."""
+ABOVE = 1.1
+"""Lateral acceleration ÷ limit above which the steering is made smaller and the run simulated again."""
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """A run that could be driven: `label` in words, `drive` its motion, `settings` of the manoeuvre (empty for a run
+    like a measured one), `speed` [m/s] and `lateral`, the peak lateral acceleration [m/s²], of a simulated one."""
+
+    label: str
+    drive: Drive
+    settings: Mapping[str, Any]
+    manoeuvre: str = ""
+    speed: float | None = None
+    lateral: float | None = None
+
+
+def simulated_runs(
+    plans: Sequence[Plan], like: PlannedCar, vehicle: Vehicle, rig: Rig, filters: Filters, limits: Limits,
+    folder: Path | None, tell: Callable[[str], None], rates: Mapping[str, float] | None = None,
+    channels: frozenset[str] | None = None,
+) -> tuple[list[PlannedRun], list[str]]:  # fmt: skip
+    """Motions of a library as the rig's sensors would see them, and why some could not be made.
+
+    Parameters
+    ----------
+    folder : where motions are kept and found again; None keeps none.
+    rates : the channels' own sample rates, where runs have shown them.
+    channels : those that runs at hand have; None for all of the rig.
+    """
+    out: list[PlannedRun] = []
+    problems: list[str] = []
+    for number, plan in enumerate(plans, 1):
+        tell(f"simulating {number} of {len(plans)}: {plan.label}")
+        try:
+            run, lateral, factor = _motion(plan, like, rig, limits, folder)
+            if channels is not None:
+                run = replace(run, signals={name: s for name, s in run.signals.items() if name in channels})
+            drive = Drive.of(run, vehicle, rig, filters)
+            own = {name: (rates or {}).get(name, CHANNELS[name].rate) for name in drive.recording.rates}
+            drive = Drive(replace(drive.recording, rates=own))
+        except LacetError as error:
+            if not isinstance(error, SimulationFailed):
+                raise
+            problems.append(f"left out: {plan.label}: {error}")
+            continue
+        settings = dataclasses.asdict(plan.manoeuvre)
+        if plan.lateral:
+            settings["amplitude"] *= factor
+        label, kind = plan.told(lateral), plan.manoeuvre.name
+        out.append(PlannedRun(label, drive, settings, kind, plan.manoeuvre.speed, lateral))
+    return out, problems
+
+
+def _motion(plan: Plan, like: PlannedCar, rig: Rig, limits: Limits, folder: Path | None) -> tuple[Run, float, float]:
+    """What the sensors see, the peak lateral acceleration [m/s²], and by what factor the steering was made smaller."""
+    what = json.dumps(
+        [
+            "lacet-planned 1", dataclasses.asdict(like.car), [h.truth() for h in like.bars], plan.manoeuvre.name,
+            dataclasses.asdict(plan.manoeuvre), rig.text, STEP, RATE, limits.lateral if plan.lateral else 0,
+        ],
+        sort_keys=True,
+    )  # fmt: skip
+    file = None
+    if folder is not None:
+        file = folder / f"{plan.manoeuvre.name}-{hashlib.sha256(what.encode()).hexdigest()[:12]}.parquet"
+        if file.is_file():
+            run = read_table(file)
+            told = json.loads(run.notes)
+            return run, float(told["lateral"]), float(told["factor"])
+    factor = 1.0
+    motion, lateral = _drive(like.car, like.bars, plan)
+    while plan.lateral and lateral > ABOVE * limits.lateral and factor > 0.1:
+        factor *= 0.95 * limits.lateral / lateral
+        amplitude = dataclasses.asdict(plan.manoeuvre)["amplitude"]
+        motion, lateral = _drive(like.car, like.bars, plan.made(amplitude=factor * amplitude))
+    notes = json.dumps({"lateral": lateral, "factor": factor})
+    run = exchange_run(motion, rig, rate=RATE, sheet=Sheet(False), noise=False, notes=notes)
+    if file is not None:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        (file.parent / ".gitignore").write_text("*\n", encoding="utf-8")
+        beside = file.with_name(f".{file.name}.parquet")
+        write_table(run, beside)
+        beside.replace(file)
+    return run, lateral, factor
+
+
+def _drive(car: Any, bars: Sequence[Hidden], plan: Plan) -> tuple[SimulatedMotion, float]:
+    motion = drive_car(car, plan.manoeuvre, bars, settle=1.0, step=STEP)
+    at = motion.at(np.asarray(motion.car.total.com)[None, :])[1][:, 0, 1]
+    smooth = zero_phase(at, 2.0, motion.rate, 5)
+    return motion, float(np.max(np.abs(smooth)))
+
+
+def like_runs(drives: Sequence[Drive]) -> list[PlannedRun]:
+    """Runs like measured ones."""
+    return [PlannedRun(f"another run like {drive.name}", drive, {}) for drive in drives]
+
+
+def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
+    """The model with the values of the planned car, where no run has been made yet."""
+    return fit(model, [run.drive for run in runs], zeros=False, unbias=False)
+
+
+def next_runs(
+    values: Fit, measured: bool, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float, names: Sequence[str],
+    goal: float, count: int, tell: Callable[[str], None],
+) -> tuple[Fit, list[Ranking]]:  # fmt: skip
+    """Rank, take the first, rank again with what it will have told, `count` times.
+
+    `measured` : whether `values` were fitted to runs; else nothing but what is plausible is known (`first_fit`).
+    Returns the fit with its present intervals, and the rankings.
+    """
+    now = fit_information(values) if measured else Information.none(values.model)
+    excess = residual_excess(values) if measured else {}
+    told: list[RunInformation] = []
+    for number, run in enumerate(runs, 1):
+        tell(f"what it would tell, {number} of {len(runs)}: {run.label}")
+        told.append(run_information(run.drive, values, excess))
+        run.drive.forget_motion()
+    present = values if measured else predicted(values, now)
+    out: list[Ranking] = []
+    for _ in range(count):
+        tell("ranking")
+        found = rank(values, now, told, vehicle, longest, names, goal)
+        out.append(found)
+        if found.runs[0].worth <= 0.0:
+            break
+        now = now + told[found.runs[0].index].lasting(found.runs[0].duration)
+    return present, out

@@ -1,0 +1,1 @@
+"""Rendering for people: every sentence, table, plot, report and page of HTML."""

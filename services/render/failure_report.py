@@ -1,0 +1,60 @@
+"""Where a model fails, as pieces of HTML and as one self-contained file."""
+
+from __future__ import annotations
+
+import html
+from pathlib import Path
+
+from lacet.services.render.failure_plots import (
+    against_figure,
+    left_figure,
+    map_figure,
+    phase_figure,
+    spectrum_figure,
+    surface_figure,
+)
+from lacet.services.render.html import details, page, picture, pre, section
+from lacet.services.workspace.failure import Where, follows_table, left_table, phase_table, says
+
+MOST_ROWS = 3
+"""Rows whose pictures are shown; the others' numbers are in the tables."""
+
+
+def where_pieces(found: Where) -> list[str]:
+    """Everything found, the map first."""
+    out = [
+        f'<p class="big">{html.escape(says(found))}</p>',
+        picture(map_figure(found.parts, found.phases)),
+        f"<h3>By phase</h3>{picture(phase_figure(found.in_phase))}",
+        details("the table", pre(phase_table(found))),
+    ]
+    if found.left:
+        out += [f"<h3>How much is left to explain</h3>{picture(left_figure(found.left))}", pre(left_table(found))]
+    out.append(f"<h3>What the error follows</h3>{pre(follows_table(found))}")
+    for k, row in enumerate(found.worst[:MOST_ROWS]):
+        own: list[str] = []
+        if against := found.against(row):
+            own.append(picture(against_figure(against)))
+        if row in found.spectra:
+            own.append(picture(spectrum_figure(found.spectra[row])))
+        # Some thirty panels take seconds to lay out: for the worst row only.
+        if k == 0 and (every := found.against(row, every=True)):
+            own.append(details(f"{row} against every state", picture(against_figure(every))))
+        out += own if k == 0 else [details(row, *own)]
+    if found.surfaces:
+        out.append(f"<h3>Restoring-force surfaces</h3>{picture(surface_figure(found.surfaces))}")
+        out.append(details("the whole force", picture(surface_figure(found.surfaces, "force"))))
+    return out
+
+
+def write_where(found: Where, file: Path, name: str) -> None:
+    """One self-contained HTML file."""
+    effects = ", ".join(found.version.effects) or "nothing"
+    head = (
+        f"<h1>{html.escape(name)}: where the model fails</h1>"
+        f'<p class="note">version {found.version.number}; added to the base model: {html.escape(effects)}</p>'
+    )
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(
+        page(f"lacet where: {name}", head + section("Where it fails", *where_pieces(found))), encoding="utf-8"
+    )

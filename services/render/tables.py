@@ -1,0 +1,255 @@
+"""Results as plain text tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lacet.identify.validation.score import FAILS
+from lacet.services.workspace.session import overall
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """Columns aligned: the first `left` to the left, the others to the right."""
+    widths = [max(len(line[k]) for line in (head, *rows)) for k in range(len(head))]
+
+    def line(cells: Sequence[str]) -> str:
+        parts = [c.ljust(w) if k < left else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=True))]
+        return "  " + "  ".join(parts).rstrip()
+
+    return "\n".join([line(head), line(["-" * w for w in widths]), *(line(row) for row in rows)])
+
+
+def number(value: float, half: float | None = None) -> str:
+    """A value to the digits its interval justifies."""
+    if half is None or not 0.0 < half < float("inf"):
+        return f"{value:.5g}"
+    digits = max(0, 1 - _exponent(half))
+    return f"{value:.{digits}f}"
+
+
+def _exponent(value: float) -> int:
+    return int(f"{value:e}".split("e")[1])
+
+
+def parameters(result: Mapping[str, Any]) -> str:
+    """The parameters of a fit with their intervals side by side, and the whole vehicle's values."""
+    drawn = any(p["half95_bootstrap"] is not None for p in result["parameters"])
+    rows = [
+        [
+            p["name"],
+            number(p["value"], p["half95"]),
+            f"± {number(p['half95'], p['half95'])}",
+            f"± {number(p['half95_sheet'], p['half95_sheet'])}",
+            *([f"± {number(p['half95_bootstrap'], p['half95_bootstrap'])}"] if drawn else []),
+            p["unit"],
+            f"{p['sxr_percent']:.2f}" if p["sxr_percent"] is not None and p["sxr_percent"] < 1e3 else "-",
+            "" if p["group"] == p["name"] else p["group"],
+        ]
+        for p in result["parameters"]
+    ]
+    head = [
+        "parameter",
+        "value",
+        "95 %",
+        "with sheet",
+        *(["bootstrap"] if drawn else []),
+        "unit",
+        "sxr %",
+        "stands for",
+    ]
+    text = table(head, rows)
+    if result["whole_vehicle"]:
+        whole = [
+            [
+                w["name"], number(w["value"], w["half95"]), f"± {number(w['half95'], w['half95'])}",
+                f"± {number(w['half95_sheet'], w['half95_sheet'])}", w["unit"],
+            ]
+            if w["identifiable"]
+            else [w["name"], "not identifiable", "", "", w["unit"]]
+            for w in result["whole_vehicle"]
+        ]  # fmt: skip
+        about = "inboard of the dynamometers" if result["wheel_reference"] == "hub" else "wheels included"
+        text += f"\n\nWhole vehicle at design height ({about}):\n" + table(
+            ["value", "", "95 %", "with sheet", "unit"], whole
+        )
+    return text
+
+
+def derived(result: Mapping[str, Any]) -> str:
+    """The derived values, those of one kind on one line: corners or axles beside each other."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    for d in result.get("derived") or []:
+        kind, _, where = d["name"].partition(".")
+        groups.setdefault(kind if where in _PLACES else d["name"], []).append(d)
+    lines: list[list[str]] = []
+    for kind, members in groups.items():
+        if all(d["identifiable"] and d["value"] == 0.0 for d in members):
+            continue  # no bar in the model, no bench table: nothing to tell
+        cells = [_derived(d) for d in members]
+        places = [d["name"].partition(".")[2] for d in members]
+        where = "" if kind == members[0]["name"] else "/".join(places)
+        lines.append(
+            [kind.replace("_", " ").replace(".", " "), where, "   ".join(cells), members[0]["unit"].replace("1", "-")]
+        )
+    return table(["derived value", "where", "value ± 95 %", "unit"], lines, left=4) if lines else ""
+
+
+_PLACES = ("fl", "fr", "rl", "rr", "front", "rear")
+
+
+def _derived(d: Mapping[str, Any]) -> str:
+    if not d["identifiable"]:
+        return "not determined"
+    if d["value"] == 0.0 == d["half95"]:
+        return "none"
+    return f"{number(d['value'], d['half95'])} ± {number(d['half95'], d['half95'])}"
+
+
+def not_derived(result: Mapping[str, Any]) -> str:
+    """Why derived values are not determined, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for d in result.get("derived") or []:
+        if not d["identifiable"]:
+            alike.setdefault(d["why"], []).append(d["name"])
+    return "\n".join(f"  {', '.join(names)}: {why}" for why, names in alike.items())
+
+
+def ranges(result: Mapping[str, Any]) -> str:
+    """The states the runs cover, which bound every verdict."""
+    seen = result.get("ranges") or {}
+    lines: list[list[str]] = []
+    for kind, factor, unit in (("travel", 1e3, "mm"), ("rate", 1e3, "mm/s"), ("load", 1.0, "N")):
+        parts = [seen[f"{kind}.{c}"] for c in _PLACES[:4] if f"{kind}.{c}" in seen]
+        if parts:
+            low, high = min(p["low"] for p in parts), max(p["high"] for p in parts)
+            name = {"travel": "suspension travel", "rate": "travel rate", "load": "wheel load"}[kind]
+            lines.append([name, f"{factor * low:.0f} to {factor * high:.0f}", unit])
+    for kind, factor, unit in (
+        ("speed", 3.6, "km/h"), ("acceleration.longitudinal", 1.0, "m/s²"), ("acceleration.lateral", 1.0, "m/s²"),
+    ):  # fmt: skip
+        if kind in seen:
+            name = " ".join(reversed(kind.split(".")))
+            digits = 0 if kind == "speed" else 1
+            low, high = factor * seen[kind]["low"], factor * seen[kind]["high"]
+            lines.append([name, f"{low:.{digits}f} to {high:.{digits}f}", unit])
+    return table(["these runs cover", "", "unit"], lines, left=2) if lines else ""
+
+
+def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
+    """What a robust fit counted less, worst first."""
+    found = result["bad_seconds"]
+    lines = [[b["run"], b["row"], f"{b['start']:g} to {b['stop']:g} s", f"{b['weight']:.2f}"] for b in found[:most]]
+    more = f"\n  and {len(found) - most} more" if len(found) > most else ""
+    return table(["run", "row", "bad second", "counts as"], lines, left=3) + more
+
+
+def unknowns(result: Mapping[str, Any]) -> str:
+    """What is not identifiable, and why."""
+    lines = [f"  {item['name']}: {item['why']}" for item in result["not_identifiable"]]
+    return "\n".join(lines)
+
+
+def left_out(result: Mapping[str, Any]) -> str:
+    """The rows without a measured left side by run, those with the same reason together."""
+    alike: dict[tuple[str, str], list[str]] = {}
+    for place, why in result["rows_left_out"].items():
+        run, row = place.rsplit(": ", 1)
+        alike.setdefault((run, why), []).append(row)
+    return "\n".join(f"  {run}: {', '.join(rows)}: {why}" for (run, why), rows in alike.items())
+
+
+def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
+    """Scores of every row of every run."""
+    lines = [
+        [
+            run, row, number(s["rms"], s["rms"]), s["unit"], f"{s['nrmse']:.2f}", f"{s['vaf']:.2f}",
+            number(s["floor"], s["floor"]), f"{s['ratio']:.2f}" + _mark(s), s.get("colour") or "-",
+        ]
+        for run, part in scored.items()
+        for row, s in part.items()
+    ]  # fmt: skip
+    head = ["run", "row", "rms", "unit", "NRMSE %", "VAF %", "floor", "rms ÷ floor", "residual"]
+    text = table(head, lines, left=2)
+    if any(not s.get("judged", True) for part in scored.values() for s in part.values()):
+        text += "\n  ? cannot be judged: the runs used leave open what this row needs"
+    return text
+
+
+def _mark(score: Mapping[str, Any]) -> str:
+    """Beside a ratio: failed, or not to be judged."""
+    if not score.get("judged", True):
+        return " ?"
+    return " !" if score["ratio"] > FAILS else "  "
+
+
+def worst(scored: Mapping[str, Mapping[str, Any]]) -> tuple[str, float]:
+    """The row farthest above its floor, as ``run: row``, and its ratio."""
+    found = [(f"{run}: {row}", s["ratio"]) for run, part in scored.items() for row, s in part.items()]
+    return max(found, key=lambda item: item[1], default=("none", 0.0))
+
+
+def candidates(result: Mapping[str, Any], most: int = 12) -> str:
+    """The ranking of a diagnosis."""
+    lines = [
+        [
+            c["effect"], c["answer"], f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
+            f"{c['coverage']:.0f}", ", ".join(t["effect"] for t in c["ties"]) or "-",
+        ]
+        for c in result["candidates"]
+        if c["answer"] != "not testable"
+    ][:most]  # fmt: skip
+    text = table(["effect", "answer", "gain %", "gain N", "p", "blocks", "cannot be told apart from"], lines, left=2)
+    rest = [c["effect"] for c in result["candidates"] if c["answer"] == "not testable"]
+    if rest:
+        text += f"\n  not testable with these runs: {', '.join(_in_families(rest))}"
+    return text
+
+
+def _in_families(keys: Sequence[str], most: int = 3) -> list[str]:
+    """Effects by name; of a family with more than `most` only how many."""
+    families: dict[str, list[str]] = {}
+    for key in keys:
+        families.setdefault(key.partition(".")[0], []).append(key)
+    return [
+        name
+        for family, mine in families.items()
+        for name in (mine if len(mine) <= most else [f"{family} ({len(mine)} places)"])
+    ]
+
+
+def fall_by_row(versions: Sequence[Any]) -> str:
+    """Residual ÷ noise floor of each row, version by version, on the runs used | held out."""
+    by_version = [{kind: row_ratios(v.result["rows"][kind]) for kind in ("used", "held")} for v in versions]
+    rows = dict.fromkeys(row for part in by_version for row in (*part["used"], *part["held"]))
+
+    def cell(part: Mapping[str, Mapping[str, float]], row: str) -> str:
+        used, held = (f"{part[kind][row]:.2f}" if row in part[kind] else "-" for kind in ("used", "held"))
+        return f"{used} | {held}" if any(one["held"] for one in by_version) else used
+
+    lines = [[row, *(cell(part, row) for part in by_version)] for row in rows]
+    return table(["row", *(f"version {v.number}" for v in versions)], lines, left=1)
+
+
+def row_ratios(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Row → root mean square of residual ÷ floor over runs."""
+    rows: dict[str, list[float]] = {}
+    for scores in runs.values():
+        for row, score in scores.items():
+            rows.setdefault(row, []).append(float(score["ratio"]) ** 2)
+    return {row: float(sum(squares) / len(squares)) ** 0.5 for row, squares in rows.items()}
+
+
+def history(versions: Sequence[Any]) -> str:
+    """How the error fell, version by version."""
+    lines: list[list[str]] = []
+    for v in versions:
+        used, held = v.result["rows"]["used"], v.result["rows"]["held"]
+        lines.append(
+            [
+                str(v.number), v.note, f"{overall(used):.2f}", f"{worst(used)[1]:.2f}",
+                f"{overall(held):.2f}" if held else "-", f"{worst(held)[1]:.2f}" if held else "-",
+            ]
+        )  # fmt: skip
+    head = ["version", "what changed", "used", "worst row", "held out", "worst row"]
+    return table(head, lines, left=2) + "\n  (residual ÷ noise floor, root mean square over rows; 1.00 is the floor)"

@@ -1,0 +1,220 @@
+"""The paper's two campaigns anew: a simulated car driven and measured, and the model fitted to what was measured.
+
+Driving writes the runs, the rig and the vehicle's geometry into one folder and what was put in into another; fitting
+reads the first alone. `services.reproduction.scores` alone reads both.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from lacet.daq.exchange import write_table
+from lacet.daq.rig import Rig
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.score import compare
+from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
+from lacet.services.commands import decode
+from lacet.services.reproduction.published_tables import LINES
+from lacet.services.result import plain
+from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.session import FLOOR_DRAWS, fit_result
+from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
+from lacet.simulate import run as drive
+from lacet.simulate.vehicle_file import vehicle_text
+
+Tell = Callable[[str], None]
+HOUR_NS = 3_600_000_000_000
+RUN_STEP = 1000
+FRICTION_SPEED = 0.005
+"""Speed v0 of the simulated friction f·tanh(ṡ/v0) [m/s]: sharper than any the model's search tries."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """One of the paper's two data sets.
+
+    `tables` of the paper it answers; `manoeuvres` driven, each with its settings; `effects` beyond the base model that
+    are fitted; `wires` : whether the runs go over the instruments' bytes (capture, decoding) or are tables.
+    """
+
+    name: str
+    about: str
+    tables: tuple[int, ...]
+    car: str
+    rig: str
+    manoeuvres: tuple[tuple[str, dict[str, Any]], ...]
+    hidden: tuple[Hidden, ...]
+    effects: tuple[str, ...]
+    wires: bool
+
+    def shortened(self, seconds: float) -> Campaign:
+        """The same with runs of this length [s]."""
+        return replace(self, manoeuvres=tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres))
+
+
+def simulation() -> Campaign:
+    """Section 4: sinus steering at 90 km/h and sudden deceleration without braking, nearly without noise."""
+    manoeuvres = (("sinus", {"speed": 25.0, "duration": 20.0}), ("liftoff", {"duration": 20.0}))
+    about = "section 4: sinus steering at 90 km/h and sudden lift-off, a hundredth of the instruments' noise"
+    return Campaign("simulation", about, (1, 2, 3, 4), "peugeot-406", "paper-simulation", manoeuvres, (), (), False)
+
+
+def experiment() -> Campaign:
+    """Section 6: sinus steering at 90 km/h and spirals of a minute, experimental instruments, the car of tables 5 to 7.
+
+    The road is of class A: on a mathematical plane travel left and right are opposite all along, and no anti-roll bar
+    can be told from the springs.
+    """
+    found = {line.key: line.estimated for line in LINES if line.table == 6}
+    hidden: list[Hidden] = []
+    for key, value in found.items():
+        effect, where, _ = key.split(".")
+        if effect in ("anti_roll_bar", "coulomb") and value is not None:
+            shape = {"v0": FRICTION_SPEED} if effect == "coulomb" else {}
+            hidden.append(Hidden(f"{effect}.{where}", value, shape=shape))
+    manoeuvres = (
+        ("sinus", {"speed": 25.0, "duration": 60.0, "grade": "A"}),
+        ("spiral", {"duration": 60.0, "grade": "A"}),
+    )
+    return Campaign(
+        "experiment", "section 6: sinus steering at 90 km/h and a spiral, a minute each, experimental instruments",
+        (5, 6, 7), "peugeot-406-measured", "peugeot-406", manoeuvres, tuple(hidden),
+        tuple(h.name for h in hidden), True,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where a campaign's files are: what was measured, apart from what was put in."""
+
+    folder: Path
+    truth: Path
+
+    @classmethod
+    def of(cls, out: Path, campaign: Campaign) -> Places:
+        """In the command's folder."""
+        return cls(out / campaign.name, out / "truth" / f"{campaign.name}.json")
+
+    @property
+    def rig(self) -> Path:
+        """The rig file."""
+        return self.folder / "rig.toml"
+
+    @property
+    def vehicle(self) -> Path:
+        """The vehicle's geometry."""
+        return self.folder / "vehicle.toml"
+
+    @property
+    def fit(self) -> Path:
+        """The fit's result."""
+        return self.folder / "fit.json"
+
+    def run(self, campaign: Campaign, name: str) -> Path:
+        """A run, ready to identify with."""
+        return self.folder / f"{name}{'.mcap' if campaign.wires else '.parquet'}"
+
+
+def drive_all(campaign: Campaign, places: Places, seed: int, tell: Tell) -> None:
+    """Drive what is not driven yet: the runs, the files to identify with, and apart from them the truth."""
+    runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
+    if places.truth.is_file() and all(file.is_file() for file in (*runs, places.rig, places.vehicle)):
+        return
+    car, rig = find_car(campaign.car), Rig.load(campaign.rig)
+    places.folder.mkdir(parents=True, exist_ok=True)
+    text = vehicle_text(car)
+    _write(places.rig, rig.text)
+    _write(places.vehicle, text)
+    truths: list[dict[str, Any]] = []
+    for index, ((name, settings), file) in enumerate(zip(campaign.manoeuvres, runs, strict=True)):
+        run_seed = seed + RUN_STEP * index
+
+        def progress(fraction: float, name: str = name) -> None:
+            tell(f"{campaign.name}: driving {name}, {100 * fraction:.0f} %")
+
+        motion = drive(car, make_manoeuvre(name, **settings), campaign.hidden, run_seed, progress=progress)
+        truths.append(motion.truth())
+        if file.is_file():
+            continue
+        tell(f"{campaign.name}: measuring {name}")
+        part = file.with_name(f"part-{file.name}")
+        part.unlink(missing_ok=True)
+        if campaign.wires:
+            _over_wires(part, motion, rig, text, run_seed, START_NS + index * HOUR_NS)
+        else:
+            write_table(exchange_run(motion, rig, run_seed, sheet=Sheet(seed=seed), name=file.stem), part)
+        os.replace(part, file)
+    places.truth.parent.mkdir(parents=True, exist_ok=True)
+    _write(places.truth, json.dumps(plain({"format": "lacet-truth 1", "runs": truths}), indent=1) + "\n")
+
+
+def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, start_ns: int) -> None:
+    """What the sensors deliver, as bytes, and decoded again by the drivers."""
+    raw = file.with_name(f"raw-{file.name}")
+    blocks = measure(motion, rig, seed, sheet=Sheet(seed=seed), start_ns=start_ns)
+    frames, documents = encode_rig(blocks, rig)
+    start = simulated_start(file.stem.removeprefix("part-"), motion, rig, vehicle, start_ns)
+    write_capture(raw, frames, replace(start, documents=documents), overwrite=True)
+    with contextlib.redirect_stdout(io.StringIO()):
+        decode.run(argparse.Namespace(raw=raw, output=file, rig=None, dbc=[], force=True, json=None))
+    raw.unlink()
+
+
+def identify(campaign: Campaign, places: Places, tell: Tell) -> dict[str, Any]:
+    """The fit of the campaign's model to its runs (as ``lacet identify --json``), kept for the next time."""
+    if places.fit.is_file():
+        return json.loads(places.fit.read_text(encoding="utf-8"))
+    tell(f"{campaign.name}: reading the runs")
+    loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
+    fitted = _fitted(campaign, loaded, tell)
+    tell(f"{campaign.name}: simulating the noise floor")
+    result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+    result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
+    _write(places.fit, json.dumps(result, indent=1) + "\n")
+    return result
+
+
+def _fitted(campaign: Campaign, loaded: Loaded, tell: Tell) -> Fit:
+    known = catalogue(loaded.vehicle, loaded.reference)
+    base = base_model(loaded.vehicle, loaded.reference)
+    extra = [find_effect(key, known) for key in campaign.effects]
+    shapes: dict[str, tuple[float, ...]] = {name: values for e in extra for name, values in e.grids.items()}
+    if shapes:  # one constant for all corners, by the likelihood of the residual, before the fit that counts
+        (name, values), *_ = shapes.items()
+        tried: dict[float, float] = {}
+        for value in values:
+            tell(f"{campaign.name}: fitting with {name} = {value:g}")
+            model = Model.of([*base, *_shaped(extra, name, value)])
+            tried[value] = _misfit(fit(model, loaded.drives, unbias=False))
+        extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
+    tell(f"{campaign.name}: fitting")
+    return fit(Model.of([*base, *extra]), loaded.drives)
+
+
+def _shaped(effects: list[Effect], name: str, value: float) -> list[Effect]:
+    return [replace(e, shape={**e.shape, name: value}) if name in e.grids else e for e in effects]
+
+
+def _misfit(fitted: Fit) -> float:
+    """Minus the logarithm of the likelihood, each row's σ being that of its residual: Σ n log σ."""
+    counts = {row: sum(len(part[row]) for part in fitted.residual if row in part) for row in fitted.rows}
+    return sum(n * math.log(fitted.sigma[row]) for row, n in counts.items())
+
+
+def _write(file: Path, text: str) -> None:
+    """All or nothing, so that a step that was broken off is done again."""
+    part = file.with_name(f"part-{file.name}")
+    part.write_text(text, encoding="utf-8")
+    os.replace(part, file)
