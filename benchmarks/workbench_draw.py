@@ -164,7 +164,7 @@ def table(found: dict[str, list[dict[str, Any]]]) -> tuple[list[str], bool]:
 
 def serve(folder: Path) -> tuple[subprocess.Popen[str], str]:
     """The workbench itself, on a free port: the process and its address."""
-    command = [sys.executable, "-u", "-m", "lacet.services.cli", "ui", str(folder), "--port", "0"]
+    command = [sys.executable, "-u", "-m", "lacet.services.commands.__main__", "ui", str(folder), "--port", "0"]
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1])
     assert server.stdout is not None
     for line in server.stdout:

@@ -14,7 +14,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 
 STORIES = Path(__file__).resolve().parents[2] / "docs" / "stories"
 TOLERANCE = 0.03

@@ -14,7 +14,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.validation.score import compare
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
 from lacet.services.workspace import sensor_check as checking

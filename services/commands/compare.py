@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.identify.properties.derived import damper_curves
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.result import DONE, write_result

@@ -15,7 +15,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.log import LogReader
 from lacet.services.commands import decode
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.report import write_report
 from lacet.services.result import DONE, WITH_LOSSES, write_result

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.separation_report import add_arguments as add_next_arguments
 from lacet.services.render.separation_report import hint, next_of, next_text

@@ -10,7 +10,7 @@ from lacet.daq.errors import UsageError
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.states import STATES, SUFFIXES
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
 from lacet.services.workspace.effect_trial import outcome, try_effect

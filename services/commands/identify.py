@@ -12,7 +12,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import left_open, mend
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers

@@ -13,7 +13,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs, row_unit
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.effect_list import list_effects

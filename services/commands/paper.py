@@ -12,7 +12,7 @@ from typing import Any
 from scipy.stats import binom
 
 from lacet.daq.errors import UsageError
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render.tables import worst
 from lacet.services.reproduction.campaigns import Campaign, Places, drive_all, experiment, identify, simulation
 from lacet.services.reproduction.published_tables import LINES

@@ -17,10 +17,10 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
+from lacet.services.commands.progress import Line
 from lacet.services.planning.manoeuvre_library import KMH, G, Limits, check, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
-from lacet.services.progress import Line
 from lacet.services.render import tables
 from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.loading import load

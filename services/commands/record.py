@@ -31,7 +31,7 @@ from lacet.services.acquisition.transports.endpoints import (
     read_endpoints,
     ready_file,
 )
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "record an instrumented car: log, decode, publish"

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.services.commands.diagnose import fall, print_fall
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.result import DONE, write_result
 from lacet.services.workspace.session import Work

@@ -23,7 +23,7 @@ from lacet.services.acquisition.transports.endpoints import (
     write_endpoints,
 )
 from lacet.services.acquisition.transports.serial import PtySender
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "play a recorded run's raw frames onto the wires"

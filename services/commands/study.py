@@ -7,7 +7,7 @@ import shutil
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.services.progress import Line
+from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.report import write_report
 from lacet.services.result import DONE, WITH_LOSSES, write_result

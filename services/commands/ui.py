@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
     # Loaded here, so that the other commands start without it.
-    server = importlib.import_module("lacet.services.ui.server")
+    server = importlib.import_module("lacet.services.workbench.server")
     server.serve(server.settings_of(args), args.open)
     write_result(args.json, "ui", {"folder": args.study})
     return DONE

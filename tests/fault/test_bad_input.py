@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from lacet.daq.log import LogReader
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.study import Study
 from tests.support.places import HOME
 from tests.support.tables import FILES, exchanged, piece, spoilt, without, written

@@ -19,7 +19,7 @@ from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.ties import ALIKE
 from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 
 pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test
 VEHICLE, RIG = cars.reference_car()

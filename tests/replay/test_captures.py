@@ -28,7 +28,7 @@ from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.session import overall, scores
 from tests.support.places import HOME

@@ -18,7 +18,7 @@ from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
 from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 
 T0 = 1_700_000_000 * 10**9
 SECONDS = 2.0

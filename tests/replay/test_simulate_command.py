@@ -15,7 +15,7 @@ from lacet.daq.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.simulate import Sheet, find_car, make_manoeuvre, measure
 from lacet.simulate import run as drive
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from lacet.daq.log import LogReader, LogWriter
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from tests.support.places import HOME
 from tests.support.processes import commands
 from tests.support.rig import free_port

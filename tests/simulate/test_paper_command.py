@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from threadpoolctl import threadpool_limits
 
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.reproduction.campaigns import Places, experiment, identify, simulation
 from lacet.simulate import engine
 from tests.unit.test_json import conforms

@@ -11,7 +11,7 @@ from simulated_drives import drive, make_rig
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
 from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate_back
 from lacet.simulate.sensors import pose_matrix

@@ -21,7 +21,7 @@ class Command:
         search = os.pathsep.join(filter(None, (str(ROOT), os.environ.get("PYTHONPATH"))))
         with self.log.open("wb") as out:
             self.process = subprocess.Popen(
-                [*under, sys.executable, "-m", "lacet.services.cli", name, *map(str, args)],
+                [*under, sys.executable, "-m", "lacet.services.commands.__main__", name, *map(str, args)],
                 cwd=cwd,
                 stdout=out,
                 stderr=subprocess.STDOUT,

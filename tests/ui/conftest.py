@@ -16,7 +16,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit, fit
-from lacet.services.ui.server import Settings, create_app
+from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, piece, written

@@ -21,9 +21,9 @@ from lacet.daq.bus_publisher import RunPublisher
 from lacet.daq.channels import CHANNELS
 from lacet.daq.spool import Spool
 from lacet.daq.wire import StartRecord, block_to_bytes
-from lacet.services.cli import main
-from lacet.services.ui.events import WAITING, Events
-from lacet.services.ui.server import Settings, address, create_app, is_loopback
+from lacet.services.commands.__main__ import main
+from lacet.services.workbench.events import WAITING, Events
+from lacet.services.workbench.server import Settings, address, create_app, is_loopback
 from lacet.services.workspace.session import LEAST_DRAWS
 from tests.support.processes import Command, commands
 from tests.support.rig import T0, free_port, rig_text, samples

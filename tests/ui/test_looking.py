@@ -11,8 +11,8 @@ import pytest
 from bench_page import Page
 
 from lacet.daq.run import Run
-from lacet.services.cli import main
-from lacet.services.ui.binary import packed, unpacked
+from lacet.services.commands.__main__ import main
+from lacet.services.workbench.binary import packed, unpacked
 
 
 def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:

@@ -16,9 +16,9 @@ from asammdf import Signal as MdfSignal
 from bench_page import Page
 from fastapi.testclient import TestClient
 
-from lacet.services.ui import uploads
-from lacet.services.ui.guard import COOKIE, POLICY, new_token
-from lacet.services.ui.server import Settings, create_app, serve
+from lacet.services.workbench import uploads
+from lacet.services.workbench.guard import COOKIE, POLICY, new_token
+from lacet.services.workbench.server import Settings, create_app, serve
 from tests.support.rig import make_capture
 
 HERE = "http://127.0.0.1:8765"
@@ -250,7 +250,7 @@ def test_a_line_without_finite_values_is_not_kept(page: Page):
 
 
 def test_a_line_is_kept_untried_while_a_job_is_at_work(page: Page, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("lacet.services.ui.own.WAIT", 0.05)
+    monkeypatch.setattr("lacet.services.workbench.own.WAIT", 0.05)
     app: Any = page.client.app
     with app.state.bench.desk.computing():
         kept = page.post("effect", {"name": "bump", "line": "suspension: p * travel**2"})

@@ -14,14 +14,14 @@ from fastapi.testclient import TestClient
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.events import Events
-from lacet.services.ui.jobs import Jobs, Teller
-from lacet.services.ui.server import Settings, create_app
-from lacet.services.ui.watch import state_of
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.events import Events
+from lacet.services.workbench.jobs import Jobs, Teller
+from lacet.services.workbench.server import Settings, create_app
+from lacet.services.workbench.watch import state_of
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, piece, written
@@ -232,7 +232,7 @@ def test_the_report_is_one_file_that_runs_nothing(page: Page, monkeypatch: pytes
     def drawn(work: Work, file: Path, _: Any) -> None:  # its pictures take long, and are tested elsewhere
         file.write_text(html_page(work.study.folder.name, details("more", "text")), encoding="utf-8")
 
-    monkeypatch.setattr("lacet.services.ui.tasks.write_report", drawn)
+    monkeypatch.setattr("lacet.services.workbench.tasks.write_report", drawn)
     assert page.get("export/report.html", 409)["needs"] == "report"
     page.run("report")
     answer = page.client.get("/api/export/report.html")

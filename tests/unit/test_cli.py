@@ -7,13 +7,16 @@ import sys
 
 import pytest
 
-from lacet.services.cli import build_parser, find_commands, main
+from lacet.services.commands.__main__ import build_parser, find_commands, main
 
 
 def test_the_overview_names_every_command_without_loading_any() -> None:
     """`lacet --help` is what a new user types first, and loading all of lacet takes seconds."""
-    asked = "import sys; from lacet.services.cli import build_overview; print(build_overview().format_help()); " + (
-        "print([name for name in sys.modules if name.startswith(('lacet.services.commands.', 'scipy', 'identify'))])"
+    asked = (
+        "import sys; from lacet.services.commands.__main__ import build_overview; print(build_overview().format_help()); "
+        + (
+            "print([name for name in sys.modules if name.startswith(('lacet.services.commands.', 'scipy', 'identify'))])"
+        )
     )
     told = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True).stdout
     words, _, loaded = told.strip().rpartition("\n")

@@ -14,7 +14,7 @@ import pytest
 from lacet.daq.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.services.cli import build_parser
+from lacet.services.commands.__main__ import build_parser
 from tests.support.compose import compose_file, lacet_commands
 from tests.support.places import HOME
 

@@ -18,7 +18,7 @@ from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
 from lacet.daq.units import TO_SI, canonical
 from lacet.daq.vehicle import Vehicle
 from lacet.drivers import known_drivers
-from lacet.services.cli import build_parser
+from lacet.services.commands.__main__ import build_parser
 from tests.support.places import HOME
 
 PAGES = sorted([*HOME.glob("*.md"), *(HOME / "docs").rglob("*.md")])

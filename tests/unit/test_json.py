@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from lacet.daq.rig import Rig
-from lacet.services.cli import find_commands, main
+from lacet.services.commands.__main__ import find_commands, main
 from lacet.services.result import FORMAT
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import make_capture

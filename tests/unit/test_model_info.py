@@ -11,7 +11,7 @@ import pytest
 
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.properties.structural_identifiability import car_tree, structure
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.study import Study
 from tests.identify import cars
 from tests.support.places import HOME

@@ -15,7 +15,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.regression.prepared_run import Drive
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.commands.effect import DESCRIPTION
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lacet.daq.errors import UsageError
 from lacet.daq.toml_reader import Quantity
 from lacet.daq.vehicle import Vehicle
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, LOCK, Limits, kinds, library, steering
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.simulate import MANOEUVRES, find_car

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.rig import Rig
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.rig_text import with_latencies
 from tests.support.tables import CAR, FILES
 

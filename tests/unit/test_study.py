@@ -12,7 +12,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.signals.filters import Filters
-from lacet.services.cli import main
+from lacet.services.commands.__main__ import main
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, FILES, piece, written

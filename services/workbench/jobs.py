@@ -15,7 +15,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
-from lacet.services.ui.events import Events
+from lacet.services.workbench.events import Events
 
 PERIOD = 0.1
 """Least time between two pieces of news of a job [s]."""

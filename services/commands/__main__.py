@@ -32,9 +32,13 @@ The usual order:
   lacet add       add it, fit again, and see the error fall"""
 
 
+NO_COMMANDS = ("__main__", "progress")
+"""Modules of this folder that are no sub-command."""
+
+
 def _files() -> dict[str, str]:
     """Name of each sub-command and of its module, in alphabetical order."""
-    names = sorted(module.name for module in pkgutil.iter_modules(commands.__path__))
+    names = sorted(module.name for module in pkgutil.iter_modules(commands.__path__) if module.name not in NO_COMMANDS)
     return {name.replace("_", "-"): name for name in names}
 
 

@@ -10,9 +10,9 @@ from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
 from lacet.services.result import plain
-from lacet.services.ui.binary import packed
-from lacet.services.ui.desk import WAIT, Desk
-from lacet.services.ui.refusals import Needs, NotThere
+from lacet.services.workbench.binary import packed
+from lacet.services.workbench.desk import WAIT, Desk
+from lacet.services.workbench.refusals import Needs, NotThere
 from lacet.services.workspace.session import silent
 
 

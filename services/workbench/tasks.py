@@ -14,9 +14,9 @@ from lacet.services.planning.separation import recommend
 from lacet.services.render.report import write_report
 from lacet.services.render.separation_report import next_result
 from lacet.services.result import plain
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.jobs import Do, Teller
-from lacet.services.ui.run_files import FOLDER, RAW, RunFiles, find_run
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.jobs import Do, Teller
+from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result

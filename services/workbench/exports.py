@@ -11,10 +11,10 @@ from typing import Any
 
 from lacet.services.commands.study import study_result
 from lacet.services.result import FORMAT, plain
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.refusals import Needs
-from lacet.services.ui.tasks import REPORT
-from lacet.services.ui.views import parameters_payload
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.refusals import Needs
+from lacet.services.workbench.tasks import REPORT
+from lacet.services.workbench.views import parameters_payload
 from lacet.services.workspace.session import overall
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"

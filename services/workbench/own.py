@@ -10,8 +10,8 @@ from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.services.result import plain
-from lacet.services.ui.desk import WAIT, Desk
-from lacet.services.ui.refusals import Busy
+from lacet.services.workbench.desk import WAIT, Desk
+from lacet.services.workbench.refusals import Busy
 from lacet.services.workspace.effect_list import effect_records
 from lacet.services.workspace.effect_trial import outcome, try_effect
 from lacet.services.workspace.session import silent

@@ -6,7 +6,7 @@ import os
 import threading
 from pathlib import Path
 
-from lacet.services.ui.events import Events
+from lacet.services.workbench.events import Events
 
 PERIOD = 0.7
 """How often the folder is looked at [s]."""

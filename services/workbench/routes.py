@@ -11,15 +11,15 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
 from lacet.daq.run import Run
-from lacet.services.ui import exports, own, uploads, views
-from lacet.services.ui.binary import MEDIA_TYPE
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.events import Events
-from lacet.services.ui.jobs import Job, Jobs
-from lacet.services.ui.live import Live
-from lacet.services.ui.looking import against_payload, preview_body, spectrum_payload
-from lacet.services.ui.refusals import NotThere
-from lacet.services.ui.run_files import RunFiles, find_run, undecoded, undecoded_record
+from lacet.services.workbench import exports, own, uploads, views
+from lacet.services.workbench.binary import MEDIA_TYPE
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.events import Events
+from lacet.services.workbench.jobs import Job, Jobs
+from lacet.services.workbench.live import Live
+from lacet.services.workbench.looking import against_payload, preview_body, spectrum_payload
+from lacet.services.workbench.refusals import NotThere
+from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]

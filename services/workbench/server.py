@@ -21,17 +21,17 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.events import Events
-from lacet.services.ui.guard import Guard, new_token
-from lacet.services.ui.jobs import Jobs
-from lacet.services.ui.live import Live
-from lacet.services.ui.refusals import DiskFull, Refusal
-from lacet.services.ui.routes import Bench, api
-from lacet.services.ui.run_files import RunFiles, undecoded
-from lacet.services.ui.tasks import Tasks
-from lacet.services.ui.uploads import MOST, sweep
-from lacet.services.ui.watch import Watch
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.events import Events
+from lacet.services.workbench.guard import Guard, new_token
+from lacet.services.workbench.jobs import Jobs
+from lacet.services.workbench.live import Live
+from lacet.services.workbench.refusals import DiskFull, Refusal
+from lacet.services.workbench.routes import Bench, api
+from lacet.services.workbench.run_files import RunFiles, undecoded
+from lacet.services.workbench.tasks import Tasks
+from lacet.services.workbench.uploads import MOST, sweep
+from lacet.services.workbench.watch import Watch
 
 STATIC = Path(__file__).parent / "static"
 DRAWS = 199

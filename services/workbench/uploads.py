@@ -22,9 +22,9 @@ from lacet.daq.log import LogReader
 from lacet.daq.mf4 import read_map
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.services.ui.desk import Desk
-from lacet.services.ui.refusals import DiskFull, InTheWay, TooLarge
-from lacet.services.ui.run_files import FOLDER, KINDS, RAW
+from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.refusals import DiskFull, InTheWay, TooLarge
+from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
 
 MOST = 4_000_000_000
 """Bytes an upload may have unless another number is given."""

@@ -18,7 +18,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.services.result import plain
-from lacet.services.ui.events import Events
+from lacet.services.workbench.events import Events
 
 PERIOD = 1.0
 """How often pages are told [s]."""

@@ -14,9 +14,9 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.services.result import plain
-from lacet.services.ui.binary import packed
-from lacet.services.ui.desk import Compared, Desk
-from lacet.services.ui.refusals import NotThere
+from lacet.services.workbench.binary import packed
+from lacet.services.workbench.desk import Compared, Desk
+from lacet.services.workbench.refusals import NotThere
 from lacet.services.workspace.session import overall
 from lacet.services.workspace.study import Study, Version
 

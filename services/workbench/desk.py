@@ -24,7 +24,7 @@ from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
 from lacet.services.result import plain
-from lacet.services.ui.refusals import Busy, Needs
+from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import Where, find_where, says, where_result
 from lacet.services.workspace.session import Tell, Work, scores
 from lacet.services.workspace.study import Study, Version

@@ -19,7 +19,7 @@ from lacet.daq.log import LogReader
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
 from lacet.services.result import plain
-from lacet.services.ui.desk import Desk, one_stamp
+from lacet.services.workbench.desk import Desk, one_stamp
 from lacet.services.workspace.study import Study
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
