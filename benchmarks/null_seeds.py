@@ -17,7 +17,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from lacet.daq.log_run import build_run
+from lacet.daq.formats.log_run import build_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle

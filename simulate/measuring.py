@@ -220,7 +220,7 @@ def exchange_run(
     noise: float = 1.0,
     **fields: Any,
 ) -> Run:
-    """All channels on one time base of `rate` [Hz], as an exchange table holds them (`daq.exchange.write_table`).
+    """All channels on one time base of `rate` [Hz], as an exchange table holds them (`exchange.write_table`).
 
     Latencies, zeros and noise (multiples of the rig's σ) as in `measure`, without clocks and jitter; the table starts
     when every sensor has delivered. `fields` : further fields of the run, e.g. ``notes``.

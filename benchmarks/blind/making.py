@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.blind.cases import Cell
 from lacet.daq.channels import CHANNELS
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.simulate import Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre

@@ -10,10 +10,10 @@ import numpy as np
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.log import LogWriter
+from lacet.daq.formats.wire import StartRecord, StopRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogWriter
 from lacet.daq.rig import Rig
-from lacet.daq.wire import StartRecord, StopRecord
 from lacet.drivers import open_driver
 from lacet.simulate import SimulatedMotion
 

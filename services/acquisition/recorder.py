@@ -10,11 +10,11 @@ from threading import Event
 from typing import Any, Protocol
 
 from lacet.daq.blocks import Block
-from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.bus.publisher import RunPublisher
+from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.formats.log import LogWriteError, LogWriter, StopRecord
+from lacet.daq.formats.wire import Losses, Tally, block_to_bytes, frames_to_bytes
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogWriteError, LogWriter, StopRecord
-from lacet.daq.queue import BoundedQueue
-from lacet.daq.wire import Losses, Tally, block_to_bytes, frames_to_bytes
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.reader import Reader
 

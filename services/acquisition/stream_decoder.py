@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block
+from lacet.daq.formats.log import LogReader, LogWriter
+from lacet.daq.formats.wire import StopRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriter
 from lacet.daq.rig import Rig, Sensor
-from lacet.daq.wire import StopRecord
 from lacet.drivers import open_driver
 from lacet.drivers.base import Driver, State
 

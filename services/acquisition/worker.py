@@ -13,13 +13,13 @@ from threading import Event
 from typing import Any
 
 from lacet.daq.blocks import Block
-from lacet.daq.bus import Keys
-from lacet.daq.bus_listener import BusListener, Message
+from lacet.daq.bus.listener import BusListener, Message
+from lacet.daq.bus.session import Keys
+from lacet.daq.bus.spool import Spool
 from lacet.daq.errors import LacetError
-from lacet.daq.log import LogWriter, StopRecord
-from lacet.daq.rig import Rig
-from lacet.daq.spool import Spool
-from lacet.daq.wire import (
+from lacet.daq.formats.log import LogWriter, StopRecord
+from lacet.daq.formats.result import plain
+from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
     WireError,
@@ -27,7 +27,7 @@ from lacet.daq.wire import (
     manifest_from_bytes,
     start_from_bytes,
 )
-from lacet.services.result import plain
+from lacet.daq.rig import Rig
 
 RESULT = "result.json"
 PATIENCE = 10.0

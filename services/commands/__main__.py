@@ -17,8 +17,8 @@ from types import ModuleType
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError, NotIdentifiable
+from lacet.daq.formats.result import BAD_INPUT, WITH_LOSSES
 from lacet.services import commands
-from lacet.services.result import BAD_INPUT, WITH_LOSSES
 
 ABOUT = """\
 lacet: record an instrumented car, identify its dynamic parameters, and learn which physical effect a model lacks.

@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import find_effect
 from lacet.services.commands.diagnose import fall, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.latency import Timings, estimate_latencies
@@ -16,7 +17,6 @@ from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.validation.score import compare
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace import sensor_check as checking
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.rig_text import with_latencies

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.properties.derived import damper_curves
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.session import Work, scores
 from lacet.services.workspace.study import Study
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from lacet.daq.errors import UsageError
-from lacet.services.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.decode import decode_log
 
 HELP = "rebuild the decoded channels of a log or capture from its raw frames"

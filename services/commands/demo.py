@@ -12,13 +12,13 @@ import time
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands import decode
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.report import write_report
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.session import Work, diagnosis_result, overall
 from lacet.services.workspace.study import Study

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.separation_report import add_arguments as add_next_arguments
 from lacet.services.render.separation_report import hint, next_of, next_text
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result, overall
 from lacet.services.workspace.study import Study
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.effect_trial import outcome, try_effect
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.study import Study

@@ -17,10 +17,10 @@ from rich.progress import track
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.log import LogReader
-from lacet.daq.mcap_write import McapWriter
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.mcap_write import McapWriter
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.schema import lacet_pb2 as pb
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "write a log that general viewers can plot, one message a sample"
 DESCRIPTION = """\

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
@@ -16,7 +17,6 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import left_open, mend
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.session import FLOOR_DRAWS, default_filters, fit_result
 

@@ -8,14 +8,14 @@ from typing import Any
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs, row_unit
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 

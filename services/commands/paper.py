@@ -12,12 +12,12 @@ from typing import Any
 from scipy.stats import binom
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, WITH_LOSSES, plain, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render.tables import worst
 from lacet.services.reproduction.campaigns import Campaign, Places, drive_all, experiment, identify, simulation
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.reproduction.scores import MISSED, WITHOUT, Scored, print_tables, score
-from lacet.services.result import DONE, WITH_LOSSES, plain, write_result
 from lacet.simulate.engine import engine_library
 
 HELP = "the paper's tables 1 to 7 anew on the simulated car, side by side with the paper's"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
@@ -22,7 +23,6 @@ from lacet.services.planning.manoeuvre_library import KMH, G, Limits, check, kin
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
 from lacet.services.render import tables
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.session import Work, default_filters
 from lacet.services.workspace.study import Study

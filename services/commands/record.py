@@ -13,13 +13,14 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
-from lacet.daq.bus import ROUTER, open_session
-from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.bus.publisher import RunPublisher
+from lacet.daq.bus.session import ROUTER, open_session
+from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, UsageError
-from lacet.daq.log import LogWriter, StartRecord
+from lacet.daq.formats.log import LogWriter, StartRecord
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
-from lacet.daq.spool import Spool
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
 from lacet.services.acquisition.stream_decoder import Decoder
@@ -32,7 +33,6 @@ from lacet.services.acquisition.transports.endpoints import (
     ready_file,
 )
 from lacet.services.commands.progress import Line
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\

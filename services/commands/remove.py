@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.diagnose import fall, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 

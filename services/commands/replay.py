@@ -11,7 +11,8 @@ from pathlib import Path
 from threading import Event
 
 from lacet.daq.errors import UsageError
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.services.acquisition.player import Progress, replay
 from lacet.services.acquisition.transports.base import Sender
@@ -24,7 +25,6 @@ from lacet.services.acquisition.transports.endpoints import (
 )
 from lacet.services.acquisition.transports.serial import PtySender
 from lacet.services.commands.progress import Line
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "play a recorded run's raw frames onto the wires"
 DESCRIPTION = """\

@@ -13,11 +13,11 @@ from rich.console import Console
 from rich.progress import Progress
 
 from lacet.daq.errors import UsageError, nearest
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.result import DONE, plain, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
-from lacet.services.result import DONE, plain, write_result
 from lacet.simulate import (
     CARS,
     KINDS,

@@ -7,10 +7,10 @@ import shutil
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.report import write_report
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.session import LEAST_DRAWS, Work, default_filters
 from lacet.services.workspace.study import Study

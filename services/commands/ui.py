@@ -7,7 +7,7 @@ import importlib
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
-from lacet.services.result import DONE, write_result
+from lacet.daq.formats.result import DONE, write_result
 
 HELP = "the workbench: a local page to look, compare, add effects, and watch the error fall"
 DESCRIPTION = """\

@@ -6,9 +6,9 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.study import study_result
 from lacet.services.render import tables
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.study import Study
 
 HELP = "go back to the version before"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render.failure_report import write_where
-from lacet.services.result import DONE, write_result
 from lacet.services.workspace.failure import find_where, follows_table, left_table, phase_table, says, where_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study

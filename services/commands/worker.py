@@ -15,11 +15,11 @@ from typing import Any
 
 import zenoh
 
-from lacet.daq.bus import ROUTER, open_session
-from lacet.daq.bus_listener import BusListener
+from lacet.daq.bus.listener import BusListener
+from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.acquisition.worker import DEADLINE, PATIENCE, RESULT, Worker
-from lacet.services.result import DONE, WITH_LOSSES, write_result
 
 HELP = "assemble runs from the bus and identify the car from them"
 DESCRIPTION = f"""\

@@ -14,7 +14,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError
-from lacet.daq.exchange import read_table, write_table
+from lacet.daq.formats.exchange import read_table, write_table
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle

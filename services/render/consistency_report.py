@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from lacet.daq.formats.result import plain
 from lacet.identify.properties.constrained import Consistency, ConsistentFit, consistency, consistent_fit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.wls import Fit
-from lacet.services.result import plain
 
 
 def mend(fitted: Fit, tell: Callable[[str], None] = lambda _: None) -> tuple[Fit, dict[str, Any], str]:

@@ -6,11 +6,11 @@ import argparse
 from collections.abc import Mapping
 from typing import Any
 
+from lacet.daq.formats.result import plain
 from lacet.identify.design.discrimination import NEEDED, SHOWS, Compared, wrong_pick
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.services.planning.separation import Recommendation, percent, recommend, short, tied
 from lacet.services.render import tables
-from lacet.services.result import plain
 from lacet.services.workspace.session import Tell, Work
 
 

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
@@ -27,7 +28,6 @@ from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.commands import decode
 from lacet.services.reproduction.published_tables import LINES
-from lacet.services.result import plain
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.session import FLOOR_DRAWS, fit_result
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure

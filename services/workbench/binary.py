@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.services.result import plain
+from lacet.daq.formats.result import plain
 
 MEDIA_TYPE = "application/octet-stream"
 

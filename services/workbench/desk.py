@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.prepared_run import Drive
@@ -23,7 +24,6 @@ from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
-from lacet.services.result import plain
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import Where, find_where, says, where_result
 from lacet.services.workspace.session import Tell, Work, scores

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lacet.daq.formats.result import FORMAT, plain
 from lacet.services.commands.study import study_result
-from lacet.services.result import FORMAT, plain
 from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.refusals import Needs
 from lacet.services.workbench.tasks import REPORT

@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq.bus import open_session
-from lacet.daq.bus_listener import BusListener, Message
+from lacet.daq.bus.listener import BusListener, Message
+from lacet.daq.bus.session import open_session
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.formats.result import plain
+from lacet.daq.formats.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
 from lacet.daq.rig import Rig
-from lacet.daq.wire import StartRecord, WireError, block_from_bytes, start_from_bytes
-from lacet.services.result import plain
 from lacet.services.workbench.events import Events
 
 PERIOD = 1.0

@@ -6,10 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 from lacet.daq.errors import nearest
+from lacet.daq.formats.result import plain
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
-from lacet.services.result import plain
 from lacet.services.workbench.binary import packed
 from lacet.services.workbench.desk import WAIT, Desk
 from lacet.services.workbench.refusals import Needs, NotThere

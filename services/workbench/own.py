@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.formats.result import plain
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
-from lacet.services.result import plain
 from lacet.services.workbench.desk import WAIT, Desk
 from lacet.services.workbench.refusals import Busy
 from lacet.services.workspace.effect_list import effect_records

@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq import exchange, mf4
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, RunError, UsageError, nearest
-from lacet.daq.log import LogReader
+from lacet.daq.formats import exchange, mf4
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
-from lacet.services.result import plain
 from lacet.services.workbench.desk import Desk, one_stamp
 from lacet.services.workspace.study import Study
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall
 from lacet.services.commands.study import study_result
 from lacet.services.planning.separation import recommend
 from lacet.services.render.report import write_report
 from lacet.services.render.separation_report import next_result
-from lacet.services.result import plain
 from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.jobs import Do, Teller
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run

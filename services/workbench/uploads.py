@@ -17,9 +17,9 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.daq.exchange import METADATA_KEYS
-from lacet.daq.log import LogReader
-from lacet.daq.mf4 import read_map
+from lacet.daq.formats.exchange import METADATA_KEYS
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.mf4 import read_map
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.workbench.desk import Desk

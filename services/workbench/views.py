@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.validation.residual_map import BIN, residual_map
-from lacet.services.result import plain
 from lacet.services.workbench.binary import packed
 from lacet.services.workbench.desk import Compared, Desk
 from lacet.services.workbench.refusals import NotThere

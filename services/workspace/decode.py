@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.log import LogReader, LogWriter
+from lacet.daq.formats.log import LogReader, LogWriter
+from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
-from lacet.daq.wire import StartRecord
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record, decode_frames, write_decoded
 
 Tell = Callable[[str, float], None]

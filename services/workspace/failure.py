@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Drive
@@ -19,7 +20,6 @@ from lacet.identify.validation.score import FAILS, Comparison
 from lacet.identify.validation.spectra import RowSpectrum, row_spectrum
 from lacet.identify.validation.states import ClearStates
 from lacet.services.render import tables
-from lacet.services.result import plain
 from lacet.services.workspace.session import Tell, Work
 from lacet.services.workspace.study import Version
 

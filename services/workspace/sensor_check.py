@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
+from lacet.daq.formats.result import plain
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.services.render.tables import number, table
-from lacet.services.result import plain
 
 LEVEL = 0.01
 """Significance of the two tests of bias: an alarm one set of runs in a hundred gives by chance."""

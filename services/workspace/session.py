@@ -11,6 +11,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import plain
 from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
@@ -24,7 +25,6 @@ from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
-from lacet.services.result import plain
 from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.study import Study, Version

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
 from lacet.services.commands.__main__ import main
 from lacet.services.workspace.study import Study
 from tests.support.places import HOME

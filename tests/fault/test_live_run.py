@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import free_port, make_capture, rig_text
 

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from lacet.daq.errors import RunError, UsageError
+from lacet.daq.formats.log import LogReader, LogWriteError, LogWriter, StartRecord, StopRecord, recover
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriteError, LogWriter, StartRecord, StopRecord, recover
 
 ROOT = Path(__file__).parents[2]
 T0 = 1_700_000_000 * 10**9
@@ -32,7 +32,7 @@ WRITE_FOR_EVER = """
     import sys, time
     sys.path[:0] = [{root!r}, {here!r}]
     from test_log_faults import batch, START
-    from lacet.daq.log import LogWriter
+    from lacet.daq.formats.log import LogWriter
     writer = LogWriter({path!r}, START)
     for k in range(100000):
         writer.write_frames(batch(k))
@@ -71,7 +71,7 @@ LIMITED = """
     import resource, signal, sys
     sys.path[:0] = [{root!r}, {here!r}]
     from test_log_faults import batch, START
-    from lacet.daq.log import LogWriter, LogWriteError
+    from lacet.daq.formats.log import LogWriter, LogWriteError
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
     writer = LogWriter({path!r}, START)

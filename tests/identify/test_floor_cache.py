@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import lacet.services.workspace.session
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive

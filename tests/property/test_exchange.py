@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError
-from lacet.daq.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
+from lacet.daq.formats.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
 from lacet.daq.run import Run, Signal
 
 CAR = Path(__file__).parents[1] / "data" / "car"

@@ -16,8 +16,8 @@ from wire_strategies import blocks, frames, same_blocks, same_frames
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError
+from lacet.daq.formats.log import LogReader, LogWriter, StartRecord, StopRecord, recover
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord, recover
 from lacet.daq.topics import decoded_topic, raw_topic
 
 T0 = 1_700_000_000 * 10**9

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from wire_strategies import COUNT, LOSSES, NS, TALLIES, TEXTS, blocks, frames, same_blocks, same_frames
 
-from lacet.daq import wire
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
+from lacet.daq.formats import wire
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 

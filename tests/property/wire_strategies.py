@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from lacet.daq import wire
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
+from lacet.daq.formats import wire
 from lacet.daq.frames import Frames
 
 NS = st.integers(-(2**62), 2**62)

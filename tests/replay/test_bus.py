@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 import zenoh
 
-from lacet.daq import bus_publisher
 from lacet.daq.blocks import Block
-from lacet.daq.bus import SEQUENCE, Keys, chunk, open_session
-from lacet.daq.bus_listener import BusListener
-from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.bus import publisher as bus_publisher
+from lacet.daq.bus.listener import BusListener
+from lacet.daq.bus.publisher import RunPublisher
+from lacet.daq.bus.session import SEQUENCE, Keys, chunk, open_session
+from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import UsageError
-from lacet.daq.log import LogReader
-from lacet.daq.spool import Spool
-from lacet.daq.wire import StartRecord, block_to_bytes
+from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.wire import StartRecord, block_to_bytes
 from lacet.services.acquisition.worker import RunResult, Worker
 from tests.support.rig import T0, free_port, rig_text, samples
 

@@ -15,7 +15,7 @@ import pytest
 
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS, STANDARD
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle

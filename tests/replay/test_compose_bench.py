@@ -9,8 +9,8 @@ import time
 
 import pytest
 
-from lacet.daq.bus import open_session
-from lacet.daq.log import LogReader
+from lacet.daq.bus.session import open_session
+from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
 from tests.support.compose import compose_file
 from tests.support.places import HOME

@@ -13,8 +13,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.channels import CHANNELS, CORNERS, STANDARD
+from lacet.daq.formats.log import LogReader, LogWriter, StartRecord, StopRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriter, StartRecord, StopRecord
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
 from lacet.services.acquisition.stream_decoder import Decoder, decode_frames

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.blocks import Block
+from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriter, StartRecord
 from lacet.daq.rig import Rig
 from lacet.services.acquisition.player import Progress, replay
 from lacet.services.acquisition.recorder import Recorder

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.frames import Frames
-from lacet.daq.queue import BoundedQueue
 from lacet.services.acquisition.transports.base import Receiver, Sender
 from lacet.services.acquisition.transports.can import GROUP, MulticastSender, multicast_receiver
 from lacet.services.acquisition.transports.reader import Reader

@@ -6,7 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from lacet.daq.log import LogReader, LogWriter
+from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.services.commands.__main__ import main
 from tests.support.places import HOME
 from tests.support.processes import commands

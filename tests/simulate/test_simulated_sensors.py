@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from simulated_drives import RIG, drive, make_rig
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure

@@ -9,8 +9,8 @@ import numpy as np
 
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS, Channel
+from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogWriter, StartRecord
 from lacet.daq.rig import Rig
 from lacet.drivers import open_driver
 

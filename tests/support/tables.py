@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lacet.daq.exchange import write_table
+from lacet.daq.formats.exchange import write_table
 from lacet.daq.run import Run
 
 CAR = Path(__file__).parents[1] / "data" / "car"

@@ -18,9 +18,9 @@ from threading import Event, Thread
 
 import numpy as np
 
+from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.formats.log import LogReader, LogWriter, StartRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogReader, LogWriter, StartRecord
-from lacet.daq.queue import BoundedQueue
 from lacet.daq.rig import Rig
 from lacet.services.acquisition.player import replay
 from lacet.services.acquisition.recorder import Recorder

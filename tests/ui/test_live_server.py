@@ -16,11 +16,11 @@ import pytest
 from fastapi.testclient import TestClient
 
 from lacet.daq.blocks import Block
-from lacet.daq.bus import open_session
-from lacet.daq.bus_publisher import RunPublisher
+from lacet.daq.bus.publisher import RunPublisher
+from lacet.daq.bus.session import open_session
+from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
-from lacet.daq.spool import Spool
-from lacet.daq.wire import StartRecord, block_to_bytes
+from lacet.daq.formats.wire import StartRecord, block_to_bytes
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.events import WAITING, Events
 from lacet.services.workbench.server import Settings, address, create_app, is_loopback

@@ -11,7 +11,7 @@ import zipfile
 import jsonschema
 import pytest
 
-from lacet.daq.log import LogReader
+from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.commands.__main__ import build_parser

@@ -13,7 +13,7 @@ import pytest
 
 from lacet.daq.channels import AXES, CHANNELS, CORNERS
 from lacet.daq.errors import FileFault
-from lacet.daq.exchange import METADATA_KEYS, read_table
+from lacet.daq.formats.exchange import METADATA_KEYS, read_table
 from lacet.daq.rig import DEFAULT_TOLERANCE, Rig
 from lacet.daq.units import TO_SI, canonical
 from lacet.daq.vehicle import Vehicle

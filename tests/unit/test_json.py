@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from lacet.daq.formats.result import FORMAT
 from lacet.daq.rig import Rig
 from lacet.services.commands.__main__ import find_commands, main
-from lacet.services.result import FORMAT
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import make_capture
 from tests.support.tables import CAR, FILES, piece, written

@@ -9,8 +9,8 @@ import pytest
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.errors import RunError
+from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.frames import Frames
-from lacet.daq.log import LogWriter, StartRecord
 from lacet.daq.run import Run
 
 T0 = 1_700_000_000 * 10**9

@@ -9,7 +9,7 @@ import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 
-from lacet.daq.mcap_write import describe
+from lacet.daq.formats.mcap_write import describe
 from lacet.daq.schema import lacet_pb2 as pb
 
 ROOT = Path(__file__).parents[2]

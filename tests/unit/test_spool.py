@@ -7,7 +7,7 @@ import zlib
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lacet.daq.spool import Spool
+from lacet.daq.bus.spool import Spool
 
 
 @given(st.lists(st.tuples(st.sampled_from(["a", "b"]), st.integers(0, 30), st.binary(min_size=1, max_size=9))))

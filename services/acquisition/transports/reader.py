@@ -7,8 +7,8 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.frames import Frames
-from lacet.daq.queue import BoundedQueue
 from lacet.services.acquisition.transports.base import Receiver
 
 RETRY = 0.5

@@ -1,7 +1,7 @@
 """The run log, writing side: one MCAP file a run, readable up to the last whole chunk whatever happens.
 
 Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``.
-The page ``docs/log.md`` describes the format. `LogReader` and `recover` are in `daq.log_read` and offered here too.
+The page ``docs/log.md`` describes the format. `LogReader` and `recover` are in `formats.log_read` and offered here too.
 """
 
 from __future__ import annotations
@@ -15,12 +15,9 @@ from typing import Any
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError
-from lacet.daq.frames import Frames
-from lacet.daq.log_read import LogReader, recover
-from lacet.daq.mcap_write import McapWriter
-from lacet.daq.schema import lacet_pb2 as pb
-from lacet.daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
-from lacet.daq.wire import (
+from lacet.daq.formats.log_read import LogReader, recover
+from lacet.daq.formats.mcap_write import McapWriter
+from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
     StopRecord,
@@ -31,6 +28,9 @@ from lacet.daq.wire import (
     start_to_bytes,
     stop_to_bytes,
 )
+from lacet.daq.frames import Frames
+from lacet.daq.schema import lacet_pb2 as pb
+from lacet.daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
 
 __all__ = ["LogReader", "LogWriteError", "LogWriter", "StartRecord", "StopRecord", "recover"]
 

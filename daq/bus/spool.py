@@ -9,7 +9,7 @@ from array import array
 from collections.abc import Iterator
 from pathlib import Path
 
-from lacet.daq.wire import Tally
+from lacet.daq.formats.wire import Tally
 
 MEMORY = 64 << 20
 """Most that is held in memory when the disk takes no more [bytes]; about four minutes of a full rig."""

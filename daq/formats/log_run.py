@@ -11,10 +11,10 @@ from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.clock import fit_clock, steady_stamps
 from lacet.daq.errors import RigError, RunError
-from lacet.daq.log_read import LogReader
+from lacet.daq.formats.log_read import LogReader
+from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.daq.run import BRAKES, Run, Signal
-from lacet.daq.wire import StartRecord
 
 
 def read_run(path: Path) -> Run:

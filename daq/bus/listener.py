@@ -10,8 +10,8 @@ from typing import Any
 import zenoh
 from zenoh import ext
 
-from lacet.daq.bus import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chunk, state_publisher
-from lacet.daq.queue import BoundedQueue
+from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.bus.session import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chunk, state_publisher
 
 
 @dataclass(frozen=True)

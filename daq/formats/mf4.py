@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, COLUMNS, Channel
 from lacet.daq.errors import RunError, nearest
-from lacet.daq.exchange import METADATA_KEYS, signal
+from lacet.daq.formats.exchange import METADATA_KEYS, signal
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, Run, Signal
 from lacet.daq.toml_reader import Reader

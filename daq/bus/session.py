@@ -17,7 +17,7 @@ missing is asked for. Live blocks are therefore sent with DROP, which cannot sta
 a Zenoh callback: with BLOCK, a callback that stalls for 5 s makes Zenoh close the transport and lose nearly everything
 silently. Callbacks only fill a bounded queue.
 
-This file has the keys and the session; `daq.bus_publisher` is the recorder's side, `daq.bus_listener` the others'.
+This file has the keys and the session; `daq.bus.publisher` is the recorder's side, `daq.bus.listener` the others'.
 """
 
 from __future__ import annotations

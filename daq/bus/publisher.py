@@ -11,10 +11,10 @@ from typing import Any
 
 import zenoh
 
-from lacet.daq.bus import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short, state_publisher
-from lacet.daq.queue import BoundedQueue
-from lacet.daq.spool import Spool
-from lacet.daq.wire import Losses, Manifest, StartRecord, Tally, manifest_to_bytes, start_to_bytes
+from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.bus.session import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short, state_publisher
+from lacet.daq.bus.spool import Spool
+from lacet.daq.formats.wire import Losses, Manifest, StartRecord, Tally, manifest_to_bytes, start_to_bytes
 
 OTHERS = 1.0
 """How long after an acknowledgement the last request of another worker may be [s]."""

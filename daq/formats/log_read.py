@@ -11,12 +11,9 @@ import numpy as np
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.frames import Frames
-from lacet.daq.mcap_read import McapScan, Place
-from lacet.daq.mcap_write import McapWriter
-from lacet.daq.schema import lacet_pb2 as pb
-from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
-from lacet.daq.wire import (
+from lacet.daq.formats.mcap_read import McapScan, Place
+from lacet.daq.formats.mcap_write import McapWriter
+from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
     StopRecord,
@@ -29,6 +26,9 @@ from lacet.daq.wire import (
     stop_from_bytes,
     stop_to_bytes,
 )
+from lacet.daq.frames import Frames
+from lacet.daq.schema import lacet_pb2 as pb
+from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
 
 
 class LogReader:

@@ -1,0 +1,1 @@
+"""The bus: decoded blocks published and received over Zenoh, through bounded queues."""
