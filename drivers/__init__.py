@@ -9,13 +9,15 @@ from functools import cache
 from pathlib import Path
 
 from lacet.daq.errors import UsageError, nearest
-from lacet.drivers.base import Driver
+from lacet.drivers.framework.base import Driver
 
 
 @cache
 def _found() -> dict[str, type]:
     drivers: dict[str, type] = {}
     for entry in pkgutil.iter_modules(__path__):
+        if entry.ispkg:
+            continue
         module = importlib.import_module(f"{__name__}.{entry.name}")
         for item in vars(module).values():
             if isinstance(item, type) and Driver in item.__mro__[1:] and item.__module__ == module.__name__:

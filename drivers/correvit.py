@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from lacet.drivers.base import Driver
-from lacet.drivers.can import CanSensor
+from lacet.drivers.framework.base import Driver
+from lacet.drivers.framework.can import CanSensor
 
 
 class Correvit(CanSensor, Driver):

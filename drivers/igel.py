@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from lacet.drivers.base import Driver
-from lacet.drivers.can import CanSensor
-from lacet.drivers.crc import CRC8_J1850
+from lacet.drivers.framework.base import Driver
+from lacet.drivers.framework.can import CanSensor
+from lacet.drivers.framework.crc import CRC8_J1850
 
 
 class Igel(CanSensor, Driver):

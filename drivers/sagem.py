@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
-from lacet.drivers.base import Driver
-from lacet.drivers.counters import add
-from lacet.drivers.crc import CRC16_CCITT_FALSE
-from lacet.drivers.options import check_options
-from lacet.drivers.records import Part, Record, RecordSensor, RecordState
+from lacet.drivers.framework.base import Driver
+from lacet.drivers.framework.counters import add
+from lacet.drivers.framework.crc import CRC16_CCITT_FALSE
+from lacet.drivers.framework.options import check_options
+from lacet.drivers.framework.records import Part, Record, RecordSensor, RecordState
 
 SYNC = b"\xa5\x5a"
 LENGTH = 30

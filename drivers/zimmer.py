@@ -11,11 +11,11 @@ import numpy as np
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.channels import CORNERS
 from lacet.daq.frames import Frames
-from lacet.drivers.base import Driver
-from lacet.drivers.counters import add
-from lacet.drivers.crc import CRC32
-from lacet.drivers.options import check_options, corner_map
-from lacet.drivers.records import Part, Record, RecordSensor, RecordState
+from lacet.drivers.framework.base import Driver
+from lacet.drivers.framework.counters import add
+from lacet.drivers.framework.crc import CRC32
+from lacet.drivers.framework.options import check_options, corner_map
+from lacet.drivers.framework.records import Part, Record, RecordSensor, RecordState
 
 STEP = 5e-5
 """Raw step of every angle [rad]."""

@@ -10,7 +10,7 @@ import numpy as np
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.frames import Frames
-from lacet.drivers.base import Driver
+from lacet.drivers.framework.base import Driver
 
 PLAUSIBLE = {
     "wheel.force": (-15_000, 15_000),

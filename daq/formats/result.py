@@ -7,8 +7,6 @@ import math
 from pathlib import Path
 from typing import Any, TextIO
 
-import numpy as np
-
 from lacet.daq.errors import UsageError
 
 FORMAT = "lacet-result 1"
@@ -43,10 +41,8 @@ def plain(value: Any) -> Any:
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set):
         return [plain(item) for item in value]
-    if isinstance(value, np.ndarray):
+    if hasattr(value, "tolist"):  # NumPy's arrays and numbers; NumPy itself takes long to load
         return plain(value.tolist())
-    if isinstance(value, np.generic):
-        return plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return str(value) if isinstance(value, Path) else value

@@ -15,7 +15,7 @@ from lacet.daq.formats.wire import StopRecord
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig, Sensor
 from lacet.drivers import open_driver
-from lacet.drivers.base import Driver, State
+from lacet.drivers.framework.base import Driver, State
 
 NO_LOSS = frozenset(
     {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}

@@ -14,8 +14,6 @@ from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 
-from threadpoolctl import threadpool_limits
-
 from lacet.daq.errors import LacetError, NotIdentifiable
 from lacet.daq.formats.result import BAD_INPUT, WITH_LOSSES
 from lacet.services import commands
@@ -108,6 +106,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser(words[0] if words else None).parse_args(words)
     except BrokenPipeError:
         return _unread()
+    from threadpoolctl import threadpool_limits  # here, because `lacet --help` is to answer at once
+
     try:
         # Matrices here are small: more threads gain nothing (measured), and the other cores are the recorder's.
         with threadpool_limits(1), contextlib.ExitStack() as stack:

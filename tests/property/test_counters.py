@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lacet.drivers.counters import CounterState, follow_counter, unwrap_clock
+from lacet.drivers.framework.counters import CounterState, follow_counter, unwrap_clock
 
 
 @given(

@@ -12,7 +12,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lacet.drivers import dbc
+from lacet.drivers.framework import dbc
 
 logging.getLogger("cantools").setLevel(logging.ERROR)
 
@@ -108,6 +108,6 @@ def test_the_reference_dbc_files_decode_as_cantools_does():
 
 
 def dbc_folder():
-    from lacet.drivers.can_layout import FOLDER
+    from lacet.drivers.framework.can_layout import FOLDER
 
     return FOLDER

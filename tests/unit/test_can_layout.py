@@ -10,7 +10,7 @@ import pytest
 
 from lacet.daq.errors import DbcError
 from lacet.drivers import open_driver
-from lacet.drivers.can_layout import FOLDER
+from lacet.drivers.framework.can_layout import FOLDER
 from tests.driver_cases import decode_all, plausible_blocks
 
 IGEL = (FOLDER / "igel.dbc").read_text(encoding="utf-8")

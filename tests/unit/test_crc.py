@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lacet.drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
+from lacet.drivers.framework.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
 
 ORACLES = {
     "CRC-8/SAE-J1850": crccheck.crc.Crc8SaeJ1850.calc,

@@ -13,7 +13,7 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import COLUMNS
 from lacet.daq.frames import Frames
 from lacet.drivers import open_driver
-from lacet.drivers.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
+from lacet.drivers.framework.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
 from tests.driver_cases import decode_all, same_frames
 
 PAGES = Path(__file__).parents[2] / "docs/wires"

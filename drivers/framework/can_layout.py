@@ -9,9 +9,9 @@ from pathlib import Path
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import DbcError, nearest
-from lacet.drivers import dbc
+from lacet.drivers.framework import dbc
 
-FOLDER = Path(__file__).parent / "dbc"
+FOLDER = Path(__file__).parents[1] / "dbc"
 """The DBC files that come with the drivers."""
 
 SI: dict[str, dict[str, float]] = {
@@ -115,8 +115,8 @@ def compile_units(
 
     Parameters
     ----------
-    templates : message name → channels, as in `drivers.can.CanSensor.messages`. Of the corners, those are taken of
-        which the DBC has any message.
+    templates : message name → channels, as in `CanSensor.messages`. Of the corners, those are taken of which the DBC
+        has any message.
     cyclic, checksum : as in `CanSensor`; whether a checksum is needed.
 
     Raises

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
-from lacet.drivers import dbc
-from lacet.drivers.can_layout import Reading, Unit, compile_units, read_layout
-from lacet.drivers.counters import CounterState, add, follow_counter
-from lacet.drivers.crc import Crc
-from lacet.drivers.options import check_options, corner_map
-from lacet.drivers.outgoing import not_valid, together
+from lacet.drivers.framework import dbc
+from lacet.drivers.framework.can_layout import Reading, Unit, compile_units, read_layout
+from lacet.drivers.framework.counters import CounterState, add, follow_counter
+from lacet.drivers.framework.crc import Crc
+from lacet.drivers.framework.options import check_options, corner_map
+from lacet.drivers.framework.outgoing import not_valid, together
 
 NOT_VALID = 1
 """Status that the encoder sends with samples that have no value."""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
-from lacet.drivers.counters import CounterState, add, follow_counter, unwrap_clock
-from lacet.drivers.crc import Crc
-from lacet.drivers.outgoing import not_valid, together
+from lacet.drivers.framework.counters import CounterState, add, follow_counter, unwrap_clock
+from lacet.drivers.framework.crc import Crc
+from lacet.drivers.framework.outgoing import not_valid, together
 
 NOT_VALID = -32768
 FULL = 32767
