@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
 import cars  # pyright: ignore[reportMissingImports]
 
 from lacet.daq.channels import CHANNELS
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
@@ -68,7 +68,7 @@ def models() -> tuple[Model, Model]:
 def stored_motions() -> tuple[tuple[Recording, ...], Array]:
     """Exact recordings of the four manoeuvres, and every parameter of the model they fulfil."""
     vehicle, rig = cars.reference_car()
-    runs = [Run.open(cars.CAR / f"{name}.parquet") for name in cars.RUNS]
+    runs = [open_run(cars.CAR / f"{name}.parquet") for name in cars.RUNS]
     records = [bring_together(run, vehicle, rig, FILTERS) for run in runs]
     model = models()[0]
     theta = fit(model, [Drive(record) for record in records], unbias=False).theta

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import UNUSABLE
 from lacet.daq.channels import STANDARD
-from lacet.daq.errors import RunError
 
 BRAKES = ("off", "used", "unknown")
 
@@ -60,29 +58,6 @@ class Run:
     vehicle_text: str = ""
     rig_text: str = ""
     problems: tuple[str, ...] = field(default=())
-
-    @classmethod
-    def open(cls, path: str | Path) -> Run:
-        """Read a run: an MCAP log with decoded blocks, an exchange table (Parquet or CSV), or an MDF file (``.mf4``).
-
-        Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes
-        and reported in `problems`.
-        """
-        from lacet.daq import exchange, mf4  # here, because these modules build runs themselves
-
-        file = Path(path)
-        if not file.is_file():
-            raise RunError(path, ["no such file"])
-        suffix = file.suffix.lower()
-        if suffix in exchange.SUFFIXES:
-            return exchange.read_table(file)
-        if suffix == ".mcap":
-            from lacet.daq import log_run
-
-            return log_run.read_run(file)
-        if suffix in mf4.SUFFIXES:
-            return mf4.read_mf4(file)
-        raise RunError(path, [f"unknown kind of file '{suffix}': give an MCAP log (.mcap), .parquet, .csv or .mf4"])
 
     @property
     def duration(self) -> float:

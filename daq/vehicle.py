@@ -17,7 +17,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.errors import VehicleError, nearest
 from lacet.daq.rig import find_shipped
 from lacet.daq.toml_reader import Quantity, Reader
-from lacet.daq.units import TO_SI
+from lacet.daq.units import TO_SI, canonical
 
 FORMAT = "lacet-vehicle 1"
 
@@ -126,8 +126,6 @@ _CORNER_KEYS = (
 
 
 def _unit_of(row: Any) -> str:
-    from lacet.daq.units import canonical
-
     unit = canonical(str(row.get("unit", ""))) if isinstance(row, dict) else ""
     return TO_SI[unit][0] if unit in TO_SI else "-"
 

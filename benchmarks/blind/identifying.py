@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue
@@ -84,7 +84,7 @@ def tables(folder: Path) -> Tables:
     """Read a folder."""
     rig, vehicle = Rig.load(folder / "rig.toml"), Vehicle.load(folder / "vehicle.toml")
     used, held = (
-        tuple(Drive.of(Run.open(file), vehicle, rig) for file in sorted((folder / part).glob("*.parquet")))
+        tuple(Drive.of(open_run(file), vehicle, rig) for file in sorted((folder / part).glob("*.parquet")))
         for part in ("used", "held")
     )
     return Tables(rig, vehicle, used, held)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands import decode
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
@@ -62,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     runs = {name: out / f"{name}.mcap" for name in captures}
     used = [file for name, file in runs.items() if name not in _HELD]
     held = [file for name, file in runs.items() if name in _HELD]
-    first = _opened(used[0])
+    first = open_run(used[0])
     study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
     with Line() as line:
         work = Work(study, line.show)
@@ -194,12 +195,6 @@ def _search(work: Work, line: Line) -> list[dict[str, object]]:
         added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
         print_fall(added[-1])
     return added
-
-
-def _opened(path: Path):
-    from lacet.daq.run import Run
-
-    return Run.open(path)
 
 
 def _free_port() -> int:

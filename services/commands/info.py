@@ -9,9 +9,9 @@ from typing import Any
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs, row_unit
 from lacet.services.commands.progress import Line
@@ -124,7 +124,7 @@ def _file(path: Path) -> tuple[int, dict[str, Any]]:
         if not result["decoded"]:
             print("Only raw frames: lacet decode makes the channels of it.")
             return status, result
-    run_ = Run.open(path)
+    run_ = open_run(path)
     print(
         f"{run_.name}: {run_.duration:.1f} s, vehicle {run_.vehicle or '?'}, manoeuvre {run_.manoeuvre or '?'}, ",
         end="",

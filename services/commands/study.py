@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
@@ -87,8 +88,6 @@ def _words(words: list[str]) -> tuple[bool, Path]:
 
 
 def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]]:
-    from lacet.daq.run import Run
-
     if not args.use:
         raise UsageError(f"name the runs to identify with: lacet study new {folder} --use RUN…")
     if args.draws < LEAST_DRAWS:
@@ -96,7 +95,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     for path in (*args.use, *args.hold):
         if not path.is_file():
             raise UsageError(f"{path}: no such file")
-    first = Run.open(args.use[0])
+    first = open_run(args.use[0])
     filters = default_filters(args.cutoff)
     there = folder.exists()
     study = Study.create(

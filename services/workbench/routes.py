@@ -10,7 +10,7 @@ from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.services.workbench import exports, own, uploads, views
 from lacet.services.workbench.binary import MEDIA_TYPE
 from lacet.services.workbench.desk import Desk
@@ -191,7 +191,7 @@ def series(request: Request, version: int, run: str, row: str) -> Response:
 @api.get("/channel/{run}/{name}")
 def channel(request: Request, run: str, name: str) -> Response:
     """A measured channel."""
-    return _bytes(views.channel_body(Run.open(find_run(bench(request).desk, run)), name))
+    return _bytes(views.channel_body(open_run(find_run(bench(request).desk, run)), name))
 
 
 @api.get("/map/{version}")

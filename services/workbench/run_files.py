@@ -16,6 +16,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, RunError, UsageError, nearest
 from lacet.daq.formats import exchange, mf4
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
@@ -184,7 +185,7 @@ def summary(path: Path) -> dict[str, Any]:
                 return _unreadable(path, ["only raw frames: it has to be decoded first (lacet decode)"])
             lost = log.stop.losses if log.stop else {}
             losses = sum(sum(causes.values()) for causes in lost.values())
-        run = Run.open(path)
+        run = open_run(path)
     except RunError as error:
         return _unreadable(path, error.faults)
     except LacetError as error:

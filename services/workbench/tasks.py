@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall
@@ -73,7 +74,7 @@ class Tasks:
     def _make(self, used: list[Path], held: list[Path], teller: Teller) -> dict[str, Any]:
         folder = self.desk.folder
         there = {name: (folder / name).is_file() for name in ("rig.toml", "vehicle.toml")}
-        first = Run.open(used[0])
+        first = open_run(used[0])
         rig = _dropped(find_rig, first, folder / "rig.toml")
         vehicle = _dropped(find_vehicle, first, folder / "vehicle.toml")
         (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version

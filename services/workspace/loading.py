@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
@@ -95,7 +96,7 @@ def load(
     for done, path in enumerate(paths):
         progress(done, len(paths))
         try:
-            run = _named_apart(Run.open(path), Path(path), places)
+            run = _named_apart(open_run(path), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import KinematicTable, Vehicle
@@ -31,7 +32,7 @@ def reference_car() -> tuple[Vehicle, Rig]:
 
 def piece(name: str, start: float, stop: float) -> Run:
     """Some seconds of a run of the reference car."""
-    run = Run.open(CAR / f"{name}.parquet")
+    run = open_run(CAR / f"{name}.parquet")
     signals: dict[str, Signal] = {}
     for channel, s in run.signals.items():
         keep = (s.t >= start) & (s.t < stop)

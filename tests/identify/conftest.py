@@ -8,7 +8,7 @@ from typing import Any
 import cars
 import pytest
 
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
@@ -20,7 +20,7 @@ VEHICLE, RIG = cars.reference_car()
 @pytest.fixture(scope="session")
 def drives() -> dict[str, Drive]:
     """The four runs, brought together once."""
-    return {name: Drive.of(Run.open(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
+    return {name: Drive.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
 
 
 @pytest.fixture(scope="session")

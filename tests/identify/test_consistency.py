@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.errors import SolverError, UsageError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
@@ -85,7 +85,7 @@ def fitted() -> Fit:
     """A sine and a rough road of the reference car, with its bars."""
     known = catalogue(VEHICLE, "hub")
     model = Model.of(base_model(VEHICLE, "hub")) + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]
-    drives = [Drive.of(Run.open(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in ("sine", "rough")]
+    drives = [Drive.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in ("sine", "rough")]
     return fit(model, drives, unbias=False)
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
@@ -111,7 +112,7 @@ def part(run: Run, seconds: float) -> Run:
 @pytest.fixture(scope="module")
 def rough() -> Run:
     """14 s of the rough run."""
-    return part(Run.open(cars.CAR / "rough.parquet"), 14.0)
+    return part(open_run(cars.CAR / "rough.parquet"), 14.0)
 
 
 @pytest.fixture(scope="module")

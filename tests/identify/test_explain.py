@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.base import Parameter, SuspensionForce
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
@@ -72,7 +72,7 @@ def test_plausible_sizes_decide_what_is_badly_scaled() -> None:
 
 def hardly_moving(amplitude: float) -> Drive:
     """A run of the reference car whose front left suspension moves by `amplitude` [m] only, by its laser."""
-    run = Run.open(cars.CAR / "sine.parquet")
+    run = open_run(cars.CAR / "sine.parquet")
     hub = run.signals["laser.fl.hub"]
     values = np.mean(hub.values) + 0.01 + amplitude * np.sin(7.0 * hub.t)[:, None]
     return Drive.of(run.with_values({"laser.fl.hub": values}), VEHICLE, RIG)
@@ -116,7 +116,7 @@ class Broken(SuspensionForce):
 
 def test_values_that_are_not_finite_are_placed() -> None:
     """Effect, run, row and instant; nothing is said of what is sound."""
-    drive = Drive.of(Run.open(cars.CAR / "sine.parquet"), VEHICLE, RIG)
+    drive = Drive.of(open_run(cars.CAR / "sine.parquet"), VEHICLE, RIG)
     sound = Model.of(base_model(VEHICLE, "hub")).physics
     assert not_finite(sound, [drive]) == []
     refuse_not_finite(sound, [drive])

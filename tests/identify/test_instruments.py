@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.errors import NotIdentifiable
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run
 from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.effects.catalogue import catalogue
@@ -144,7 +145,7 @@ def test_a_channel_too_short_to_be_halved_is_named(rough: Run, plain: Fit) -> No
 @pytest.mark.slow
 def test_iyy_and_outboard_mass_with_twice_the_noise(rough: Run) -> None:
     """The two values that noise moves most, on all four runs: off with the sheet's noise, right with instruments."""
-    runs = [noisier(Run.open(cars.CAR / f"{name}.parquet"), 2.0, k) for k, name in enumerate(cars.RUNS)]
+    runs = [noisier(open_run(cars.CAR / f"{name}.parquet"), 2.0, k) for k, name in enumerate(cars.RUNS)]
     found = against(runs)
     truth = json.loads((cars.CAR / "truth.json").read_text(encoding="utf-8"))
     k, Iyy = NAMES.index("Iyy"), truth["inboard_at_design"]["inertia_about_cog_kg_m2"][1][1]

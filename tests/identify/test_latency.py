@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.errors import UsageError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.regression.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
@@ -96,7 +96,7 @@ def test_the_time_base_is_the_loads_sensor_or_the_one_named() -> None:
 @pytest.mark.slow
 def test_thirty_milliseconds_off_in_every_sensor() -> None:
     """From far away, with steering and a rough road, to 0.5 ms; the other time base tells the same."""
-    runs = [Run.open(cars.CAR / f"{name}.parquet") for name in ("sine", "rough")]
+    runs = [open_run(cars.CAR / f"{name}.parquet") for name in ("sine", "rough")]
     wrong = shifted_rig(RIG, {"imu": 0.030, "lasers": -0.020, "cameras": 0.030})
     found = estimate_latencies(BARS, runs, VEHICLE, wrong)
     assert found.settled

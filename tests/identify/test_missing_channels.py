@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.channels import CHANNELS
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
@@ -23,7 +23,7 @@ VEHICLE, RIG = cars.reference_car()
 @pytest.fixture(scope="module")
 def whole() -> Drive:
     """Five seconds of a run with every channel."""
-    run = Run.open(cars.CAR / "sine.parquet")
+    run = open_run(cars.CAR / "sine.parquet")
     signals = {}
     for name, s in run.signals.items():
         keep = (s.t >= 5.0) & (s.t < 10.0)

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.channels import CHANNELS
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
 from lacet.identify.signals.noise_level import measured_noise
 
@@ -75,7 +76,7 @@ def test_what_is_sampled_too_slowly_or_too_shortly_is_said() -> None:
 
 def test_one_noisy_column_is_named() -> None:
     """One laser three times as noisy as the others."""
-    run = Run.open(cars.CAR / "sine.parquet")
+    run = open_run(cars.CAR / "sine.parquet")
     signal = run.signals["laser.rr.hub"]
     noise = 3e-4 * np.sqrt(8.0) * np.random.default_rng(1).standard_normal(signal.values.shape)
     levels = measured_noise([run.with_values({"laser.rr.hub": signal.values + noise})], RIG)

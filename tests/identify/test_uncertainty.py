@@ -10,7 +10,7 @@ import cars
 import numpy as np
 import pytest
 
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
@@ -27,7 +27,7 @@ def plain() -> Fit:
     """The model the car needs on its rough run, weights frozen at its own."""
     known = catalogue(VEHICLE, "hub")
     model = Model.of([*base_model(VEHICLE, "hub"), known["anti_roll_bar.front"], known["anti_roll_bar.rear"]])
-    record = Drive.of(Run.open(cars.CAR / "rough.parquet"), VEHICLE, RIG).recording
+    record = Drive.of(open_run(cars.CAR / "rough.parquet"), VEHICLE, RIG).recording
     drive = Drive(record.at(slice(0, int(12.0 * record.filters.rate))))
     sigma = fit(model, [drive], unbias=False).sigma
     return fit(model, [drive], weights=sigma, unbias=False)

@@ -18,6 +18,7 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError
 from lacet.daq.formats.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
 
 CAR = Path(__file__).parents[1] / "data" / "car"
@@ -54,7 +55,7 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, run: Run, suffix: 
     """Stamps, values, flags and metadata come back, by both formats, to the last digit."""
     file = tmp_path_factory.mktemp("t") / f"r{suffix}"
     write_table(run, file)
-    back = Run.open(file)
+    back = open_run(file)
     assert back.problems == ()
     assert back.signals.keys() == run.signals.keys()
     for name, one in run.signals.items():
@@ -144,7 +145,7 @@ class TestFaults:
     ) -> None:
         """Nothing usable: an error, not an empty run."""
         with pytest.raises(RunError, match=message):
-            Run.open(written(tmp_path, columns, suffix))
+            open_run(written(tmp_path, columns, suffix))
 
     def test_metadata(self, tmp_path: Path, suffix: str) -> None:
         """Known words are checked, unknown keys said, defaults filled in."""
@@ -161,7 +162,7 @@ class TestFaults:
 
     def test_a_truncated_file_says_so(self, tmp_path: Path, suffix: str) -> None:
         """A file cut short is never half a run without a word."""
-        run = Run.open(CAR / "sine.parquet")
+        run = open_run(CAR / "sine.parquet")
         whole = tmp_path / f"whole{suffix}"
         if suffix == ".parquet":
             shutil.copy(CAR / "sine.parquet", whole)
@@ -173,9 +174,9 @@ class TestFaults:
             cut.write_bytes(data[:part])
             if suffix == ".parquet" or part < 4:
                 with pytest.raises(RunError, match=r"truncated|fewer than two rows|no column"):
-                    Run.open(cut)
+                    open_run(cut)
                 continue
-            found = Run.open(cut)
+            found = open_run(cut)
             assert any("cut short" in problem for problem in found.problems)
             n = len(found.signals["imu.rate"].t)
             assert n < len(run.signals["imu.rate"].t)
@@ -211,10 +212,10 @@ def test_broken_metadata_is_said(tmp_path: Path) -> None:
 def test_unknown_kinds_of_files(tmp_path: Path) -> None:
     """What is not there, and what is no table."""
     with pytest.raises(RunError, match="no such file"):
-        Run.open(tmp_path / "no.parquet")
+        open_run(tmp_path / "no.parquet")
     (tmp_path / "a.xls").write_text("x")
     with pytest.raises(RunError, match="unknown kind of file"):
-        Run.open(tmp_path / "a.xls")
+        open_run(tmp_path / "a.xls")
     with pytest.raises(RunError, match="an exchange table ends in"):
         write_table(Run("r", {}), tmp_path / "a.xls")
 
@@ -233,7 +234,7 @@ def test_the_vocabulary_is_consistent() -> None:
 def test_the_reference_runs_have_every_channel() -> None:
     """30 s at 250 Hz, all channels of the vocabulary that the readme promises, nothing wrong."""
     for name in ("sine", "sweep", "liftoff", "rough"):
-        run = Run.open(CAR / f"{name}.parquet")
+        run = open_run(CAR / f"{name}.parquet")
         assert run.problems == ()
         assert run.missing == ()
         assert run.duration == pytest.approx(30.0, abs=0.1)

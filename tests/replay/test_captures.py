@@ -16,8 +16,8 @@ import pytest
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
@@ -100,7 +100,7 @@ def test_a_capture_is_whole(capture: Path, decoded: dict[Path, Path]):
         assert len(block) == pytest.approx(CHANNELS[name].rate * DURATION, abs=1)
         assert not np.any(block.flags)
         assert np.ptp(block.t_ns) / 1e9 == pytest.approx(DURATION, abs=0.02)
-    assert not Run.open(decoded[capture]).problems
+    assert not open_run(decoded[capture]).problems
     for secret in (b"anti_roll", b"hidden"):
         assert secret not in capture.read_bytes()
 

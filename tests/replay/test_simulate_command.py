@@ -12,8 +12,8 @@ pytest.importorskip("mujoco")
 
 from lacet.daq.channels import CHANNELS, STANDARD
 from lacet.daq.formats.log import LogReader
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.services.commands.__main__ import main
 from lacet.simulate import Sheet, find_car, make_manoeuvre, measure
@@ -85,7 +85,7 @@ def test_tables_can_be_identified_with_what_lies_beside_them(tmp_path: Path, rig
     out, truth, result = tmp_path / "runs", tmp_path / "truth" / "truth.json", tmp_path / "result.json"
     words = ["simulate", "--rig", rig, "--manoeuvre", "sinus", "--manoeuvre", "sinus", *SHORT, "--format", "parquet"]
     assert lacet(*words, "--hide", "anti_roll_bar.front=19780", "-o", out, "--truth", truth, "--json", result) == 0
-    run = Run.open(out / "sinus-1.parquet")
+    run = open_run(out / "sinus-1.parquet")
     assert set(run.signals) == set(STANDARD)
     assert (run.vehicle, run.rig, run.wheel_reference, run.brakes) == ("peugeot-406", "trial", "hub", "off")
     vehicle = Vehicle.load(out / "peugeot-406.toml")
@@ -97,7 +97,7 @@ def test_tables_can_be_identified_with_what_lies_beside_them(tmp_path: Path, rig
     assert json.loads(result.read_text(encoding="utf-8"))["runs"][1]["file"].endswith("sinus-2.parquet")
     for file in out.iterdir():
         assert b"anti_roll" not in file.read_bytes()
-    other = Run.open(out / "sinus-2.parquet")
+    other = open_run(out / "sinus-2.parquet")
     assert not np.array_equal(run.signals["imu.rate"].values, other.signals["imu.rate"].values)
 
 
@@ -123,7 +123,7 @@ def test_a_capture_decodes_to_what_the_sensors_delivered(tmp_path: Path, rig: Pa
         if CHANNELS[name].family in ("wheel.angle", "imu.attitude"):
             step = np.mod(step + np.pi, 2 * np.pi) - np.pi
         assert np.max(np.abs(step)) < CHANNELS[name].noise  # quantisation lies below the noise
-    run = Run.open(tmp_path / "log.mcap")
+    run = open_run(tmp_path / "log.mcap")
     assert set(run.signals) == set(STANDARD)
     assert run.signals["wheel.fl.force"].t[-1] == pytest.approx(2.0, abs=0.1)
 
@@ -191,7 +191,7 @@ def test_instruments_stay_the_same_from_one_command_to_the_next(tmp_path: Path, 
         assert set(b[what].values()) & set(c[what].values()) <= {0.0}
     assert set(a["zeros"].values()) & set(b["zeros"].values()) <= {0.0}
     # What is told is what was measured: two runs whose zeros alone differ.
-    ours, other = (Run.open(tmp_path / name / "straight.parquet") for name in "bc")
+    ours, other = (open_run(tmp_path / name / "straight.parquet") for name in "bc")
     column, channel = "laser.fl.ground", "laser.fl.ground"
     true = [
         (run.signals[channel].values[:, 0] - told["zeros"][column]) / (1.0 + told["gains"][channel])
@@ -239,7 +239,7 @@ def test_a_car_like_that_of_a_vehicle_file_is_driven(
     for name, corner in written.corners.items():
         assert corner.position[:2] == pytest.approx(given.corners[name].position[:2], abs=1e-6)
         assert corner.driven == given.corners[name].driven
-    run = Run.open(out / "sinus.parquet")
+    run = open_run(out / "sinus.parquet")
     load = sum(np.mean(run.signals[f"wheel.{c}.force"].values[:, 2]) for c in ("fl", "fr", "rl", "rr"))
     assert 0.8 * 720 * 9.81 < load < 720 * 9.81  # at the hubs: without the wheels
     # The geometry written for identifying is not written over the file it came from.

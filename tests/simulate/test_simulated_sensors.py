@@ -12,8 +12,8 @@ from simulated_drives import RIG, drive, make_rig
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure
 from lacet.simulate.measuring import START_NS, interpolate
 from lacet.simulate.road import ROUGHNESS, rough_road
@@ -221,7 +221,7 @@ def test_exchange_table_round_trip(tmp_path) -> None:
     motion = drive("braking")
     run = exchange_run(motion, make_rig("hub"), 2)
     write_table(run, tmp_path / "braking.parquet")
-    back = Run.open(tmp_path / "braking.parquet")
+    back = open_run(tmp_path / "braking.parquet")
     assert set(back.signals) == set(CHANNELS)
     assert (back.brakes, back.wheel_reference, back.vehicle) == ("used", "hub", "peugeot-406")
     assert not back.problems

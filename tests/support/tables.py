@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from lacet.daq.formats.exchange import write_table
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run
 
 CAR = Path(__file__).parents[1] / "data" / "car"
@@ -19,7 +20,7 @@ FILES = ("--rig", str(CAR / "rig.toml"), "--vehicle", str(CAR / "vehicle.toml"))
 @cache
 def piece(name: str = "sine", start: float = 5.0, stop: float = 15.0) -> Run:
     """Some seconds of one of its runs."""
-    run = Run.open(CAR / f"{name}.parquet")
+    run = open_run(CAR / f"{name}.parquet")
     signals = {}
     for channel, s in run.signals.items():
         keep = (s.t >= start) & (s.t < stop)

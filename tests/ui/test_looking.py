@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bench_page import Page
 
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.binary import packed, unpacked
 
@@ -109,7 +109,7 @@ def test_a_preview_shows_the_residual_before_and_after(shared: Page):
 
 def test_a_channel_has_holes_where_it_cannot_be_used(shared: Page):
     head, found = arrays(shared, "channel/sine/wheel.fl.force")
-    run = Run.open(shared.folder / "runs" / "sine.parquet").signals["wheel.fl.force"]
+    run = open_run(shared.folder / "runs" / "sine.parquet").signals["wheel.fl.force"]
     assert head["unit"] == "N"
     assert found["x"] == pytest.approx(np.where(run.usable, run.values[:, 0], np.nan), nan_ok=True, rel=1e-6)
     assert "did you mean" not in shared.get("channel/sine/nothing", 404)["error"]

@@ -13,7 +13,7 @@ from bench_page import Page
 from fastapi.testclient import TestClient
 
 from lacet.daq.errors import UsageError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 from lacet.services.commands.__main__ import main
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
@@ -95,7 +95,7 @@ def test_a_study_is_made_from_files_dropped_in(tmp_path: Path):
 
 def test_the_same_samples_under_two_names_do_not_check_each_other(page: Page, folder: Path):
     """A copy held out would be a run the fit has seen, and its error no check."""
-    run = Run.open(folder / "runs" / "sine.parquet")
+    run = open_run(folder / "runs" / "sine.parquet")
     written(replace(run, manoeuvre="another"), folder / "runs" / "copy.csv")
     found = {r["name"]: r for r in page.get("runs")}
     assert found["copy"]["quality"] == "flagged"

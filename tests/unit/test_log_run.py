@@ -10,8 +10,8 @@ import pytest
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.errors import RunError
 from lacet.daq.formats.log import LogWriter, StartRecord
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.frames import Frames
-from lacet.daq.run import Run
 
 T0 = 1_700_000_000 * 10**9
 RIG = """
@@ -45,7 +45,7 @@ def late_block(n: int = 6000) -> tuple[np.ndarray, Block]:
 
 def test_device_clock_of_the_rig(tmp_path: Path):
     true, block = late_block()
-    run = Run.open(log(tmp_path / "sine.mcap", block))
+    run = open_run(log(tmp_path / "sine.mcap", block))
     signal = run.signals["imu.rate"]
     assert len(signal.t) == len(true)
     assert (np.diff(signal.t) > 0).all()
@@ -58,7 +58,7 @@ def test_device_clock_of_the_rig(tmp_path: Path):
 
 def test_arrivals_that_share_a_stamp_are_told(tmp_path: Path):
     _, block = late_block()
-    run = Run.open(log(tmp_path / "sine.mcap", block, "arrival"))
+    run = open_run(log(tmp_path / "sine.mcap", block, "arrival"))
     assert len(run.signals["imu.rate"].t) == len(np.unique(block.t_ns))
     assert any('clock = "device"' in line for line in run.problems)
 
@@ -71,7 +71,7 @@ def test_wrong_stamps_and_jumps_are_told(tmp_path: Path):
     device[4000:] -= 15 * 10**9
     flags = block.flags.copy()
     flags[2000] = Flag.CHECKSUM
-    run = Run.open(log(tmp_path / "sine.mcap", Block("imu.rate", block.t_ns, block.values, flags, device)))
+    run = open_run(log(tmp_path / "sine.mcap", Block("imu.rate", block.t_ns, block.values, flags, device)))
     text = "\n".join(run.problems)
     assert "1 samples with a wrong device stamp" in text
     assert "jumped at sample 4000" in text
@@ -85,4 +85,4 @@ def test_a_capture_is_no_run(tmp_path: Path):
     with LogWriter(tmp_path / "raw.mcap", StartRecord("r", T0)) as writer:
         writer.write_frames(Frames.from_iter("can0", [("can0", T0, 1, b"x")]))
     with pytest.raises(RunError, match="lacet decode"):
-        Run.open(tmp_path / "raw.mcap")
+        open_run(tmp_path / "raw.mcap")

@@ -10,7 +10,7 @@ from asammdf import MDF
 from asammdf import Signal as MdfSignal
 
 from lacet.daq.errors import RunError
-from lacet.daq.run import Run
+from lacet.daq.formats.open_run import open_run
 
 T = np.arange(200) * 0.004 + 3.0
 WAVE = {axis: np.sin(2.0 * T + k) for k, axis in enumerate("xyz")}
@@ -44,7 +44,7 @@ def force(unit: str = "kN", names: str = "xyz") -> list[MdfSignal]:
 def test_mapped_channels_come_in_si_with_signs_and_stamps(tmp_path: Path):
     write(tmp_path / "run.mf4", force(), [MdfSignal(T, T, name="gear")])
     (tmp_path / "run.toml").write_text(MAP)
-    run = Run.open(tmp_path / "run.mf4")
+    run = open_run(tmp_path / "run.mf4")
     assert (run.manoeuvre, run.brakes, run.problems) == ("slalom", "off", ())
     assert list(run.signals) == ["wheel.fl.force"]
     one = run.signals["wheel.fl.force"]
@@ -55,14 +55,14 @@ def test_mapped_channels_come_in_si_with_signs_and_stamps(tmp_path: Path):
 
 def test_our_own_names_need_no_map(tmp_path: Path):
     own = [MdfSignal(WAVE["x"], T, name="laser.rr.hub", unit="mm"), MdfSignal(WAVE["y"], T, name="laser.rr.ground")]
-    run = Run.open(write(tmp_path / "run.mf4", own))
+    run = open_run(write(tmp_path / "run.mf4", own))
     np.testing.assert_allclose(run.signals["laser.rr.hub"].values[:, 0], 1e-3 * WAVE["x"])
     assert run.problems == ("without a unit, taken as SI: laser.rr.ground",)
 
 
 def test_channels_keep_their_own_time_bases(tmp_path: Path):
     slow = T[::5]
-    run = Run.open(
+    run = open_run(
         write(
             tmp_path / "run.mf4",
             [MdfSignal(WAVE["x"], T, name="laser.rr.hub", unit="m")],
@@ -78,7 +78,7 @@ def test_a_component_with_other_stamps_is_interpolated_and_said(tmp_path: Path):
     fine = np.linspace(T[0], T[-1], 2001)
     write(tmp_path / "run.mf4", force(names="xy"), [MdfSignal(np.sin(2.0 * fine + 2), fine, name="Fz", unit="N")])
     (tmp_path / "mf4.toml").write_text(MAP)
-    run = Run.open(tmp_path / "run.mf4")
+    run = open_run(tmp_path / "run.mf4")
     np.testing.assert_allclose(run.signals["wheel.fl.force"].values[:, 2], WAVE["z"], atol=1e-5)
     assert run.problems == ("wheel.fl.force.z has other stamps than wheel.fl.force.x and was interpolated",)
 
@@ -87,7 +87,7 @@ def test_samples_marked_invalid_are_flagged(tmp_path: Path):
     bad = np.zeros(200, bool)
     bad[40:50] = True
     one = MdfSignal(WAVE["x"], T, name="laser.rr.hub", unit="m", invalidation_bits=bad)
-    run = Run.open(write(tmp_path / "run.mf4", [one]))
+    run = open_run(write(tmp_path / "run.mf4", [one]))
     np.testing.assert_array_equal(run.signals["laser.rr.hub"].usable, ~bad)
 
 
@@ -95,9 +95,9 @@ def test_a_name_in_two_groups_needs_the_group(tmp_path: Path):
     file = write(tmp_path / "run.mf4", force("N"), [MdfSignal(-WAVE["x"], T, name="Fx", unit="N")])
     (tmp_path / "run.toml").write_text(MAP)
     with pytest.raises(RunError, match=r"'Fx' is in groups 0, 1: say which in the map \(group = …\)"):
-        Run.open(file)
+        open_run(file)
     (tmp_path / "run.toml").write_text(MAP.replace('"Fx"', '{ name = "Fx", group = 1 }'))
-    np.testing.assert_allclose(Run.open(file).signals["wheel.fl.force"].values[:, 0], -WAVE["x"])
+    np.testing.assert_allclose(open_run(file).signals["wheel.fl.force"].values[:, 0], -WAVE["x"])
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_faults_of_the_map_are_told(tmp_path: Path, change: tuple[str, str], say
     file = write(tmp_path / "run.mf4", force())
     (tmp_path / "run.toml").write_text(MAP.replace(*change))
     with pytest.raises(RunError) as caught:
-        Run.open(file)
+        open_run(file)
     assert says in str(caught.value)
 
 
@@ -126,14 +126,14 @@ def test_faults_of_the_map_are_told(tmp_path: Path, change: tuple[str, str], say
 def test_a_wrong_unit_is_never_taken(tmp_path: Path, unit: str, says: str):
     file = write(tmp_path / "run.mf4", force(unit), [MdfSignal(T, T, name="laser.rr.hub", unit="m")])
     (tmp_path / "run.toml").write_text(MAP)
-    run = Run.open(file)
+    run = open_run(file)
     assert list(run.signals) == ["laser.rr.hub"]
     assert says in run.problems[0]
 
 
 def test_a_file_without_our_channels_says_what_it_has_and_what_to_do(tmp_path: Path):
     with pytest.raises(RunError, match=r"it has Fx, Fy, Fz: write a map, run.toml or mf4.toml"):
-        Run.open(write(tmp_path / "run.mf4", force()))
+        open_run(write(tmp_path / "run.mf4", force()))
 
 
 @pytest.mark.parametrize("part", [0.0, 0.0005, 0.02, 0.3, 0.7, 0.95])
@@ -142,5 +142,5 @@ def test_a_file_cut_short_is_refused(tmp_path: Path, part: float, capfd: pytest.
     whole = write(tmp_path / "whole.mf4", [MdfSignal(WAVE["x"], T, name="laser.rr.hub", unit="m")]).read_bytes()
     (tmp_path / "run.mf4").write_bytes(whole[: int(part * len(whole))])
     with pytest.raises(RunError, match=r"no MDF file|cannot be read as MDF|cannot be read|no channel"):
-        Run.open(tmp_path / "run.mf4")
+        open_run(tmp_path / "run.mf4")
     assert "Traceback" not in capfd.readouterr().err

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
@@ -101,7 +102,7 @@ def test_an_inertial_unit_turned_by_90_degrees_is_told(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
-    assert implausible(drive_of(Run.open(CAR / f"{name}.parquet"))) == []
+    assert implausible(drive_of(open_run(CAR / f"{name}.parquet"))) == []
 
 
 @pytest.mark.parametrize("gone", [

@@ -1,0 +1,29 @@
+"""One door to every kind of file that holds a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lacet.daq.errors import RunError
+from lacet.daq.formats import exchange, mf4
+from lacet.daq.formats.log_run import read_run
+from lacet.daq.run import Run
+
+
+def open_run(path: str | Path) -> Run:
+    """Read a run: an MCAP log with decoded blocks, an exchange table (Parquet or CSV), or an MDF file (``.mf4``).
+
+    Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes and
+    reported in `Run.problems`.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise RunError(path, ["no such file"])
+    suffix = file.suffix.lower()
+    if suffix in exchange.SUFFIXES:
+        return exchange.read_table(file)
+    if suffix == ".mcap":
+        return read_run(file)
+    if suffix in mf4.SUFFIXES:
+        return mf4.read_mf4(file)
+    raise RunError(path, [f"unknown kind of file '{suffix}': give an MCAP log (.mcap), .parquet, .csv or .mf4"])
