@@ -59,7 +59,7 @@ test-slow: .venv/.dev
 	@$(PY) -m pytest -m slow $(ARGS)
 
 test-vcan: .venv/.dev
-	@$(PY) -m pytest -m slow tests/replay/test_vcan.py $(ARGS)
+	@$(PY) -m pytest -m slow tests/services/acquisition/test_vcan.py $(ARGS)
 
 benchmark: .venv/.dev
 	@for file in $(filter-out %_seeds.py %/coverage.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) "$$file" || exit 1; done

@@ -25,9 +25,6 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "identify"))
-import cars  # pyright: ignore[reportMissingImports]
-
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
@@ -40,6 +37,7 @@ from lacet.identify.signals.filters import Filters, derivative, zero_phase
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from lacet.identify.validation.parameter_estimates import estimates
+from tests.identify import cars  # pyright: ignore[reportMissingImports]
 
 Array = NDArray[np.float64]
 PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "coverage.md"

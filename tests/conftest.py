@@ -1,9 +1,49 @@
-"""One thread for linear algebra, as the command line has it: matrices are small, and threads would only wait."""
+"""The reference car, made once for all tests that need it."""
 
 from __future__ import annotations
 
-import os
+import json
+from typing import Any
 
-# Before NumPy and SciPy load their libraries; commands started by tests inherit it.
-for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(name, "1")
+import pytest
+
+from lacet.daq.formats.open_run import open_run
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
+from tests.identify import cars
+
+VEHICLE, RIG = cars.reference_car()
+
+
+@pytest.fixture(scope="session")
+def drives() -> dict[str, Drive]:
+    """The four runs, brought together once."""
+    return {name: Drive.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
+
+
+@pytest.fixture(scope="session")
+def models() -> dict[str, Model]:
+    """The base model, and the model with both bars."""
+    known = catalogue(VEHICLE, "hub")
+    base = Model.of(effect for effect in known.values() if effect.base)
+    return {"base": base, "bars": base + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]}
+
+
+@pytest.fixture(scope="session")
+def fitted(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+    """Both bars in the model, all four runs."""
+    return fit(models["bars"], list(drives.values()))
+
+
+@pytest.fixture(scope="session")
+def truth() -> dict[str, Any]:
+    """What the car is made of."""
+    return json.loads((cars.CAR / "truth.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="session")
+def sine_only(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+    """Both bars in the model, sinus steering alone: pitch is hardly excited."""
+    return fit(models["bars"], [drives["sine"]])

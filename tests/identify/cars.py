@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,8 +18,9 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording, Signals
+from tests.support.places import HOME
 
-CAR = Path(__file__).parents[1] / "data" / "car"
+CAR = HOME / "tests" / "data" / "car"
 RUNS = ("sine", "sweep", "liftoff", "rough")
 LOADS = tuple(f"wheel.{c}.{what}" for c in CORNERS for what in ("force", "moment"))
 

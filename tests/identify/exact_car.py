@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 
-import cars
 import numpy as np
 
 from lacet.identify.effects.base import Effect, SensorFault
@@ -16,6 +15,7 @@ from lacet.identify.regression.wls import Fit, at_faults, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
+from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")

@@ -6,9 +6,8 @@ import pytest
 
 pytest.importorskip("mujoco")
 
-from simulated_drives import MOTIONS, drive
-
 from lacet.simulate.motion import SimulatedMotion
+from tests.simulate.simulated_drives import MOTIONS, drive
 
 
 @pytest.fixture(params=MOTIONS)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_drives import drive, make_rig, relative
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
@@ -13,6 +12,7 @@ from lacet.simulate.engine import Engine
 from lacet.simulate.motion import SimulatedMotion, rotate, rotate_back
 from lacet.simulate.road import FLAT
 from lacet.simulate.turning import rotation
+from tests.simulate.simulated_drives import drive, make_rig, relative
 
 CAR = find_car("peugeot-406")
 K = np.array([CAR.axle(c).stiffness for c in CORNERS])

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_drives import drive
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
@@ -14,6 +13,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.services.reproduction.published_tables import LINES
 from lacet.simulate import Hidden, find_car, make_manoeuvre, run
 from lacet.simulate.vehicle_file import vehicle_text
+from tests.simulate.simulated_drives import drive
 
 CAR = find_car("peugeot-406-measured")
 

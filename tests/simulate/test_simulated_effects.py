@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_drives import drive, make_rig
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError
@@ -15,6 +13,8 @@ from lacet.services.commands.__main__ import main
 from lacet.simulate import IDEAL, KINDS, Hidden, Sheet, find_car, measure
 from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate_back
 from lacet.simulate.sensors import pose_matrix
+from tests.simulate.simulated_drives import drive, make_rig
+from tests.support.places import HOME
 
 CAR = find_car("peugeot-406")
 K = np.array([CAR.axle(c).stiffness for c in CORNERS])
@@ -268,7 +268,7 @@ def test_unknown_names_are_refused_with_the_nearest_match(text: str, told: str) 
 
 
 def test_documentation_lists_every_effect_with_its_unit_and_constants() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "simulated-car.md").read_text(encoding="utf-8")
+    text = (HOME / "docs" / "simulated-car.md").read_text(encoding="utf-8")
     rows = {line.split("`")[1]: line for line in text.splitlines() if line.startswith("| `")}
     assert set(rows) == set(KINDS)
     for name, kind in KINDS.items():

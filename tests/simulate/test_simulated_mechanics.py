@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_drives import drive, relative
 
 from lacet.daq.channels import CORNERS
 from lacet.simulate import Hidden, SimulationFailed, find_car, make_manoeuvre, run
@@ -14,6 +13,7 @@ from lacet.simulate.drive import _motion, _Recorder
 from lacet.simulate.engine import Engine
 from lacet.simulate.motion import SimulatedMotion, rotate, rotate_back
 from lacet.simulate.road import FLAT
+from tests.simulate.simulated_drives import drive, relative
 
 CAR = find_car("peugeot-406")
 UNSPRUNG = np.array([CAR.axle(c).unsprung_mass for c in CORNERS])

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulated_drives import RIG, drive, make_rig
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.formats.exchange import write_table
@@ -17,6 +16,7 @@ from lacet.daq.rig import Rig
 from lacet.simulate import IDEAL, Hidden, Sheet, Timing, exchange_run, find_car, measure
 from lacet.simulate.measuring import START_NS, interpolate
 from lacet.simulate.road import ROUGHNESS, rough_road
+from tests.simulate.simulated_drives import RIG, drive, make_rig
 
 CAR = find_car("peugeot-406")
 QUIET = Sheet(zeros=False)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_drives import drive, make_rig
 
 from lacet.simulate import IDEAL, Sheet, find_car, make_manoeuvre, measure, run
 from lacet.simulate.motion import euler_zyx
+from tests.simulate.simulated_drives import drive, make_rig
 
 QUIET = Sheet(zeros=False)
 

@@ -1,4 +1,4 @@
-"""Runs inside the guest kernel (see tests/replay/test_vcan.py): the checks that need a real CAN interface.
+"""Runs inside the guest kernel (tests/services/acquisition/test_vcan.py): the checks that need a real CAN interface.
 
     python -m tests.support.vcan_scenario FOLDER
 

@@ -1,0 +1,166 @@
+"""Noise in the columns themselves, on a car that is exactly its model."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.linalg
+
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.column_noise import NOISE_PAIRS, ColumnNoise
+from lacet.identify.selection.freed import Freed
+from lacet.identify.selection.partialling import Partialled, at_gain
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trial_columns import TrialColumns
+from lacet.identify.selection.trial_sums import columns_of
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import beside
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from tests.identify.exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
+from tests.identify.selection.exact_ranking import CANDIDATES
+
+
+def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    """A hundredth of the noise shifts sums by its square."""
+    rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
+    quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
+    calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0).sums, floor.sigma)
+    assert calm.labels == space.noise.labels
+    for row, total in space.noise.totals.items():
+        assert total.shape == 2 * (space.layout.width,)
+        small, large = (np.diag(a)[:-1] for a in (calm.totals[row], total))
+        assert np.any(large > 0.0)
+        assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9), row
+
+
+def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fitted: Fit, floor: NoiseFloor):
+    """Products of each candidate with the residual, everything else taken out, with the draws and without them."""
+    sums, layout = space.sums, space.layout
+    places = [t.place.start for t in layout.trials]
+    combined = np.zeros((layout.width, len(places) + 1))
+    combined[places, range(len(places))] = 1.0
+    combined[layout.right, -1] = 1.0
+    combined = space.partialled.coefficients(combined)
+    taken = sums.following[0] @ combined
+    combined[: layout.model] = sums.turn @ combined[: layout.model]
+    (piece,) = fitted.assembly.pieces_of(0)
+    zeros = {row: block[:, : len(taken)] * fitted.zeros[0][1] / sums.temper for row, block in piece.blocks.items()}
+
+    def products(noisy: Drive | None) -> dict[str, Array]:
+        out = {}
+        for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma, noisy):
+            columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
+            series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ taken
+            out[row] = series[:, :-1].T @ series[:, -1]
+        return out
+
+    before = products(None)
+    found = {row: np.zeros(len(places)) for row in before}
+    for draw in range(NOISE_PAIRS):
+        for sign in (1, -1):
+            for row, after in products(piece.drive.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
+                found[row] += (after - before[row]) / (2 * NOISE_PAIRS)
+    size = np.sqrt(np.diag(space.partialled.whole)[places])
+    turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
+    for row, total in space.noise.totals.items():
+        left = at_gain(turn.T @ total @ turn, space.partialled.taken, space.partialled.gain)
+        np.testing.assert_allclose(left[places, -1] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
+
+
+def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, floor: NoiseFloor):
+    """The scale of a laser whose noise is three times the sheet's: over eight runs that lack nothing."""
+    tried = [KNOWN["sensor_gain.hub.fl"]]
+    raw, corrected, noise = [], [], None
+    free, sound_free = [], []
+    for seed in range(8):
+        space = TrialSpace.of(Reading.of(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor), tried, 0, noise)
+        noise, place = space.noise, space.layout.trials[0].place.start
+        without = Partialled(space.sums, space.partialled.taken, space.partialled.prior)
+        size = np.sqrt(space.partialled.whole[place, place])
+        raw.append(without.left[place, space.layout.right] / np.sqrt(without.left[place, place]))
+        corrected.append(space.partialled.left[place, space.layout.right] / size)
+        whole = slice(place, place + 1)
+        assert space.partialled.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
+        freed = space.freed[place]
+        plain = Freed(without, place, freed.own)
+        sound_free.append(freed.value * freed.energy / np.sqrt(freed.energy + freed.noise))
+        free.append(plain.value * np.sqrt(plain.energy))
+        assert freed.drop < freed.value**2 * freed.energy  # what the correction may be wrong by is not counted
+        sound = space.partialled.left[place, place]
+        assert space.partialled.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
+    spread = np.std(raw) / np.sqrt(len(raw))
+    assert np.mean(raw) > 3.0 * spread
+    assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
+    assert abs(np.mean(corrected)) < 3.0 * spread
+    # The same where its own tolerance excuses none of it.
+    assert np.mean(free) > 3.0 * np.std(free) / np.sqrt(len(free))
+    assert abs(np.mean(sound_free)) < 0.5 * np.mean(free)
+
+
+@pytest.mark.slow
+def test_noise_of_many_runs_is_that_of_some_scaled_up(
+    fitted: Fit, floor: NoiseFloor, space: TrialSpace, monkeypatch: pytest.MonkeyPatch
+):
+    """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
+    runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
+    four = fit(MODEL, runs, unbias=False)
+    own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
+    looked = list[int]()
+    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    monkeypatch.setattr("lacet.identify.selection.column_noise._SECONDS", 1.9 * SECONDS)
+    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
+    places = [trial.place for trial in own.layout.trials]
+    for row, total in whole.totals.items():
+        all_, part = (np.array([np.trace(a[p, p]) for p in places]) for a in (total, some.totals[row]))
+        large = all_ > 0.01 * np.max(all_)
+        np.testing.assert_allclose(part[large], all_[large], rtol=0.2, err_msg=row)
+
+
+def test_noise_is_taken_out_of_every_fold_by_its_share(space: TrialSpace):
+    """Parts of the sums without noise are those of all without noise; a column's own stays in what it is judged by."""
+    found = space.partialled
+    np.testing.assert_allclose(found.inside.sum(axis=0), found.total + _at_other_zeros(space), atol=1e-6)
+    for trial in space.layout.trials:
+        k = trial.place
+        plain, noise = 0.0, found.noise[k, k]
+        for train, test in found.folds:
+            beta = np.linalg.solve(train[k, k] + 0.8 * noise, train[k, -1])
+            plain += 2.0 * beta @ test[k, -1] - beta @ (test[k, k] + 0.2 * noise) @ beta
+        assert found.fall(k) == pytest.approx(float(plain), rel=1e-9), trial.effect.key
+
+
+def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    """Noise kept for one floor, used beside another: rows a tenth louder or quieter."""
+    factors = dict(zip(floor.sigma, np.resize([1.1, 1.0 / 1.1], len(floor.sigma)), strict=True))
+    other = NoiseFloor.of([{row: factors[row] * draws for row, draws in part.items()} for part in floor.draws])
+    own = TrialSpace.of(Reading.of(fitted, other), CANDIDATES, 0, space.noise)
+    assert own.noise is space.noise
+    drawn = ColumnNoise.of(fitted, own.sums, other.sigma)
+    quiet = dict.fromkeys(other.sigma, 1.0)
+    kept, right = (np.diag(noise.products(own.sums, quiet, other.sigma)) for noise in (space.noise, drawn))
+    large = right > 1e-4 * np.diag(own.sums.total)
+    assert np.count_nonzero(large) > 9
+    np.testing.assert_allclose(kept[large], right[large], rtol=0.05)
+
+
+def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: TrialSpace):
+    """A shape of the grid beside others is what it was alone: value, σ and all."""
+    space.try_all()
+    tried = [one for one in space.tried.values() if not one.trial.fault]
+    inside, trials = beside(space, [one.trial.effect for one in tried])
+    noisy = 0
+    for one, trial in zip(tried, trials, strict=True):
+        noisy += space.partialled.noisy_part(one.trial.place) > 1e-3
+        for found, alone in zip(inside.values(trial.place), (one.values, one.spread), strict=True):
+            np.testing.assert_allclose(found, alone, rtol=1e-6, err_msg=one.key)
+    assert noisy
+
+
+def _at_other_zeros(space: TrialSpace) -> Array:
+    """What the zeros found outside of each fold add to the sums inside."""
+    return space.sums.test.sum(axis=0) - space.sums.total

@@ -1,0 +1,138 @@
+"""What the sensor sheet takes up, and when it would have to be wrong: scales that are off, and a fault set free."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.progress import silent
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.excused import Excused, excused
+from lacet.identify.selection.formulas import propose
+from lacet.identify.selection.look import look
+from lacet.identify.selection.reading import Reading
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.validation.noise_floor import NoiseFloor
+from tests.identify.exact_car import KNOWN, RIG, driven, exact, fit_of
+
+TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
+FAULT = KNOWN["sensor_gain.force.rr"]
+
+
+def with_scales(fitted: Fit, tolerances: dict[str, tuple[float, float, float]]) -> Fit:
+    """The run of `fitted` measured with each corner's force scales wrong by so many of their tolerances."""
+    record = exact()
+    changed = {
+        f"wheel.{corner}.force": record.signals.value[f"wheel.{corner}.force"]
+        * (1.0 + RIG.tolerance(f"wheel.{corner}.force", "gain") * np.array(off)[:, None])
+        for corner, off in tolerances.items()
+    }
+    return fit_of(driven(record.with_signals(record.signals.changed(changed, 250.0)), 7), fitted)
+
+
+@pytest.fixture(scope="module")
+def one_off(fitted: Fit) -> Fit:
+    """One scale of one wheel off by five tolerances."""
+    return with_scales(fitted, {"rr": (0.0, 0.0, 5.0)})
+
+
+@pytest.fixture(scope="module")
+def many_off(fitted: Fit) -> Fit:
+    """Scales of all wheels off, each its own way: no fault of the catalogue is like this."""
+    up, down = (0.0, 8.0, 8.0), (0.0, -8.0, -8.0)
+    return with_scales(fitted, {"fl": up, "fr": down, "rl": down, "rr": up})
+
+
+def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor, one_off: Fit):
+    """A scale five tolerances off, beside candidates that do not know of it: nothing missing, and a look is advised."""
+    space = TrialSpace.of(Reading.of(one_off, floor), TRIED, 0)
+    assert excused(space).sizes["gain of wheel.rr.force.z"] > 3.0
+    found = diagnose(one_off, floor, TRIED, noise=space.noise)
+    assert found.verdict == "nothing missing", found.says
+    assert "gain of wheel.rr.force.z +" in found.says
+    right = TrialSpace.of(Reading.of(fitted, floor), TRIED, 0, space.noise)
+    sheet = excused(right)
+    assert max(map(abs, sheet.sizes.values())) < 3.0
+    assert not sheet.strained
+    assert "off by more than" not in diagnose(fitted, floor, TRIED, noise=space.noise).says
+
+
+@pytest.mark.parametrize("tried", [TRIED, [*TRIED, FAULT]], ids=["no fault tried", "one fault tried"])
+def test_a_sheet_that_is_wrong_in_many_places_is_no_fault_of_one(floor: NoiseFloor, many_off: Fit, tried: list[Effect]):
+    found = diagnose(many_off, floor, tried)
+    assert found.verdict == "unlisted cause", found.says
+    assert found.best is None
+    assert "only if the sensor sheet is wrong" in found.says
+    assert "gain of wheel." in found.says
+    assert "None" not in found.says
+
+
+def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
+    floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
+):
+    asked: list[list[str]] = []
+    monkeypatch.setattr(
+        "lacet.identify.selection.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or []
+    )
+    above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
+    assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
+    assert len(asked[0]) < len(above)
+    assert propose(Reading.of(many_off, floor), [], 0) == []
+
+
+def test_what_takes_more_away_than_it_leaves_is_named(
+    floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
+):
+    """Effects are found one at a time: what another leaves in the sheet does not deny the strongest."""
+    seen = look(TrialSpace.of(Reading.of(many_off, floor), [*TRIED, FAULT], 0), silent)
+    assert seen.unlisted
+    assert seen.strained
+    assert seen.best
+    monkeypatch.setattr("lacet.identify.selection.look.strength", lambda c: seen.sheet.excess + 1.0)
+    again = look(seen.space, silent)
+    assert not again.strained
+    assert not again.unlisted
+
+
+@pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.hub.fl"])
+def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: TrialSpace, found: object, key: str):
+    """Normal equations with the candidate's columns among them; a fault's own tolerance is not."""
+    del found  # all are tried
+    known, one, right = space.partialled, space.tried[key], space.layout.right
+    own = one.freed.own if one.freed else np.zeros(0, int)
+    kept = np.setdiff1d(np.arange(len(known.taken)), own)
+    places = np.concatenate([known.taken[kept], np.r_[one.trial.place]])
+    normal = known.total[np.ix_(places, places)].copy()
+    normal[: len(kept), : len(kept)] += known.prior[np.ix_(kept, kept)]
+    solved = np.linalg.solve(normal, known.total[places, right])
+    told = excused(space, key)
+    expected: list[float] = []
+    for position, place in enumerate(known.taken.tolist()):
+        if place >= space.layout.model:
+            at = np.flatnonzero(kept == position)
+            expected.append(float(solved[at[0]]) / space.columns.sigma[place] if at.size else 0.0)
+    np.testing.assert_allclose(list(told.sizes.values()), expected, rtol=1e-5, atol=1e-7)
+    clocks = [size for name, size in told.sizes.items() if name.startswith("latency")]
+    assert clocks
+    assert told.squares == pytest.approx(np.sum(np.square(expected)) - np.sum(np.square(clocks)))
+
+
+def test_simulated_runs_are_treated_as_the_runs_are(space: TrialSpace, monkeypatch: pytest.MonkeyPatch):
+    """Were a simulated run the measured one, the sheet would take up its squares."""
+    known, right = space.partialled, space.layout.right
+    normal = known.total[np.ix_(known.taken, known.taken)] + known.prior
+    told = excused(space)
+    for draw in (0, 5):
+        gain = known.gain.copy()
+        gain[:, right] = np.linalg.solve(normal, space.null[known.taken, draw])
+        monkeypatch.setattr(known, "gain", gain)
+        assert excused(space).squares == pytest.approx(told.null[draw], rel=1e-6)
+
+
+def test_more_than_any_simulated_run_and_than_twice_their_mean():
+    null = np.array([10.0, 20.0, 30.0])
+    assert not Excused({}, 39.0, null).strained
+    assert Excused({}, 41.0, null).strained
+    assert not Excused({}, 49.0, np.array([10.0, 10.0, 50.0])).strained

@@ -1,0 +1,58 @@
+"""What noise does through a law: against the noise floor of the model that has it, and in the verdict."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.noisy_law import noise_through
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
+from tests.identify.exact_car import KNOWN
+from tests.identify.selection.exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
+
+FRICTION = KNOWN["coulomb.front"]
+
+
+@pytest.mark.parametrize(
+    "effect", [KNOWN["tyre_damping.front"], replace(FRICTION, shape={"v0": 0.1})], ids=lambda e: e.key
+)
+def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: TrialSpace, effect):
+    """That floor is made by derivatives at the parameters; here the law itself is asked."""
+    values = np.array([20000.0 if effect.key.startswith("tyre") else 400.0])
+    fitted = space.fitted
+    physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
+    beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.drives]
+    before, after = (simulate_floor(fitted.drives, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
+    told = noise_through(space, effect, values)
+    counts = dict.fromkeys(told, 0)
+    for block in space.sums.blocks:
+        counts[block.row] += len(block.columns)
+    for row, sigma in space.floor.sigma.items():
+        more = counts[row] * (after[row] ** 2 - before[row] ** 2) / sigma**2
+        assert told[row] == pytest.approx(more, rel=0.35, abs=0.05 * counts[row]), row
+    assert max(told.values()) > 0.3 * max(counts.values())
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, "unlisted cause"), (0.1, "missing")])
+def test_what_noise_does_through_the_law_itself_is_no_other_cause(
+    unlisted: Fit, floor: NoiseFloor, share: float, verdict: str, monkeypatch: pytest.MonkeyPatch
+):
+    """A fifth of the excess stays behind the right law, where the limit is 15 %."""
+
+    def through(space: TrialSpace, effect: Effect, values: np.ndarray) -> dict[str, float]:
+        assert effect.key == HIDDEN.key
+        assert values == pytest.approx(SIZE, rel=0.2)
+        return {row: share * a for row, a in left_by(space, []).squares.items()}
+
+    monkeypatch.setattr("lacet.identify.selection.look.left_by", leaving(0.2, family=0.01))
+    monkeypatch.setattr("lacet.identify.selection.look.noise_through", through)
+    monkeypatch.setattr("lacet.identify.selection.look.structured", lambda left: True)
+    assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

@@ -1,0 +1,172 @@
+"""Rows that fail by little are looked at again: latencies within tolerance, and the floor where the sheet leads."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.progress import Tell
+from lacet.identify.regression.wls import Fit, at_faults
+from lacet.identify.selection import diagnose as ranking
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.look import Look
+from lacet.identify.selection.reading import STILL, Reading, read_again
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_at, floor_of
+from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
+from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
+
+TRIED = [KNOWN["coulomb.rear"], KNOWN["anti_roll_bar.front"]]
+AGAIN = "the noise floor at the parameters that the sensor sheet leads to"
+
+
+def scaled(floor: NoiseFloor, factor: float) -> NoiseFloor:
+    """Each draw so many times as large."""
+    return NoiseFloor.of([{row: factor * draws for row, draws in part.items()} for part in floor.draws])
+
+
+@pytest.fixture
+def unlisted_at_first(monkeypatch: pytest.MonkeyPatch) -> list[TrialSpace]:
+    """The first look at candidates calls what it sees unlisted; the spaces looked at."""
+    seen: list[TrialSpace] = []
+
+    def look(space: TrialSpace, tell: Tell) -> Look:
+        seen.append(space)
+        found = sober(space, tell)
+        return replace(found, unlisted=len(seen) == 1 and bool(found.now.above))
+
+    sober = ranking.look
+    monkeypatch.setattr(ranking, "look", look)
+    monkeypatch.setattr(ranking, "propose", lambda *_: [])
+    return seen
+
+
+@pytest.mark.parametrize(("factor", "again"), [(1.0, False), (1.0 / 1.12, True), (1.0 / 1.6, True)])
+def test_a_floor_that_is_a_little_low_is_simulated_again(
+    fitted: Fit, floor: NoiseFloor, factor: float, again: bool, unlisted_at_first: list[TrialSpace],
+    monkeypatch: pytest.MonkeyPatch,
+):  # fmt: skip
+    """By as much as other parameters may do, or where sensors are louder than their sheet; not where nothing fails."""
+    monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: space.reading)
+    told: list[str] = []
+    low = scaled(floor, factor)
+    noise = TrialSpace.of(Reading.of(fitted, low), TRIED, 0).noise
+    found = diagnose(fitted, low, TRIED, noise=noise, tell=told.append)
+    assert (AGAIN in told) == again
+    assert found.verdict == "nothing missing"
+    assert found.noise is noise  # it is of this fit's zeros
+    assert len(unlisted_at_first) == 1 + again
+    if again:
+        first, second = unlisted_at_first
+        assert left_by(first, []).above
+        assert second.floor.sigma == floor_at(fitted, first.led, DRAWS).sigma
+        assert second.fitted is fitted
+
+
+@pytest.mark.parametrize(("size", "again"), [(0.12, True), (0.4, False)])
+def test_a_cause_with_a_colour_is_looked_at_again_only_where_rows_fail_by_little(
+    fitted: Fit, floor: NoiseFloor, size: float, again: bool, unlisted_at_first: list[TrialSpace]
+):
+    """What has a colour is no loud sensor, and latencies would be led far astray by it."""
+    off = fit_of(driven(exact_with(HIDDEN, size * SIZE), 1), fitted)
+    diagnose(off, floor, TRIED)
+    first = left_by(unlisted_at_first[0], [])
+    assert first.above
+    assert len(unlisted_at_first) == 1 + again
+    assert again == (max(first.ratios.values()) < ranking.MARGINAL)
+
+
+@pytest.mark.parametrize(("bent", "fails"), [(False, True), (True, True), (True, False)])
+def test_an_effect_is_looked_at_again_where_latencies_may_have_made_it(
+    fitted: Fit, floor: NoiseFloor, bent: bool, fails: bool, monkeypatch: pytest.MonkeyPatch
+):
+    """A law that lifts its rows by a part of their floor; what first-order columns leave of latencies is far less.
+
+    They can make an effect where no row fails: what they leave is spread over all of them.
+    """
+    told: list[str] = []
+    late = at_faults(exact_with(HIDDEN, 0.12 * SIZE), [KNOWN["sensor_latency.imu"]], np.array([-0.0015]))
+    off = fit_of(driven(late, 1), fitted)
+    if bent:
+        monkeypatch.setattr(ranking, "BENT", 1e-6)
+    if not fails:
+        sober = ranking.look
+
+        def quiet(space: TrialSpace, tell: Tell) -> Look:
+            found = sober(space, tell)
+            return replace(found, now=replace(found.now, p=dict.fromkeys(found.now.p, 1.0)))
+
+        monkeypatch.setattr(ranking, "look", quiet)
+    found = diagnose(off, floor, [HIDDEN, *CANDIDATES[:2]], tell=told.append)
+    assert bool(found.failing) == fails
+    assert any("read again" in line for line in told) == bent
+    assert found.best is not None, found.says
+    assert found.best.key == HIDDEN.key
+
+
+def test_what_columns_leave_of_latencies_is_about_what_they_do(fitted: Fit):
+    """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
+    off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
+    space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
+    left = {key: float(np.sum(series**2)) for key, series in left_by(space, []).residual.items()}
+    assert ranking._bent(space) > 0.3 * sum(left.values())
+    assert ranking._bent(space) < 30.0 * sum(left.values())
+
+
+def test_the_sheet_leads_to_the_parameters_of_the_right_scale(fitted: Fit):
+    """A scale five tolerances off: the fit's wheel stiffness goes with it, and where the sheet leads is nearer."""
+    record, channel = exact(), "wheel.rr.force"
+    record = record.with_signals(
+        record.signals.changed(
+            {channel: record.signals.value[channel] * (1.0 + 5.0 * RIG.tolerance(channel, "gain"))}, 250.0
+        )
+    )
+    off, right = fit_of(driven(record, 7, 0.0), fitted), fit_of(driven(exact(), 7, 0.0), fitted)
+    space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
+    names = [q.name for effect in MODEL.physics for q in effect.parameters]
+    assert len(space.led) == len(names)
+    moved = [names.index(name) for name in ("spring.rr.k", "damper.rr.c")]
+    assert np.all(np.abs(off.physics - right.physics)[moved] > 0.01 * right.physics[moved])
+    assert np.all(np.abs(space.led - right.physics)[moved] < 0.5 * np.abs(off.physics - right.physics)[moved])
+
+
+def test_latencies_within_tolerance_are_read_away_to_the_last(fitted: Fit):
+    """A first-order column is right to a part of the noise; without noise that part is seen, and goes."""
+    off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
+    own = floor_of(off, 9)
+    space = TrialSpace.of(Reading.of(off, own), TRIED, 0)
+    assert not space.reading.late
+    closer = ranking._read_closely(space, lambda _: None)
+    assert closer.late
+    spaces = [TrialSpace.of(reading, TRIED, 0, space.noise) for reading in (space.reading, closer)]
+    left = [left_by(s, []).ratios for s in spaces]
+    assert left[1]["chassis.fx"] < 0.3 * left[0]["chassis.fx"]
+    assert ranking._read_closely(spaces[1], lambda _: None) is closer
+
+
+def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
+    fitted: Fit, floor: NoiseFloor, unlisted_at_first: list[TrialSpace], monkeypatch: pytest.MonkeyPatch
+):
+    """What noise adds cancels in what the model explains at the zeros of its own fit only."""
+    low = scaled(floor, 1.0 / 1.12)
+    noise = TrialSpace.of(Reading.of(fitted, low), TRIED, 0).noise
+    other = fit_of(later("sensor_latency.imu", 0.003, 0), fitted)
+    closer = replace(read_again(Reading.of(other, floor), straight=STILL), floor=floor)
+    assert closer.fitted is not fitted
+    monkeypatch.setattr(ranking, "_read_closely", lambda space, tell: closer)
+    found = diagnose(fitted, low, TRIED, noise=noise)
+    assert len(unlisted_at_first) == 2
+    own = unlisted_at_first[1].noise
+    assert any(np.any(own.totals[row] != total) for row, total in noise.totals.items())
+    assert found.noise is noise  # the next ranking begins at this fit again
+
+
+def test_what_the_sheet_leads_to_is_no_other_model(fitted: Fit, floor: NoiseFloor):
+    """Where the sheet holds, the floor there is the floor."""
+    space = TrialSpace.of(Reading.of(fitted, floor), TRIED, 0)
+    there = floor_at(fitted, space.led, DRAWS).sigma
+    for row, sigma in floor.sigma.items():
+        assert there[row] == pytest.approx(sigma, rel=0.05), row

@@ -1,0 +1,315 @@
+"""The ranking's sums against dense weighted least squares with every zero and tolerance as a column of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.car.motion import Motion
+from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.selection.column_noise import ColumnNoise, column_labels
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.layout import Trial
+from lacet.identify.selection.reading import Reading, read_again
+from lacet.identify.selection.trial_sums import FOLDS, TrialSums
+from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.unlisted import left_by
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from tests.identify import cars
+from tests.identify.selection.dense_ranking import Dense
+
+VEHICLE, RIG = cars.reference_car()
+KNOWN = catalogue(VEHICLE, "hub")
+DRAWS = 19
+TRIED = (
+    "anti_roll_bar.front", "coulomb.rear", "bump_stop.front", "tyre_damping.front", "aero_drag", "sensor_gain.hub.fl",
+    "sensor_gain.force.rr", "sensor_latency.laser", "sensor_misalignment.imu.pitch", "sensor_drift.wheel.fl.force.z",
+)  # fmt: skip
+CANDIDATES = [KNOWN[key] for key in TRIED]
+
+
+@pytest.fixture(scope="module")
+def drives() -> list[Drive]:
+    """Two short runs of different length."""
+    runs = (cars.piece("rough", 0.0, 9.0), cars.piece("sine", 4.0, 11.0))
+    return [Drive.of(run, VEHICLE, RIG) for run in runs]
+
+
+@pytest.fixture(scope="module")
+def fitted(drives: list[Drive]) -> Fit:
+    """The base model on them."""
+    return fit(Model.of(e for e in KNOWN.values() if e.base), drives, draws=2)
+
+
+@pytest.fixture(scope="module")
+def floor(fitted: Fit) -> NoiseFloor:
+    """Their noise floor."""
+    return floor_of(fitted, DRAWS)
+
+
+def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
+    """The ranking without the correction for noise in the columns."""
+
+    def none(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
+        totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
+        return ColumnNoise(column_labels(fitted, sums.layout), totals, dict(sigma))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ColumnNoise, "of", none)
+        return TrialSpace.of(read_again(Reading.of(fitted, floor)), candidates, 0)
+
+
+@pytest.fixture(scope="module")
+def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+    """Some candidates of every kind on it."""
+    return silent(fitted, floor, CANDIDATES)
+
+
+@pytest.fixture(scope="module")
+def dense(space: TrialSpace) -> Dense:
+    """The same, sample by sample."""
+    return Dense(space.fitted, space.floor, space)
+
+
+def trials(space: TrialSpace) -> list[Trial]:
+    """One trial of each candidate that is left over from the model."""
+    found = {t.effect.key: t for t in space.layout.trials if np.all(space.partialled.remaining(t.place) > 1e-8)}
+    return list(found.values())
+
+
+def test_candidates_are_of_every_kind(space: TrialSpace):
+    assert space.reading.late  # on runs read again
+    kinds = {t.effect.name for t in trials(space)}
+    assert {"anti_roll_bar", "coulomb", "sensor_gain", "sensor_latency", "sensor_misalignment"} <= kinds
+
+
+def test_drop_and_values_are_those_of_refitting(space: TrialSpace, dense: Dense):
+    """With the candidate's columns free beside all others: also for a fault whose tolerance the model has already."""
+    right = dense.base[2]
+    before = dense.solve(right)[0]
+    for trial in trials(space):
+        C = dense.column(trial.effect)
+        after, x, _ = dense.solve(right, C)
+        drop, _ = space.partialled.scores(trial.place, space.null)
+        values, _ = space.partialled.values(trial.place)
+        assert drop == pytest.approx(before - after, rel=1e-6, abs=1e-6), trial.effect.key
+        # A fault's own tolerance column takes none of it once the fault is free.
+        np.testing.assert_allclose(values, x[-C.shape[1] :], rtol=1e-5, err_msg=trial.effect.key)
+
+
+def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense, fitted: Fit):
+    """Its drop is that of refitting with its own prior removed; a gain stands among the sheet's as the channel's."""
+    columns, inverse, right = dense.base
+    before = dense.solve(right)[0]
+    tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
+    gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
+    entries = dict.fromkeys(space.layout.sheet)
+    first_sheet = len(inverse) - len(dense.faults) - len(entries)
+    hub = first_sheet + list(entries).index(("gain", "laser.fl.hub", 0))
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
+        free = dense.unknown(place)
+        drop, _ = space.partialled.scores(trial.place, space.null)
+        assert np.any(columns[:, place])
+        assert drop == pytest.approx(before - free.solve(right)[0], rel=1e-6), trial.effect.key
+
+
+def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: TrialSpace, dense: Dense, fitted: Fit):
+    """Size, fall, fall in cross-validation and in a simulated run: of refits without the columns that stand for it."""
+    inverse = dense.base[1]
+    first_sheet = len(inverse) - len(dense.faults) - len(dict.fromkeys(space.layout.sheet))
+    entries = list(dict.fromkeys(space.layout.sheet))
+    hub = first_sheet + entries.index(("gain", "laser.fl.hub", 0))
+    clock = first_sheet + next(i for i, e in enumerate(entries) if e[0] == "latency" and e[1].startswith("laser"))
+    tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
+    gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
+    late = next(t for t in trials(space) if t.effect.name == "sensor_latency")
+    null = np.sum(list(space.sums.null.values()), axis=0)
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub), (late, clock)):
+        freed, bare = space.freed[trial.place.start], dense.without(place)
+        C, right = dense.column(trial.effect), bare.base[2]
+        before, _, _ = bare.solve(right)
+        after, x, _ = bare.solve(right, C)
+        assert freed.drop == pytest.approx(before - after, rel=1e-5), trial.effect.key
+        assert freed.value == pytest.approx(x[-1], rel=1e-5)
+        drawn = dense.noise(7)
+        fell = bare.solve(drawn, drawn=True)[0] - bare.solve(drawn, C, drawn=True)[0]
+        assert freed.null(null)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
+        assert freed.fall() == pytest.approx(bare.fall(C), rel=1e-4, abs=1e-4)
+
+
+def test_falls_are_those_of_fits_to_the_other_blocks(space: TrialSpace, dense: Dense):
+    """Blocked cross-validation: fitted outside each fold, with and without the candidate, and compared inside."""
+    assert dense.block.max() + 1 >= FOLDS
+    for trial in trials(space)[::2]:
+        C = dense.column(trial.effect)
+        assert space.partialled.fall(trial.place) == pytest.approx(dense.fall(C), rel=1e-5, abs=1e-5), trial.effect.key
+
+
+def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense: Dense):
+    """A draw of noise in the place of the residual falls as far, candidate by candidate."""
+    null = np.sum(list(space.sums.null.values()), axis=0)
+    right = dense.noise(7)
+    before = dense.solve(right, drawn=True)[0]
+    for trial in trials(space)[:4]:
+        _, drops = space.partialled.scores(trial.place, null)
+        after = dense.solve(right, dense.column(trial.effect), drawn=True)[0]
+        assert drops[7] == pytest.approx(before - after, rel=1e-5, abs=1e-5), trial.effect.key
+
+
+def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: TrialSpace, dense: Dense):
+    """Sample by sample, of the measured run and of a simulated one; the ratios follow from both."""
+    left = left_by(space, [])
+    measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
+    start = 0
+    for key in dense.parts():
+        n = left.residual[key].size
+        np.testing.assert_allclose(left.residual[key], measured[start : start + n], atol=2e-6)
+        np.testing.assert_allclose(left.draws[key][3], drawn[start : start + n], atol=2e-6)
+        start += n
+    for row, ratio in left.ratios.items():
+        keys = [key for key in left.residual if key[1] == row]
+        null = np.mean([np.sum(left.draws[key] ** 2, axis=1) for key in keys], axis=1).sum()
+        assert ratio == pytest.approx(np.sqrt(sum(np.sum(left.residual[key] ** 2) for key in keys) / null))
+
+
+def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: TrialSpace, dense: Dense):
+    """Falls by block, the effective number of blocks, and likeness, from the dense residuals of columns and rows."""
+    found = {c.key: c for c in space.try_all()}
+    right = dense.base[2]
+    left = dense.solve(right)[2]
+    columns: dict[str, Array] = {}
+    for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl"):
+        c, trial = found[key], space.tried[key].trial
+        column = dense.solve(dense.column(trial.effect)[:, 0], drawn=True)[2]
+        columns[key] = column
+        moved = c.values[0] * column
+        blocks = [dense.block == n for n in range(int(dense.block.max()) + 1)]
+        fall = np.array([np.sum(2.0 * moved[b] * left[b] - moved[b] ** 2) for b in blocks])
+        if c.tested:
+            np.testing.assert_allclose(c.block_gain, fall, rtol=1e-4, atol=1e-4 * np.max(np.abs(fall)))
+        energy = np.array([np.sum(column[b] ** 2) for b in blocks])
+        assert c.coverage == pytest.approx(energy.sum() ** 2 / np.sum(energy**2), rel=1e-4)
+    bar = found["anti_roll_bar.front"]
+    assert bar.tested
+    assert bar.answer == ""
+    # The priors of zeros and tolerances take a share, small beside what the bar does.
+    assert np.sum(bar.block_gain) == pytest.approx(bar.drop, rel=0.05)
+    assert space.correlation("anti_roll_bar.front", "anti_roll_bar.front") == pytest.approx(1.0)
+    A, P = dense.base[0], dense.prior
+    wide = [np.concatenate([dense.column(space.tried[k].trial.effect)[:, 0], np.zeros(len(P))]) for k in columns]
+    big = np.concatenate([A, P])
+    lengths = np.linalg.norm(big, axis=0)
+    Q = np.linalg.svd(big[:, lengths > 0] / lengths[lengths > 0], full_matrices=False)
+    basis = Q[0][:, Q[1] > 1e-12 * Q[1][0]]
+    free = [w - basis @ (basis.T @ w) for w in wide]
+    keys = list(columns)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        likeness = abs(free[i] @ free[j]) / np.linalg.norm(free[i]) / np.linalg.norm(free[j])
+        assert space.correlation(keys[i], keys[j]) == pytest.approx(likeness, abs=1e-5)
+
+
+class InMillimetres(type(KNOWN["anti_roll_bar.front"])):
+    """The bar with its stiffness in N/mm."""
+
+    name = "bar_in_millimetres"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """A thousandth of the plausible stiffness."""
+        return tuple(replace(q, low=1e-3 * q.low, high=1e-3 * q.high) for q in super().parameters)
+
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """A thousand times the column."""
+        return {row: 1000.0 * c for row, c in super().columns(motion).items()}
+
+
+def test_a_unit_changes_the_value_and_nothing_else(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+    bar = InMillimetres("front")
+    own = silent(fitted, floor, [bar, *CANDIDATES[1:]])
+    one, other = space.layout.trials[0].place, own.layout.trials[0].place
+    for a, b in (
+        (space.partialled.scores(one, space.null)[0], own.partialled.scores(other, own.null)[0]),
+        (space.partialled.fall(one), own.partialled.fall(other)),
+        (space.partialled.values(one)[0][0], 1000.0 * own.partialled.values(other)[0][0]),
+        (space.partialled.values(one)[1][0], 1000.0 * own.partialled.values(other)[1][0]),
+    ):
+        assert b == pytest.approx(a, rel=1e-8)
+    np.testing.assert_allclose(
+        space.partialled.scores(one, space.null)[1], own.partialled.scores(other, own.null)[1], rtol=1e-6
+    )
+
+
+def test_intervals_are_those_of_the_normal_matrix(space: TrialSpace, dense: Dense):
+    """1 σ of a candidate that the model does not hold already, from all columns' normal matrix with priors."""
+    A, P = dense.base[0], dense.prior
+    trial = next(t for t in trials(space) if t.effect.key == "anti_roll_bar.front")
+    C = dense.column(trial.effect)
+    big = np.concatenate([np.column_stack([A, C]), np.column_stack([P, np.zeros((len(P), 1))])])
+    lengths = np.linalg.norm(big, axis=0)
+    used = lengths > 0.0
+    N = (big[:, used] / lengths[used]).T @ (big[:, used] / lengths[used])
+    spread = float(np.sqrt(np.linalg.pinv(N)[-1, -1])) / lengths[-1]
+    assert space.partialled.values(trial.place)[1][0] == pytest.approx(spread, rel=1e-4)
+
+
+def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch):
+    """Pieces differ by filter transients and by the slopes of their own comb alone."""
+    run = cars.piece("rough", 0.0, 9.0)
+    model = Model.of(e for e in KNOWN.values() if e.base)
+    whole = silent_of(model, Drive.of(run, VEHICLE, RIG))
+    monkeypatch.setattr(Drive.pieces, "__defaults__", (5.0,))
+    drive = Drive.of(run, VEHICLE, RIG)
+    assert len(list(drive.pieces())) == 2
+    parts = silent_of(model, drive)
+    assert [t.effect for t in parts.layout.trials] == [t.effect for t in whole.layout.trials]
+    for a, b in zip(trials(whole), trials(parts), strict=True):
+        for measure in ("drop", "fall"):
+            one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
+            assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
+    one, other = (left_by(s, []) for s in (whole, parts))
+    for key, draws in one.draws.items():
+        assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
+        assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key
+    order = [
+        [c.key for c in sorted(s.try_all(), key=lambda c: -c.drop) if c.tested and c.drop > 20.0]
+        for s in (whole, parts)
+    ]
+    assert order[0] == order[1]
+
+
+def silent_of(model: Model, drive: Drive) -> TrialSpace:
+    """Candidates on one run."""
+    fitted = fit(model, [drive], unbias=False)
+    return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)
+
+
+def size(space: TrialSpace, place: slice, what: str) -> float:
+    """Fall on all data, or in cross-validation."""
+    return space.partialled.fall(place) if what == "fall" else space.partialled.scores(place, space.null)[0]
+
+
+def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
+    """There and back through plain arrays; used again it gives the same diagnosis bit for bit; for others, nothing."""
+    first = diagnose(fitted, floor, CANDIDATES[:6])
+    back = ColumnNoise.from_arrays(first.noise.arrays())
+    assert back.labels == first.noise.labels
+    assert back.totals.keys() == first.noise.totals.keys()
+    for row, total in first.noise.totals.items():
+        np.testing.assert_array_equal(back.totals[row], total)
+        assert np.any(total)
+    again = diagnose(fitted, floor, CANDIDATES[:6], noise=back)
+    assert again.noise is back
+    assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
+    for a, b in zip(again.candidates, first.candidates, strict=True):
+        assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
+    fewer = TrialSpace.of(Reading.of(fitted, floor), CANDIDATES[:4], 0, back)
+    assert fewer.noise is not back
+    assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)

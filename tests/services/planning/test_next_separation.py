@@ -1,0 +1,111 @@
+"""``lacet diagnose --next``: what is compared, what is refused, and a table that says what the numbers say."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from lacet.daq.errors import UsageError
+from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
+from lacet.identify.selection.candidate import Candidate
+from lacet.services.commands.__main__ import main
+from lacet.services.planning.manoeuvre_library import KMH, Limits
+from lacet.services.planning.separation import ORDINARY, recommend, tied
+from lacet.services.render.separation_report import hint, next_result, next_text
+from lacet.services.workspace.session import Work
+from lacet.services.workspace.study import Study
+from tests.services.commands.test_json import conforms
+from tests.support.tables import FILES, piece, written
+
+FRONT, REAR = "anti_roll_bar.front", "anti_roll_bar.rear"
+
+
+def diagnosis(best: Candidate | None, *others: Candidate) -> Any:
+    """As much of a diagnosis as a hint needs."""
+    return SimpleNamespace(best=best, candidates=(*((best,) if best else ()), *others))
+
+
+def test_the_hint_says_what_can_be_asked():
+    lone = Candidate("a", {}, "missing")
+    assert tied(diagnosis(None)) == tied(diagnosis(lone)) == []
+    assert hint(diagnosis(lone), "DIR") == ""
+    both = replace(lone, ties=(("b", 0.9), ("c", 0.8)))
+    assert tied(diagnosis(both)) == ["a", "b", "c"]
+    assert "lacet diagnose DIR --next" in hint(diagnosis(both), "DIR")
+    assert "EFFECT" in hint(diagnosis(lone, Candidate("x", {}, "not testable")), "DIR")
+
+
+def test_nothing_is_said_unless_it_was_asked():
+    assert next_text({}, 8) == ""
+    assert "Nothing is tied" in next_text({"next": None}, 8)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    pytest.importorskip("mujoco")
+    folder = tmp_path_factory.mktemp("next")
+    run = str(written(piece("sine", 5.0, 12.0), folder / "sine.parquet"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lacet.services.workspace.session.FLOOR_DRAWS", 3)
+        assert main(["study", "new", str(folder / "study"), "--use", run, *FILES, "--draws", "19"]) == 0
+    return folder / "study"
+
+
+def asked(study: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> dict[str, Any]:
+    """The result of asking, with two manoeuvres of a few seconds."""
+    monkeypatch.setattr("lacet.services.planning.separation.SECONDS", 5.0)
+    few = lambda only, without: ["liftoff"]  # noqa: E731
+    monkeypatch.setattr("lacet.services.planning.separation.kinds", few)
+    monkeypatch.setattr("lacet.services.planning.separation.Limits", lambda: Limits(speed=50 * KMH))
+    file = study / "out.json"
+    assert main(["diagnose", str(study), "--next", *names, "--json", str(file)]) == 0
+    return conforms(file, "diagnose")["next"]
+
+
+def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    pair = asked(study, monkeypatch, "spring_cubic.front", "bump_stop.front")
+    out = capsys.readouterr().out
+    assert pair["says"] in out
+    assert (pair["quantity"], pair["needed"]) == ("separation", NEEDED)
+    for e in pair["effects"]:
+        assert e["found"] or e["size"] <= ORDINARY * (1 + 1e-6)
+    assert len(pair["runs"]) == 1
+    for one in pair["runs"]:
+        assert one["after"] >= pair["now"] * (1 - 1e-9)
+        assert one["wrong_pick"] == pytest.approx(wrong_pick(one["after"]))
+        assert (one["seconds"] is not None) == (one["after"] >= NEEDED > pair["now"])
+        assert one["ordinary"] is None
+    assert len(list((study / "planned").glob("*.parquet"))) == 1
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise AssertionError("simulated again")
+
+    monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
+    nothing: Any = SimpleNamespace(best=None, candidates=(), louder={})
+    shown = recommend(Work(Study.open(study)), nothing, ["tyre_damping.front"])
+    assert shown is not None
+    alone = next_result(shown)
+    assert alone["says"] in next_text({"next": alone}, 8)
+    (one,), (effect,) = alone["runs"], alone["effects"]
+    assert (alone["quantity"], alone["needed"]) == ("size", SHOWS)
+    assert one["wrong_pick"] is None
+    assert one["after"] >= alone["now"] * (1 - 1e-9)
+    # √λ grows with the size, and the smallest size that shows is where it comes to what is needed.
+    assert one["ordinary"] == pytest.approx(one["after"] * effect["values"][0] / effect["largest"][0])
+    assert one["smallest"] == pytest.approx(effect["largest"][0] * SHOWS / one["after"])
+
+
+def test_what_cannot_be_asked_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch):
+    work = Work(Study.open(study))
+    nothing: Any = SimpleNamespace(best=None, candidates=(), louder={})
+    assert recommend(work, nothing) is None
+    with pytest.raises(UsageError, match="did you mean"):
+        recommend(work, nothing, ["bump_stop.frnt"])
+    with pytest.raises(UsageError, match="in the model"):
+        recommend(work, nothing, ["spring.fl"])
+    with pytest.raises(UsageError, match="no manoeuvre"):
+        recommend(work, nothing, ["bump_stop.front"], without=["looping"])

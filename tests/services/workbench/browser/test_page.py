@@ -1,0 +1,162 @@
+"""The page as an instrument: keyboard, focus, contrast, nothing that moves by itself, both themes, a tablet."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.services.workbench.browser.bench import LONG, Opened, Watch
+
+VIEWS = ("runs", "compare", "where", "missing", "falls", "live")
+THEMES = ("light", "dark")
+_CONTRAST, _RING, _SMALL = (
+    (Path(__file__).parent / f"{name}.js").read_text(encoding="utf-8") for name in ("contrast", "ring", "small")
+)
+
+
+def _settled(watch: Watch, view: str) -> None:
+    """A view with all that it shows."""
+    watch.go(view)
+    watch.page.wait_for_selector(f"[data-view={view}] > *")
+    watch.expect(watch.at("job-bar")).to_have_attribute("data-state", "idle", timeout=LONG)
+    watch.quiet(900)
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_contrast_and_pictures(opened: Opened, theme: str) -> None:
+    watch = opened(theme=theme)
+    for view in VIEWS:
+        _settled(watch, view)
+        found = watch.page.evaluate(_CONTRAST)
+        assert found["seen"] > 20, view
+        assert not found["out"], (view, found["out"])
+        watch.picture(f"{theme}-{view}")
+    line = watch.page.evaluate(
+        """() => { const s = getComputedStyle(document.documentElement); return ['accent', 'panel', 'page'].map((n) =>
+        s.getPropertyValue('--' + n).trim()); }"""
+    )
+    ring, *grounds = ([int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in line)
+    assert all(_ratio(ring, ground) >= 3.0 for ground in grounds)
+
+
+def _ratio(a: list[int], b: list[int]) -> float:
+    def light(colour: list[int]) -> float:
+        parts = [x / 255 / 12.92 if x / 255 <= 0.03928 else ((x / 255 + 0.055) / 1.055) ** 2.4 for x in colour]
+        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2]
+
+    low, high = sorted((light(a), light(b)))
+    return (high + 0.05) / (low + 0.05)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1280, 720), (820, 1180)])
+def test_nothing_moves_and_nothing_is_cut(opened: Opened, width: int, height: int) -> None:
+    watch = opened(width, height)
+    for view in VIEWS:
+        _settled(watch, view)
+        shifts = watch.shifts()
+        assert sum(s["value"] for s in shifts) < 0.05, (view, shifts)
+        wide = watch.page.evaluate(
+            "['html', '#main'].map((s) => document.querySelector(s)).map((e) => e.scrollWidth - e.clientWidth)"
+        )
+        assert max(wide) <= 1, (view, wide)
+        watch.picture(f"{width}-{view}")
+
+
+def test_keyboard_only(opened: Opened) -> None:
+    watch = opened()
+    page = watch.page
+    _settled(watch, "runs")
+    for key, view in enumerate(VIEWS, 1):
+        page.keyboard.press(str(key))
+        page.wait_for_url(re.compile(f"#/{view}"))
+        # The page follows its address a moment later.
+        watch.expect(page.locator("#tabs [aria-current=page]")).to_have_attribute("data-view", view)
+    page.keyboard.press("4")
+    watch.expect(page.locator("#tabs [aria-current=page]")).to_have_attribute("data-view", VIEWS[3])
+    rows = page.evaluate("[...document.querySelectorAll('.row-list [data-row]')].map((e) => e.dataset.row)")
+    first = page.locator(".row-list [aria-selected=true]").get_attribute("data-row")
+    page.keyboard.press("ArrowDown")
+    now = page.locator(".row-list [aria-selected=true]").get_attribute("data-row")
+    assert now == rows[(rows.index(first) + 1) % len(rows)]
+    run = watch.at("run-select").input_value()
+    page.keyboard.press("ArrowRight")
+    assert watch.at("run-select").input_value() != run
+    page.keyboard.press("/")
+    watch.expect(watch.at("own-line")).to_be_focused()
+    page.keyboard.type("2 4 ?")
+    assert watch.at("own-line").input_value() == "2 4 ?"
+    assert "#/missing" in page.url
+    page.keyboard.press("Escape")
+    page.keyboard.press("?")
+    assert page.locator("dialog.keys").is_visible()
+    page.keyboard.press("Escape")
+    assert not page.locator("dialog.keys").is_visible()
+    page.keyboard.press("t")
+    assert page.locator("html").get_attribute("data-theme") == "dark"
+    page.reload()
+    assert page.locator("html").get_attribute("data-theme") == "dark"
+
+
+@pytest.mark.parametrize("view", ["runs", "missing", "falls"])
+def test_focus_is_seen_wherever_tab_goes(opened: Opened, view: str) -> None:
+    watch = opened()
+    _settled(watch, view)
+    names: list[str] = []
+    for _ in range(150):
+        watch.page.keyboard.press("Tab")
+        found: dict[str, Any] | None = watch.page.evaluate(_RING)
+        if found is None:
+            continue  # between the end of the page and its beginning
+        if found["name"] in names[:1]:
+            break
+        assert found["wide"] >= 2.0, found
+        assert found["seen"], found
+        names.append(found["name"])
+    assert len(names) > 30, names
+    wanted = {"runs": "choose-files", "missing": "own-line", "falls": "export-csv"}[view]
+    assert wanted in names, names
+    assert any(name.startswith("car-") for name in names)
+
+
+def test_a_row_chosen_with_the_keyboard_on_the_car(opened: Opened) -> None:
+    watch = opened()
+    _settled(watch, "missing")
+    watch.at("car-tyre.rr").focus()
+    watch.page.keyboard.press("Enter")
+    assert watch.page.locator(".row-list [aria-selected=true]").get_attribute("data-row") == "tyre.rr"
+    assert watch.at("car-tyre.rr").get_attribute("aria-pressed") == "true"
+
+
+def test_a_tablet(opened: Opened) -> None:
+    watch = opened(820, 1180, touch=True)
+    _settled(watch, "missing")
+    assert not watch.page.locator("#rail").is_visible()
+    watch.page.locator("#car-button").tap()
+    watch.at("car-suspension.rl").tap()
+    assert watch.at("car-suspension.rl").get_attribute("aria-pressed") == "true"
+    watch.picture("tablet-car")
+    watch.page.locator("#car-button").tap()
+    small = watch.page.evaluate(_SMALL)
+    assert not small, small
+
+
+def test_a_locale_that_no_browser_knows(opened: Opened) -> None:
+    watch = opened(locale="en-US@posix")
+    _settled(watch, "compare")
+    assert watch.at("chart-measured").locator("canvas").first.is_visible()
+
+
+def test_the_report_is_one_file_that_needs_nothing_else(opened: Opened, tmp_path: Path) -> None:
+    watch = opened()
+    _settled(watch, "falls")
+    with watch.page.expect_download(timeout=2 * LONG) as download:
+        watch.at("export-report").click()
+        watch.expect(watch.at("job-bar")).to_contain_text("Writing the report")
+    download.value.save_as(tmp_path / "report.html")
+    report = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "suspension.fl" in report
+    assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", report)
+    watch.expect(watch.at("export-report")).to_be_enabled()

@@ -1,0 +1,153 @@
+"""What the page is shown is what was computed: parts add up, pictures and numbers are the same, and the command's."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lacet.daq.formats.open_run import open_run
+from lacet.services.commands.__main__ import main
+from lacet.services.workbench.binary import packed, unpacked
+from tests.services.workbench.bench_page import Page
+
+
+def arrays(page: Page, path: str) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """A binary answer."""
+    answer = page.client.get(f"/api/{path}")
+    assert answer.status_code == 200, answer.text
+    return unpacked(answer.content)
+
+
+def test_numbers_go_through_the_wire_aligned():
+    body = packed({"t": np.arange(3.0), "ü": np.array([np.nan, 1.5])}, unit="N·m", row="x", floor=float("nan"))
+    head, found = unpacked(body)
+    assert head["unit"] == "N·m"
+    assert head["floor"] is None
+    length = int.from_bytes(body[:4], "little")
+    assert (4 + length) % 4 == 0
+    assert np.array_equal(found["t"], [0.0, 1.0, 2.0])
+    assert np.isnan(found["ü"][0])
+    assert found["ü"][1] == 1.5
+
+
+def test_shares_add_up_to_the_model_and_give_the_score(shared: Page):
+    for run in shared.get("compare/1")["runs"]:
+        for row in run["rows"]:
+            head, found = arrays(shared, f"series/1/{run['name']}/{row['row']}")
+            parts = [a for name, a in found.items() if name.startswith("effect:")]
+            assert parts, row
+            total = np.sum([*parts, found["zeros"]], axis=0, dtype=float)
+            assert total == pytest.approx(found["modelled"], abs=1e-5 * float(np.max(np.abs(parts))))
+            rms = np.sqrt(np.mean((found["measured"] - found["modelled"]).astype(float) ** 2))
+            assert rms == pytest.approx(row["rms"], rel=1e-2, abs=1e-6 * float(np.max(np.abs(found["measured"]))))
+            assert (head["unit"], head["floor"]) == (row["unit"], row["floor"])
+
+
+def test_a_cell_of_the_map_is_the_residual_there(shared: Page):
+    found = shared.get("map/1")
+    assert {run["name"]: run["used"] for run in found["runs"]} == {"sine": True, "rough": False}
+    for run in found["runs"]:
+        for row in ("suspension.fl", "chassis.fz"):
+            head, series = arrays(shared, f"series/1/{run['name']}/{row}")
+            place = np.floor((series["t"] - run["t0"]) / found["cell"]).astype(int)
+            squares = (series["measured"] - series["modelled"]).astype(float) ** 2
+            for cell in (0, 3, run["cells"] - 2):
+                here = (place == cell) & (np.abs(series["t"] - run["t0"] - found["cell"] * cell) > 1e-4)
+                ratio = np.sqrt(squares[place == cell].mean()) / head["floor"]
+                assert here.any()
+                assert run["rows"][row][cell] == pytest.approx(ratio, rel=0.05)
+        assert run["phases"][0]["start"] <= run["t0"] + 1.0
+
+
+def test_the_answer_is_the_command_lines(shared: Page, tmp_path: Path):
+    for command, more in (("compare", ["--no-pictures"]), ("where", [])):
+        file = tmp_path / f"{command}.json"
+        main([command, str(shared.folder), "--json", str(file), *more])
+        theirs = json.loads(file.read_text(encoding="utf-8"))
+        ours = shared.get(f"{command}/1")
+        for key in set(theirs) - {"format", "command", "pictures"}:
+            assert ours[key] == theirs[key], (command, key)
+    for run in shared.get("compare/1")["runs"]:
+        flat = {row["row"]: row for row in run["rows"]}
+        assert flat == shared.get("compare/1")["used" if run["used"] else "held"][run["name"]]
+
+
+def test_the_ranking_is_kept_and_shown(shared: Page):
+    found = shared.get("study")["diagnosis"]
+    assert {c["effect"] for c in found["candidates"]} == {"anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear"}
+    on_disk = json.loads((shared.folder / "diagnoses" / "001.json").read_text(encoding="utf-8"))
+    assert found == on_disk
+
+
+def test_any_state_and_any_spectrum_can_be_asked_for(shared: Page):
+    where = shared.get("where/1")
+    row = where["worst"][0]
+    found = shared.get("against/1/chassis.fz/speed")
+    assert (found["row_unit"], found["unit"]) == ("N", "m/s")
+    assert len(found["state"]) == len(found["mean"]) > 3
+    assert sum(found["count"]) == arrays(shared, "series/1/sine/chassis.fz")[1]["t"].size
+    spectrum = shared.get(f"spectrum/1/{row}")
+    assert len(spectrum["frequency"]) == len(spectrum["residual"]) == len(spectrum["floor"])
+    assert spectrum["level"] == where["coherence"][row]["level"]
+    assert "did you mean" in shared.get("against/1/chassis.fz/sped", 404)["error"]
+    assert shared.get("against/1/chassis.zz/speed", 404)["error"]
+
+
+def test_a_preview_shows_the_residual_before_and_after(shared: Page):
+    head, found = arrays(shared, "preview/1/anti_roll_bar.front/sine/suspension.fl")
+    _, series = arrays(shared, "series/1/sine/suspension.fl")
+    assert found["now"] == pytest.approx(series["measured"] - series["modelled"], abs=1e-3)
+    for name in ("now", "after"):
+        assert head[f"rms_{name}"] == pytest.approx(np.sqrt(np.mean(found[name].astype(float) ** 2)), rel=1e-4)
+    assert head["rms_after"] < 0.5 * head["rms_now"]
+    assert shared.get("preview/1/nothing/sine/suspension.fl", 404)["error"]
+
+
+def test_a_channel_has_holes_where_it_cannot_be_used(shared: Page):
+    head, found = arrays(shared, "channel/sine/wheel.fl.force")
+    run = open_run(shared.folder / "runs" / "sine.parquet").signals["wheel.fl.force"]
+    assert head["unit"] == "N"
+    assert found["x"] == pytest.approx(np.where(run.usable, run.values[:, 0], np.nan), nan_ok=True, rel=1e-6)
+    assert "did you mean" not in shared.get("channel/sine/nothing", 404)["error"]
+
+
+def test_the_car_is_where_its_file_says(shared: Page):
+    car = shared.get("car")
+    x = {name: corner["x"] for name, corner in car["corners"].items()}
+    assert x["fl"] - x["rl"] == pytest.approx(car["wheelbase"])
+    y = {name: corner["y"] for name, corner in car["corners"].items()}
+    assert y["fl"] - y["fr"] == pytest.approx(car["track"]["front"])
+    assert all(y[name] > 0 for name in ("fl", "rl"))
+    places = {row["row"]: row["place"] for row in car["rows"]}
+    assert places["suspension.rl"] == "rl"
+    assert places["chassis.mz"] == "chassis"
+    wheel = next(s for s in car["sensors"] if s["channel"] == "wheel.rr.force")
+    assert (wheel["x"], wheel["y"]) == pytest.approx((x["rr"], y["rr"]), abs=0.2)
+
+
+def test_what_has_not_been_computed_says_which_job_does_it(page: Page):
+    for path, job in (
+        ("compare/1", "compare"), ("map/1", "compare"), ("where/1", "where"), ("series/1/sine/tyre.fl", "compare"),
+        ("preview/1/coulomb.rear/sine/suspension.fl", "diagnose"),
+    ):  # fmt: skip
+        assert page.get(path, 409)["needs"] == job
+    assert page.get("compare/7", 400)["error"].endswith("(it has 1)")
+    assert page.get("nothing", 404)["error"]
+
+
+def test_parameters_and_tables(shared: Page):
+    found = shared.get("parameters")
+    stored = json.loads((shared.folder / "versions" / "001.json").read_text(encoding="utf-8"))["result"]
+    assert [p["name"] for p in found["parameters"]] == [p["name"] for p in stored["parameters"]]
+    table = shared.client.get("/api/export/parameters.csv").text.splitlines()
+    assert len(table) == 1 + len(stored["parameters"]) + len(stored["not_identifiable"])
+    versions = shared.client.get("/api/export/versions.csv").text.splitlines()
+    assert len(versions) == 1 + 2 + sum(len(rows) for part in stored["rows"].values() for rows in part.values())
+    study = json.loads(shared.client.get("/api/export/study.json").text)
+    assert study["result"] == stored
+    assert shared.get("export/report.html", 409)["needs"] == "report"
+    assert shared.get("export/passwd", 404)["error"]

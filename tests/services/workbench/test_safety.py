@@ -1,0 +1,273 @@
+"""What a browser may not do: leave the folder, come from elsewhere, write too much, run code."""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from asammdf import MDF
+from asammdf import Signal as MdfSignal
+from fastapi.testclient import TestClient
+
+from lacet.services.workbench import uploads
+from lacet.services.workbench.guard import COOKIE, POLICY, new_token
+from lacet.services.workbench.server import Settings, create_app, serve
+from tests.services.workbench.bench_page import Page
+from tests.support.rig import make_capture
+
+HERE = "http://127.0.0.1:8765"
+
+
+@pytest.fixture
+def empty(tmp_path: Path) -> Iterator[TestClient]:
+    """A server on a folder that is not there yet, which takes a kilobyte."""
+    with TestClient(create_app(Settings(tmp_path / "new", most_upload=1000)), base_url=HERE) as client:
+        yield client
+
+
+@pytest.mark.parametrize("name", [
+    "../escape.csv", "..%2Fescape.csv", "%2e%2e/escape.csv", "/etc/escape.csv", "a/b.csv", "..\\escape.csv",
+    ".hidden.csv", "nul\0.csv".replace("\0", "%00"), "study.json", "effects.py", "run.exe", "x" * 300 + ".csv",
+    "line%0Abreak.csv", "",
+])  # fmt: skip
+def test_a_name_never_leaves_the_folder(empty: TestClient, tmp_path: Path, name: str):
+    answer = empty.put(f"/api/runs/{name}", content=b"t\n0\n")
+    assert answer.status_code in (400, 404, 405)
+    assert answer.json()["error"]
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_another_host_name_or_origin_is_refused(page: Page):
+    client = page.client
+    for host in ("evil.example", "evil.example:8765", "127.0.0.1.evil.example", "192.168.1.7:8765", ""):
+        assert client.get("/api/study", headers={"Host": host}).status_code == 403, host
+    for host in ("localhost:8765", "127.0.0.1:8765", "[::1]:8765"):
+        assert client.get("/api/study", headers={"Host": host}).status_code == 200, host
+    body = {"do": "undo", "args": {}}
+    for origin in ("https://evil.example", "http://127.0.0.1:9999", "null", "http://127.0.0.1:8765.evil.example"):
+        assert client.post("/api/jobs", json=body, headers={"Origin": origin}).status_code == 403, origin
+        assert client.put("/api/runs/a.csv", content=b"x", headers={"Origin": origin}).status_code == 403
+        assert client.delete("/api/jobs/1", headers={"Origin": origin}).status_code == 403
+    assert client.post("/api/jobs", json=body, headers={"Sec-Fetch-Site": "cross-site"}).status_code == 403
+    assert not page.get("jobs")
+    assert client.post("/api/jobs", json=body, headers={"Origin": HERE}).status_code == 200
+
+
+def test_elsewhere_a_token_is_needed(tmp_path: Path):
+    token = new_token()
+    app = create_app(Settings(tmp_path, host="0.0.0.0", token=token))
+    with TestClient(app, base_url="http://192.168.1.7:8765", follow_redirects=False) as client:
+        assert client.get("/api/study").status_code == 401
+        assert client.get("/").status_code == 401
+        assert client.get("/?token=wrong").status_code == 401
+        assert client.put("/api/runs/a.csv", content=b"x").status_code == 401
+        assert client.get("/api/study", headers={"Cookie": f"{COOKIE}=wrong"}).status_code == 401
+        assert client.get("/api/study", headers={"Host": "evil.example"}).status_code == 403
+        opened = client.get(f"/?token={token}")
+        assert opened.status_code == 303
+        assert opened.headers["location"] == "/"
+        assert {"HttpOnly", "SameSite=Strict"} <= set(opened.headers["set-cookie"].split("; "))
+        assert client.get("/api/study").status_code == 200
+    assert len(token) >= 32
+    with pytest.raises(Exception, match="needs a token"):
+        serve(Settings(tmp_path, host="0.0.0.0"))
+
+
+def test_a_page_may_load_nothing_from_elsewhere(page: Page):
+    headers = page.client.get("/api/study").headers
+    assert headers["content-security-policy"] == POLICY
+    assert "unsafe" not in POLICY
+    assert headers["x-content-type-options"] == "nosniff"
+    assert not [name for name in headers if name.startswith("access-control")]
+    assert page.client.get("/../server.py").status_code == 404
+    assert page.client.get("/%2e%2e/server.py").status_code == 404
+
+
+def test_an_upload_is_bounded(empty: TestClient, tmp_path: Path):
+    assert empty.put("/api/runs/a.csv", content=b"x" * 1001).status_code == 413
+
+    def trickle() -> Iterator[bytes]:
+        yield from [b"x" * 400] * 3
+
+    assert empty.put("/api/runs/a.csv", content=trickle()).status_code == 413  # without its length announced
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+    assert empty.put("/api/runs/a.csv", content=b"x" * 1000).status_code == 200
+
+
+def test_a_full_disk_leaves_nothing(empty: TestClient, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def full(file: Any, data: bytes) -> None:
+        file.write(data[:10])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(uploads, "write", full)
+    answer = empty.put("/api/runs/a.csv", content=b"x" * 100)
+    assert (answer.status_code, "disk is full" in answer.json()["error"]) == (507, True)
+    monkeypatch.undo()
+    monkeypatch.setattr(uploads, "free", lambda _: uploads.SPARE + 99)
+    assert empty.put("/api/runs/a.csv", content=b"x" * 100).status_code == 507
+    assert not [p for p in tmp_path.rglob("*") if p.is_file()]
+
+
+def test_what_was_broken_off_is_swept_up(tmp_path: Path):
+    runs = tmp_path / "new" / "runs"
+    runs.mkdir(parents=True)
+    old, fresh, run = runs / ".1.part.csv", runs / ".2.part.csv", runs / "a.part.csv"
+    for file in (old, fresh, run):
+        file.write_bytes(b"t\n")
+    for file in (old, run):
+        os.utime(file, (1.0, 1.0))
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        assert [r["file"] for r in client.get("/api/runs").json()] == ["a.part.csv"]
+    assert sorted(p.name for p in runs.iterdir()) == [".2.part.csv", "a.part.csv"]
+
+
+def test_nothing_is_replaced(page: Page):
+    before = (page.folder / "runs" / "sine.parquet").read_bytes()
+    for name in ("runs/sine.parquet", "runs/rig.toml"):
+        assert "nothing is ever replaced" in page.client.put(f"/api/{name}", content=b"x").json()["error"]
+    assert (page.folder / "runs" / "sine.parquet").read_bytes() == before
+
+
+def test_rig_and_vehicle_are_read_before_they_are_kept(empty: TestClient, tmp_path: Path):
+    answer = empty.put("/api/runs/rig.toml", content=b"format = 'nonsense'\n")
+    assert answer.status_code == 400
+    assert "rig.toml" in answer.json()["error"]
+    assert ".part" not in answer.json()["error"]
+    assert not (tmp_path / "new" / "rig.toml").exists()
+
+
+def test_a_map_may_come_after_its_file(tmp_path: Path):
+    """An MDF file says what it lacks, and is read as soon as its map is there; so is what is told of a CSV table."""
+    t = np.arange(500) / 250.0
+    mdf = MDF(version="4.10")
+    mdf.append([MdfSignal(0.3 + 0.01 * np.sin(t), t, name="Laser4", unit="m")])
+    mdf.save(tmp_path / "drive.mf4", overwrite=True)
+    mdf.close()
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        content = (tmp_path / "drive.mf4").read_bytes()
+        assert client.put("/api/runs/drive.mf4", content=content).json()["name"] == "drive"
+        (before,) = client.get("/api/runs").json()
+        assert before["quality"] == "cannot be read"
+        assert "mf4.toml" in before["says"][0]
+        wrong = client.put(
+            "/api/runs/mf4.toml", content=b'format = "lacet-mf4 1"\n[channels]\nlaser.rr.hob = "Laser4"\n'
+        )
+        assert wrong.status_code == 400
+        assert "laser.rr.hub" in wrong.json()["error"]
+        right = b'format = "lacet-mf4 1"\n[channels]\nlaser.rr.hub = "Laser4"\n'
+        assert client.put("/api/runs/mf4.toml", content=right).status_code == 200
+        (after,) = client.get("/api/runs").json()
+        assert (after["format"], after["channels"]) == ("mf4", 1)
+        assert client.put("/api/runs/table.csv", content=b"t,laser.rr.hub\n0,0.3\n0.004,0.3\n").status_code == 200
+        assert client.put("/api/runs/table.json", content=b'{"manoeuver": "slalom"}').status_code == 400
+        assert client.get("/api/runs/table").json()["manoeuvre"] == ""
+        assert client.put("/api/runs/table.json", content=b'{"manoeuvre": "slalom"}').status_code == 200
+        assert client.get("/api/runs/table").json()["manoeuvre"] == "slalom"
+
+
+def test_a_raw_capture_is_decoded(tmp_path: Path):
+    make_capture(tmp_path / "raw.mcap", 1.0, 47110)
+    with TestClient(create_app(Settings(tmp_path / "new")), base_url=HERE) as client:
+        answer = client.put("/api/runs/raw.mcap", content=(tmp_path / "raw.mcap").read_bytes()).json()
+        assert answer["raw"]
+        while (job := client.get(f"/api/jobs/{answer['job']['id']}").json())["state"] in ("waiting", "running"):
+            time.sleep(0.02)
+        assert job["state"] == "done", job
+        (run,) = client.get("/api/runs").json()
+        assert (run["file"], run["role"], run["format"]) == ("raw.mcap", "unused", "mcap")
+        assert run["channels"] > 10
+    assert (tmp_path / "new" / "raw" / "raw.mcap").read_bytes() == (tmp_path / "raw.mcap").read_bytes()
+
+
+def test_a_capture_whose_decoding_was_broken_off_is_no_dead_end(tmp_path: Path):
+    """Killed while decoding: the next server decodes it. Decoding cancelled: it is listed, and dropped in again."""
+    new = tmp_path / "new"
+    (new / "raw").mkdir(parents=True)
+    make_capture(new / "raw" / "raw.mcap", 1.0, 47110)
+    content = (new / "raw" / "raw.mcap").read_bytes()
+    with TestClient(create_app(Settings(new)), base_url=HERE) as client:
+        page = Page(client)
+        (job,) = page.get("jobs")
+        assert page.until_over(job["id"])["state"] == "done"
+        assert [r["quality"] for r in page.get("runs")] == ["good"]
+        assert client.put("/api/runs/raw.mcap", content=content).status_code == 409  # decoded: nothing to do again
+        (new / "runs" / "raw.mcap").unlink()
+        (run,) = page.get("runs")
+        assert (run["name"], run["quality"]) == ("raw.mcap", "cannot be read")
+        assert "drop it here again" in run["says"][0]
+        assert client.put("/api/runs/raw.mcap", content=content[:-9000]).status_code == 409  # another: not replaced
+        answer = client.put("/api/runs/raw.mcap", content=content).json()
+        assert page.until_over(answer["job"]["id"])["state"] == "done"
+        assert [r["name"] for r in page.get("runs")] == ["raw"]
+    assert (new / "raw" / "raw.mcap").read_bytes() == content
+
+
+@pytest.mark.parametrize(("line", "word"), [
+    ("suspension: p * __import__('os').system('touch /tmp/x')", ""),
+    ("suspension: p * travel ** travl", "travl"),
+    ("suspension: p * travel + q", ""),
+    ("nowhere: p * travel", "nowhere"),
+    ("suspension: p * (travel", ""),
+])  # fmt: skip
+def test_a_line_is_read_and_never_run(page: Page, line: str, word: str):
+    found = page.post("effect/check", {"name": "bump", "line": line})
+    if not found["ok"]:
+        assert found["error"]
+        assert word in line[found["at"] : found["until"]]
+    assert page.post("effect", {"name": "bump", "line": line + "\nimport os"}, 400)["error"]
+    assert not (page.folder / "effects" / "lines.txt").exists()
+
+
+def test_a_line_is_kept_and_in_the_catalogue(page: Page):
+    line = "suspension: p * travel**2 * sign(rate)"
+    checked = page.post("effect/check", {"name": "bump", "line": line})
+    assert checked["ok"]
+    assert checked["parameters"][0]["unit"] == "N/m²"
+    assert not (page.folder / "effects" / "lines.txt").exists()
+    kept = page.post("effect", {"name": "bump", "line": line})
+    assert kept["line"] == f"bump = {line}"
+    acts = {item["effect"]: item["acts_on"] for item in kept["tried"]}
+    assert acts["bump.front"] == ["suspension.fl", "suspension.fr"]
+    assert acts["bump.rl"] == ["suspension.rl"]
+    assert kept["tells"] == "tried on sine.parquet: acts, with finite values"
+    own = [e for e in page.get("effects")["effects"] if e["own"]]
+    assert {e["effect"] for e in own} >= {"bump.front", "bump.rear"}
+    assert not page.post("effect/check", {"name": "anti_roll_bar", "line": line})["ok"]
+
+
+def test_a_line_without_finite_values_is_not_kept(page: Page):
+    line = "suspension: p * log(travel/1 m)"
+    assert page.post("effect/check", {"name": "bump", "line": line})["ok"]
+    said = page.post("effect", {"name": "bump", "line": line}, 400)["error"]
+    assert "no finite value in suspension.fl at t = " in said
+    assert not (page.folder / "effects" / "lines.txt").exists()
+
+
+def test_a_line_is_kept_untried_while_a_job_is_at_work(page: Page, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("lacet.services.workbench.own.WAIT", 0.05)
+    app: Any = page.client.app
+    with app.state.bench.desk.computing():
+        kept = page.post("effect", {"name": "bump", "line": "suspension: p * travel**2"})
+    assert kept["tried"] == []
+    assert kept["tells"] == "not tried on a run yet: lacet is at work on something else"
+    assert page.post("effect", {"name": "bump", "line": "suspension: p * travel**3"})["tried"]
+
+
+def test_a_question_that_cannot_be_read_is_answered(page: Page):
+    client = page.client
+    assert client.post("/api/jobs", content=b"{", headers={"Content-Type": "application/json"}).status_code == 400
+    assert client.post("/api/jobs", json=[1]).status_code == 400
+    assert page.post("jobs", {"do": "format"}, 400)["error"].startswith("there is no job 'format'")
+    assert page.post("jobs", {"do": "undo", "args": [1]}, 400)["error"]
+    for do, args in (("add", {}), ("goto", {"version": "2"}), ("choose", {"used": "sine"}), ("choose", {"used": []}),
+                     ("choose", {"used": ["../../etc/passwd"]}), ("decode", {"file": "../study.json"}),
+                     ("add", {"effect": "coulomb.rear", "shape": {"v": "1"}})):  # fmt: skip
+        job = page.until_over(page.start(do, **args))
+        assert job["state"] == "failed", (do, args)
+        assert "lacet itself" not in job["error"]
