@@ -13,6 +13,7 @@ from typing import Any
 
 from lacet.daq.channels import AXES, CHANNELS, CORNERS, FAMILIES
 from lacet.daq.errors import RigError, nearest
+from lacet.daq.shipped import find_shipped
 from lacet.daq.toml_reader import Reader
 
 FORMAT = "lacet-rig 1"
@@ -192,18 +193,6 @@ class Rig:
         key = "latency" if what == "latency" else f"{_instrument(family) if what in BY_INSTRUMENT else family}.{what}"
         default = DEFAULT_TOLERANCE.get(key, 0.0)
         return sensor.tolerance.get(key, default) if sensor else default
-
-
-def find_shipped(path: str | Path, folder: str, error: type[RigError] | Any) -> Path:
-    """Resolve a file path, or the bare name of a file shipped in ``daq/<folder>``; raise `error` with the choices."""
-    candidate = Path(path)
-    if candidate.is_file():
-        return candidate
-    shipped = Path(__file__).parent / folder
-    names = sorted(file.stem for file in shipped.glob("*.toml"))
-    if candidate.name in names and candidate.suffix == "":
-        return shipped / f"{candidate.name}.toml"
-    raise error(path, [f"no such file, and not one shipped with lacet ({', '.join(names)}){nearest(str(path), names)}"])
 
 
 def _bus(reader: Reader, name: str, row: Any) -> Bus:

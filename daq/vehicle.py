@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import VehicleError, nearest
-from lacet.daq.rig import find_shipped
+from lacet.daq.shipped import find_shipped
 from lacet.daq.toml_reader import Quantity, Reader
 from lacet.daq.units import TO_SI, canonical
 

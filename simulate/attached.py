@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lacet.daq.errors import UsageError
 from lacet.simulate.cars import Car, Inertia
 from lacet.simulate.hidden import Hidden, one_of
-from lacet.simulate.mjcf import inertial, numbers
+from lacet.simulate.mjcf import Attached, inertial, numbers
 from lacet.simulate.road import Road
 
 Array = NDArray[np.float64]
@@ -25,25 +25,6 @@ CONTACT_FRICTION = 0.9
 """μ of a trailer's tyres."""
 TRAILER_ROLLING = 0.015
 """Their rolling resistance coefficient."""
-
-
-class Attached(Protocol):
-    """A body on the car. `name` of its effect, `at` where it is mounted (body axes), `taken` what of the chassis it is,
-    `joints` names of its joints, `states` how many states it has besides them."""
-
-    name: str
-    at: tuple[float, float, float]
-    taken: Inertia | None
-    joints: tuple[str, ...]
-    states: int
-
-    def body(self, origin: tuple[float, float, float]) -> str:
-        """MJCF of the body; `origin` of its parent's axes in body axes [m]."""
-        ...
-
-    def load(self, engine: Any, dofs: Sequence[int], states: Sequence[float]) -> tuple[Array, list[float]]:
-        """Generalised forces (nv,) at the engine's present state and the rates of the states."""
-        ...
 
 
 def _positive(effect: Hidden, *names: str) -> None:

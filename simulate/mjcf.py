@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,28 @@ from lacet.simulate.cars import Car, Inertia, rot_x
 from lacet.simulate.hidden import Hidden, total_at, total_of
 from lacet.simulate.twist import Twist, split
 
-if TYPE_CHECKING:
-    from lacet.simulate.attached import Attached
+Array = NDArray[np.float64]
 
 STEER_ARMATURE = 1e4  # kg·m²
+
+
+class Attached(Protocol):
+    """A body on the car. `name` of its effect, `at` where it is mounted (body axes), `taken` what of the chassis it is,
+    `joints` names of its joints, `states` how many states it has besides them."""
+
+    name: str
+    at: tuple[float, float, float]
+    taken: Inertia | None
+    joints: tuple[str, ...]
+    states: int
+
+    def body(self, origin: tuple[float, float, float]) -> str:
+        """MJCF of the body; `origin` of its parent's axes in body axes [m]."""
+        ...
+
+    def load(self, engine: Any, dofs: Sequence[int], states: Sequence[float]) -> tuple[Array, list[float]]:
+        """Generalised forces (nv,) at the engine's present state and the rates of the states."""
+        ...
 
 
 def numbers(values: Any) -> str:

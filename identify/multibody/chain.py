@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lacet.identify.multibody.arguments import absent_names, all_parameters, chosen, joint_states, symbol_values, unused
-from lacet.identify.multibody.chain_base_parameters import ChainBase, chain_base
+from lacet.identify.multibody.arguments import absent_names, all_parameters, joint_states, symbol_values, unused
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
 from lacet.identify.multibody.symoro import read_par
@@ -341,31 +340,6 @@ class Chain:
         out = np.zeros((samples, 4, 4))
         out[:, :3], out[:, 3, 3] = columns.transpose(2, 0, 1), 1.0
         return out
-
-    def base_parameters(
-        self, friction: bool = False, parameters: Collection[str] | None = None, seed: int = 0
-    ) -> ChainBase:
-        """The base (minimal) parameters: which combinations of the standard ones the joint torques depend on.
-
-        Found by rank-revealing QR of the regressor at random states; earlier parameters are kept before later ones.
-
-        Parameters
-        ----------
-        friction : with rotor inertia, viscous and Coulomb friction of every joint. Without it rotor inertias still
-            count where a ``.par`` file lists them: SYMORO has them among the inertial parameters.
-        parameters : the names this robot has, the others being 0; by default all that are not `absent`.
-        seed : of the random states.
-
-        Raises ValueError for an unknown name.
-        """
-        names = [*self.parameter_names, *self.friction_names]
-        if parameters is not None:
-            return chain_base(self, chosen(names, parameters), seed)
-        counted = [
-            name for i, name in enumerate(names)
-            if i < 10 * self.n or friction or (self.rotors and name.startswith("IA"))
-        ]  # fmt: skip
-        return chain_base(self, [name for name in counted if name not in self.absent], seed)
 
     def with_geometry(self, numbers: Sequence[Mapping[str, float]], gravity: Array) -> Chain:
         """The same tree with other lengths [m], angles [rad] and gravity [m/s²], one mapping a row."""

@@ -13,17 +13,14 @@ import math
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lacet.identify.multibody.base_parameters import combine
+from lacet.identify.multibody.base_parameters import BaseParameters, combine
 from lacet.identify.multibody.expression import Expression
+from lacet.identify.multibody.scaled_chain import ScaledChain
 from lacet.identify.multibody.symbolic_table import ANGLES, LENGTHS
 from lacet.identify.multibody.vectors import Array
-
-if TYPE_CHECKING:
-    from lacet.identify.multibody.chain_base_parameters import ChainBase
 
 _MOST = 60
 """Monomials tried for one relation at most."""
@@ -36,12 +33,12 @@ _SPARE = 4
 _SAME = 1e-8
 
 
-def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
+def closed_forms(base: BaseParameters, scaled: ScaledChain) -> tuple[tuple[str, ...], ...]:
     """Formulas of `base.relations`: text, a number where there is no formula, nothing where it is 0."""
     numbers = [[_number(float(x)) for x in row] for row in base.relations]
     if not base.relations.size:
         return tuple(tuple(row) for row in numbers)
-    tables = _start(base)
+    tables = _start(base, scaled)
     if tables is None:
         return tuple(tuple(row) for row in numbers)
     series = tables.series
@@ -49,22 +46,22 @@ def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
     out = [[""] * base.relations.shape[1] for _ in numbers]
     open_cells: list[tuple[int, int]] = []
     for i, k in np.argwhere(largest > _SAME):
-        text = _recognised(float(series[0, i, k]), _angles(base, i, k)) if spread[i, k] <= _SAME else ""
+        text = _recognised(float(series[0, i, k]), _angles(base, scaled, i, k)) if spread[i, k] <= _SAME else ""
         out[i][k] = text or numbers[i][k]
         if spread[i, k] > _SAME:
             open_cells.append((int(i), int(k)))
     for reach in _REACH:  # a relation mostly holds the lengths just below the body it is grouped into
-        trials = {cell: _monomials(base, *cell, reach) for cell in open_cells}
+        trials = {cell: _monomials(base, scaled, *cell, reach) for cell in open_cells}
         most = max((len(m) for m in trials.values()), default=0)
         if not most or not tables.draw(most + _SPARE):
             break
         series = tables.series
         open_cells = []
         for (i, k), monomials in trials.items():
-            text = _fitted(series[:, i, k], tables.columns(monomials), monomials, _angles(base, i, k))
+            text = _fitted(series[:, i, k], tables.columns(monomials), monomials, _angles(base, scaled, i, k))
             if text is None:
                 open_cells.append((i, k))
-            elif text and _holds(base, i, k, text):
+            elif text and _holds(base, scaled, i, k, text):
                 out[i][k] = text
     return tuple(tuple(row) for row in out)
 
@@ -72,8 +69,8 @@ def closed_forms(base: ChainBase) -> tuple[tuple[str, ...], ...]:
 class _Tables:
     """Random tables of a chain's structure and the relations they have."""
 
-    def __init__(self, base: ChainBase, shared: bool):
-        self.base, self.shared = base, shared
+    def __init__(self, base: BaseParameters, scaled: ScaledChain, shared: bool):
+        self.base, self.scaled_chain, self.shared = base, scaled, shared
         self.rng = np.random.default_rng(5)
         self.values: list[dict[str, float]] = []
         self.found: list[Array] = []
@@ -96,8 +93,8 @@ class _Tables:
     def draw(self, count: int) -> bool:
         """Have that many tables; false when one has other base parameters."""
         while len(self.found) < count:
-            numbers, values = self.base.study.varied(self.rng, self.shared)
-            W = self.base.study.matrix(numbers)
+            numbers, values = self.scaled_chain.varied(self.rng, self.shared)
+            W = self.scaled_chain.matrix(numbers)
             found, left = combine(W, self.base.independent, self.base.dependent)
             if left > 1e-7:
                 return False
@@ -106,22 +103,22 @@ class _Tables:
         return True
 
 
-def _start(base: ChainBase) -> _Tables | None:
+def _start(base: BaseParameters, scaled: ScaledChain) -> _Tables | None:
     """The first tables. Lengths that are equal are let go apart, unless the structure hangs on it."""
     for shared in (False, True):
-        tables = _Tables(base, shared)
+        tables = _Tables(base, scaled, shared)
         if tables.draw(3):
             return tables
     return None
 
 
-def _holds(base: ChainBase, i: int, k: int, text: str) -> bool:
+def _holds(base: BaseParameters, scaled: ScaledChain, i: int, k: int, text: str) -> bool:
     """Whether a formula gives the chain's own relation."""
-    study, number = base.study, float(base.relations[i, k])
+    number = float(base.relations[i, k])
     if math.isnan(number):
         return True
-    value = Expression.parse(text).value({**study.chain.values, **study.actual_values})
-    unit = study.size ** float(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
+    value = Expression.parse(text).value({**scaled.chain.values, **scaled.actual_values})
+    unit = scaled.size ** float(scaled.exponents[base.independent[i]] - scaled.exponents[base.dependent[k]])
     return abs(value - number) <= 1e-9 * max(unit, abs(value))
 
 
@@ -146,9 +143,9 @@ def _sum(text: str) -> bool:
     return False
 
 
-def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
+def _rows_between(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> list[int]:
     """Rows of the table from the body a parameter is grouped into to the body it is of, the former's side first."""
-    table, columns, n = base.study.chain.table, base.study.columns, base.study.chain.n
+    table, columns, n = scaled.chain.table, scaled.columns, scaled.chain.n
 
     def body(place: int) -> int:
         column = int(columns[place])
@@ -158,18 +155,17 @@ def _rows_between(base: ChainBase, i: int, k: int) -> list[int]:
     return sorted(set(ours) ^ set(theirs)) or [theirs[0]]  # within one body: its own row
 
 
-def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
+def _monomials(base: BaseParameters, scaled: ScaledChain, i: int, k: int, reach: int) -> list[str]:
     """Products of lengths of the first rows between, of the relation's unit, times sines and cosines of symbols."""
-    study = base.study
-    table = study.chain.table
+    table = scaled.chain.table
     lengths: list[str] = []
     angles: list[str] = []
     pure = True
-    for j in _rows_between(base, i, k)[:reach]:
+    for j in _rows_between(base, scaled, i, k)[:reach]:
         row = table.rows[j - 1]
         for key in LENGTHS:
             entry = row.entries[key]
-            if not entry.symbols and study.numbers[j - 1][key] != 0.0:
+            if not entry.symbols and scaled.numbers[j - 1][key] != 0.0:
                 lengths.append(f"{key}{j}")
             free = [s for s in sorted(entry.symbols) if s not in table.variables]
             lengths += [s for s in free if s not in table.angle_symbols]
@@ -181,7 +177,7 @@ def _monomials(base: ChainBase, i: int, k: int, reach: int) -> list[str]:
             if entry.symbols - table.variables:
                 angles.append(entry.text if not entry.symbols & table.variables else "")
     lengths, angles = list(dict.fromkeys(lengths)), list(dict.fromkeys(a for a in angles if a))
-    degree = int(study.exponents[base.independent[i]] - study.exponents[base.dependent[k]])
+    degree = int(scaled.exponents[base.independent[i]] - scaled.exponents[base.dependent[k]])
     degrees = [degree] if pure else list(range(0, max(degree, 0) + 1))
     turns = [f"{f}({a})" for a in angles for f in ("cos", "sin")]
     turning = [" ", *turns, *(_product(pair) for pair in itertools.combinations_with_replacement(turns, 2))]
@@ -222,13 +218,11 @@ def _product(factors: Sequence[str]) -> str:
     return "*".join(sorted(parts, key=lambda f: "(" in f)) or "1"
 
 
-def _angles(base: ChainBase, i: int, k: int) -> list[float]:
+def _angles(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> list[float]:
     """Angles of the rows between that are numbers."""
-    table = base.study.chain.table
-    rows = _rows_between(base, i, k)
-    found = (
-        base.study.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols
-    )
+    table = scaled.chain.table
+    rows = _rows_between(base, scaled, i, k)
+    found = (scaled.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols)
     return [a for a in dict.fromkeys(found) if abs(a) > 1e-12]
 
 

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.chain_base_parameters import base_parameters
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.symoro import ParError, read_par
 from tests.support.places import HOME
@@ -69,8 +70,8 @@ def test_carlite_is_its_table(tmp_path: Path) -> None:
     np.testing.assert_array_equal(chain.gravity, table.gravity)
     listed = {*CARLITE["param_names"]}
     assert {*chain.parameter_names} - chain.absent == {n for n in listed if n in chain.parameter_names}
-    assert chain.base_parameters().rank == CARLITE["n_base_inertial"] == 68
-    assert chain.base_parameters(friction=True).rank == CARLITE["n_base_total"] == 88
+    assert base_parameters(chain).rank == CARLITE["n_base_inertial"] == 68
+    assert base_parameters(chain, friction=True).rank == CARLITE["n_base_total"] == 88
 
 
 def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
@@ -78,7 +79,7 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
     chain = Chain.from_par(FOLDER / "CarLite.par")
     assert chain.missing == ("LF", "EF", "LR", "ER")
     assert any("G3" in note and "-9.81" in note for note in chain.notes)
-    base = chain.base_parameters()
+    base = base_parameters(chain)
     assert base.rank == 68
     zero = np.zeros((1, 16))
     for call in (

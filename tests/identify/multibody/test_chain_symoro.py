@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.chain_base_parameters import base_parameters
 from tests.support.places import HOME
 
 FOLDER = HOME / "tests" / "data" / "symoro"
@@ -109,7 +110,7 @@ def test_published_groupings_lie_in_the_row_space(robot: dict[str, Any]) -> None
 def test_own_groupings_lie_in_the_row_space(robot: dict[str, Any]) -> None:
     """`base_parameters` has the rank of the regressor, its groupings give the torques again, its gap is clear."""
     chain = chain_of(robot)
-    base = chain.base_parameters()
+    base = base_parameters(chain)
     W = chain.regressor(*states(robot))
     X = np.random.default_rng(2).normal(size=10 * chain.n)
     kept = W[:, :, base.independent] @ (base.grouping() @ X)

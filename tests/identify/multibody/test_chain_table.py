@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.chain_base_parameters import base_parameters
 
 ROWS: list[dict[str, Any]] = [{"j": 1}, {"j": 2, "ant": 1, "alpha": "pi/2"}, {"j": 3, "ant": 2, "d": "L"}]
 Q = np.full((2, 3), 0.1)
@@ -57,11 +58,11 @@ def test_relations_name_their_angles_and_lengths() -> None:
          {"j": 5, "ant": 4, "alpha": "-pi/2", "d": "-A", "r": "R + sqrt(A**2)/2"}],
         values={"A": 0.0825, "R": 0.316},
     )  # fmt: skip
-    assert "MX4 - A*M5" in wrist.base_parameters().table()
-    assert "0.08" not in wrist.base_parameters().table().rsplit("with", 1)[0]
-    slide = Chain.from_table(
+    assert "MX4 - A*M5" in base_parameters(wrist).table()
+    assert "0.08" not in base_parameters(wrist).table().rsplit("with", 1)[0]
+    slide = base_parameters(Chain.from_table(
         [{"j": 1}, {"j": 2, "ant": 1, "sigma": 1, "alpha": "-pi/2", "theta": "pi/5"}]
-    ).base_parameters()  # fmt: skip
+    ))  # fmt: skip
     assert "MX2 - tan(pi/5)*MY2" in slide.table()
-    tilted = Chain.from_table([{"j": 1}, {"j": 2, "ant": 1, "alpha": "pi/7"}]).base_parameters()
+    tilted = base_parameters(Chain.from_table([{"j": 1}, {"j": 2, "ant": 1, "alpha": "pi/7"}]))
     assert "sin(pi/7)**2*YY2" in tilted.table()

@@ -1,0 +1,19 @@
+"""Files that come with lacet, found by their bare names: rigs and vehicles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lacet.daq.errors import FileFault, nearest
+
+
+def find_shipped(path: str | Path, folder: str, error: type[FileFault]) -> Path:
+    """Resolve a file path, or the bare name of a file shipped in ``daq/<folder>``; raise `error` with the choices."""
+    candidate = Path(path)
+    if candidate.is_file():
+        return candidate
+    shipped = Path(__file__).parent / folder
+    names = sorted(file.stem for file in shipped.glob("*.toml"))
+    if candidate.name in names and candidate.suffix == "":
+        return shipped / f"{candidate.name}.toml"
+    raise error(path, [f"no such file, and not one shipped with lacet ({', '.join(names)}){nearest(str(path), names)}"])

@@ -1,0 +1,106 @@
+"""A chain in units of its own size, at random joint states: from it the number of base parameters is read."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.symbolic_table import LENGTHS
+from lacet.identify.multibody.vectors import Array
+
+_STATES = 120
+"""Random states at most: every joint gives a row in each, and every body acts on its own joint."""
+
+
+class ScaledChain:
+    """A chain in units of its own size, so that millimetres and a hundred metres are the same to the arithmetic.
+
+    Lengths are divided by their root mean square, and gravity is as strong as the random accelerations. The relations
+    do not depend on either, but for the unit of each parameter.
+
+    Parameters
+    ----------
+    chain : the chain in SI; symbols without a value get any.
+    columns : indices of the parameters to be grouped, in the order of `parameter_names` and then `friction_names`.
+    seed : of the random joint states.
+    """
+
+    def __init__(self, chain: Chain, columns: NDArray[np.int64], seed: int):
+        self.chain, self.columns = chain, columns
+        self.numbers = chain.table.numbers({**chain.table.any_values(np.random.default_rng(1)), **chain.values})
+        lengths = [abs(row[key]) for row in self.numbers for key in LENGTHS if row[key] != 0.0]
+        largest = max(lengths, default=1.0)
+        self.size = largest * math.sqrt(sum((x / largest) ** 2 for x in lengths) / len(lengths)) if lengths else 1.0
+        strength = float(np.linalg.norm(chain.gravity))
+        self.gravity = chain.gravity * (2.0 / strength) if strength else chain.gravity
+        rng = np.random.default_rng(seed)
+        count = min(30 + 5 * chain.n, _STATES)
+        self.states = rng.uniform(-2, 2, (3, chain.n, count))
+        self.exponents = np.array([_exponent(chain, int(k)) for k in columns])
+        """Powers of the length's unit in each parameter's."""
+
+    def matrix(self, numbers: Sequence[Mapping[str, float]]) -> Array:
+        """The regressor's columns at the random states, for these lengths and angles."""
+        chain = self.chain.with_geometry(numbers, self.gravity)
+        W = chain.structure(*self.states, friction=bool(np.any(self.columns >= 10 * chain.n)))
+        return W.reshape(-1, W.shape[2])[:, self.columns]
+
+    def scaled_numbers(self) -> list[dict[str, float]]:
+        """The table's lengths and angles, lengths in units of the chain's size."""
+        return [{k: v / self.size if k in LENGTHS else v for k, v in row.items()} for row in self.numbers]
+
+    def to_metres(self, relations: Array, kept: NDArray[np.int64], dropped: NDArray[np.int64]) -> Array:
+        """Relations in units of the chain's size, in SI."""
+        return relations * self.size ** (self.exponents[kept][:, None] - self.exponents[dropped][None, :])
+
+    def varied(self, rng: np.random.Generator, shared: bool = False) -> tuple[list[dict[str, float]], dict[str, float]]:
+        """The table with other lengths and angles where it has symbols or lengths, and the symbols' values.
+
+        Lengths given as numbers are symbols by their place (``d3``); with `shared` those of equal size stay so.
+        """
+        values = {**self.chain.values, **self.chain.table.any_values(rng)}
+        numbers = self.chain.table.numbers(values)
+        out: dict[str, float] = {s: values[s] for s in self.chain.table.symbols}
+        sizes: dict[float, float] = {}
+        for row, changed, actual in zip(self.chain.table.rows, numbers, self.numbers, strict=True):
+            for key in LENGTHS:
+                if row.entries[key].symbols or actual[key] == 0.0:
+                    continue
+                fresh = float(rng.uniform(0.5, 1.5))
+                if shared:
+                    fresh = sizes.setdefault(round(abs(actual[key]) / self.size, 9), fresh)
+                changed[key] = float(np.copysign(fresh, actual[key]))
+                out[f"{key}{row.j}"] = changed[key]
+        return numbers, out
+
+    def scale_free_values(self) -> dict[str, float]:
+        """Symbols of the relations with any values."""
+        return self.varied(np.random.default_rng(0))[1]
+
+    @cached_property
+    def actual_values(self) -> dict[str, float]:
+        """Symbols of the relations with their values [m, rad]."""
+        out: dict[str, float] = {}
+        for name in self.scale_free_values():
+            if name in self.chain.table.symbols:
+                if name in self.chain.values:
+                    out[name] = self.chain.values[name]
+            else:
+                out[name] = self.numbers[int(name[1:]) - 1][name[0]]
+        return out
+
+
+def _exponent(chain: Chain, column: int) -> int:
+    """Power of the unit of length in a parameter's unit."""
+    if column < 10 * chain.n:
+        kind = column % 10
+        return 2 if kind < 6 else 1 if kind < 9 else 0
+    k, kind = divmod(column - 10 * chain.n, 3)
+    if chain.joints[k].sigma == 1:
+        return 1 if kind == 2 else 0
+    return 2
