@@ -23,10 +23,10 @@ import scipy.linalg
 from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
+from lacet.identify.regression.model import known_beforehand
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.priors import known_beforehand
+from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.tolerances import sheet_responses
-from lacet.identify.regression.triangle import scaled_triangle
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.layout import sheet_of
 from lacet.identify.validation.noise_floor import NoiseFloor

@@ -17,14 +17,12 @@ import scipy.linalg
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
-from lacet.identify.regression.model import Model
+from lacet.identify.regression.model import Model, known_beforehand
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.priors import known_beforehand
+from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
-from lacet.identify.regression.stats import clustered_scores, hac
-from lacet.identify.regression.triangle import triangle
-from lacet.identify.regression.uncertainty import at_least
+from lacet.identify.regression.uncertainty import at_least, clustered_scores, hac
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import simulate_floor
 

@@ -1,7 +1,7 @@
 """The bodies of a fit: which parameters make each, whether it stands alone in the grouping, and whether it can exist.
 
 A fit holds base parameters. What a body's ten numbers are is then a question only for a body of which nothing was
-grouped into another's parameters, or another's into its own; `properties.constrained` answers it for all together.
+grouped into another's parameters, or another's into its own; `properties.consistent_fit` answers it for all together.
 """
 
 from __future__ import annotations

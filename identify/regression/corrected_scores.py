@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
-from lacet.identify.regression.triangle import scaled_triangle
+from lacet.identify.regression.qr_accumulation import scaled_triangle
 
 NOISE_DRAWS = 6
 """Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""

@@ -9,7 +9,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.triangle import scaled_triangle
+from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.wls import Fit
 
 

@@ -26,8 +26,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.stacked_equations import Columns
-from lacet.identify.regression.stats import hac
-from lacet.identify.regression.uncertainty import at_least
+from lacet.identify.regression.uncertainty import at_least, hac
 from lacet.identify.regression.wls import Fit, corrected_drive
 from lacet.identify.signals.reconstruct import Recording, bring_together
 

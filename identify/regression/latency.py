@@ -23,7 +23,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.stacked_equations import Columns
-from lacet.identify.regression.stats import hac
+from lacet.identify.regression.uncertainty import hac
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.time_base import is_load

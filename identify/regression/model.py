@@ -1,4 +1,4 @@
-"""A model: a sum of effects and nothing else."""
+"""A model, the sum of physical effects, and what is known of its parameters before any run."""
 
 from __future__ import annotations
 
@@ -6,8 +6,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from lacet.daq.errors import UsageError
 from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.multibody.vectors import Array
 
 
 @dataclass(frozen=True)
@@ -57,3 +61,21 @@ class Model:
         if key not in self:
             raise UsageError(f"{key} is not in the model")
         return Model.of(effect for effect in self.effects if effect.key != key)
+
+
+def known_beforehand(model: Model, keep: NDArray[np.int64], faults: bool = True) -> Array:
+    """(k, q) equations with σ = 1 and right side 0, in the parameters kept and, unless left out, the sensor faults.
+
+    Each parameter is within what is plausible (`Parameter.prior`), and left and right parts of one kind are alike
+    (`Parameter.twin`).
+    """
+    parameters = [model.parameters[int(i)] for i in keep]
+    names = [q.name for q in parameters]
+    parameters += [q for fault in model.faults for q in fault.parameters] if faults else []
+    lines = [np.diag([1.0 / q.prior for q in parameters])]
+    for i, q in enumerate(parameters):
+        if q.twin in names:
+            line = np.zeros((1, len(parameters)))
+            line[0, i], line[0, names.index(q.twin)] = 1.0 / q.twin_sigma, -1.0 / q.twin_sigma
+            lines.append(line)
+    return np.concatenate(lines)

@@ -1,8 +1,10 @@
-"""The weighted equations of several runs as R factors by run and row, each run's sensor zeros eliminated.
+"""The R factor of a least-squares problem, and the weighted equations of several runs accumulated as such factors.
 
-A run's factor is accumulated piece by piece, and runs are merged by stacking what elimination leaves of each: memory
-grows neither with the length of runs nor, beyond a small square a run, with their number. Weights by row can be
-iterated without touching the samples again.
+An R factor holds all that its equations say, in a square, however many equations there were. Factors of parts are
+merged by stacking them and factorising again, exactly: that is how chunks of a run, and runs, add up (Golub and Van
+Loan, Matrix Computations, section 5.3). Each run has one factor a row, its sensor zeros eliminated: memory grows
+neither with the length of runs nor, beyond a small square a run, with their number. Weights by row can be iterated
+without touching the samples again.
 """
 
 from __future__ import annotations
@@ -14,7 +16,31 @@ import numpy as np
 import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.triangle import narrow_triangle, scaled_triangle, triangle
+
+
+def triangle(part: Array, *others: Array) -> Array:
+    """The R factor of parts stacked over each other, (k, k), filled up with zeros when there are fewer rows."""
+    stacked = np.concatenate([part, *others]) if others else part
+    width = stacked.shape[1]
+    R = np.asarray(scipy.linalg.qr(stacked, mode="r")[0], float)[:width]
+    lacking = width - R.shape[0]
+    return np.concatenate([R, np.zeros((lacking, width))]) if lacking else R
+
+
+def scaled_triangle(stacked: Array) -> tuple[Array, Array]:
+    """R factor of the matrix with its columns brought to unit length, and their lengths (1 for an empty column)."""
+    lengths = np.linalg.norm(stacked, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    return triangle(stacked / lengths), lengths
+
+
+def narrow_triangle(stacked: Array) -> Array:
+    """The R factor, only its active columns factorised: columns without any entry stay empty at no cost."""
+    active = np.flatnonzero(np.any(stacked != 0.0, axis=0))
+    out = np.zeros((len(active), stacked.shape[1]))
+    out[:, active] = triangle(stacked[:, active])
+    return out
+
 
 Weights = Mapping[str, float]
 """σ of each row [N or N·m]."""

@@ -9,8 +9,8 @@ import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
-from lacet.identify.regression.triangle import triangle
 from lacet.identify.regression.wls import Fit
 
 

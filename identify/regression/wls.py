@@ -20,12 +20,16 @@ from lacet.identify.regression.assembly import Assembly, Known
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
 from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights
 from lacet.identify.regression.identifiability import refuse_not_finite
-from lacet.identify.regression.model import Model
+from lacet.identify.regression.model import Model, known_beforehand
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.priors import known_beforehand
-from lacet.identify.regression.qr_accumulation import Equations, RunEquations, zeros_following
+from lacet.identify.regression.qr_accumulation import (
+    Equations,
+    RunEquations,
+    scaled_triangle,
+    triangle,
+    zeros_following,
+)
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.regression.triangle import scaled_triangle, triangle
 from lacet.identify.regression.uncertainty import at_least, block_bootstrap, spread_of
 from lacet.identify.signals.reconstruct import Recording
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.triangle import scaled_triangle
+from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.layout import Layout, sensor_columns
 from lacet.identify.validation.noise_floor import NoiseFloor

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from lacet.daq.formats.result import plain
-from lacet.identify.properties.constrained import Consistency, ConsistentFit, consistency, consistent_fit
+from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit, consistency, consistent_fit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.wls import Fit

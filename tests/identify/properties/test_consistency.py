@@ -16,9 +16,8 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.properties import constrained
 from lacet.identify.properties.body_consistency import bodies, check_bodies, clusters, whole
-from lacet.identify.properties.constrained import ConsistentFit, certain_sign, consistency, consistent_fit
+from lacet.identify.properties.consistent_fit import ConsistentFit, certain_sign, consistency, consistent_fit
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
@@ -277,6 +276,6 @@ def test_a_consistent_fit_is_left_alone(mended: ConsistentFit) -> None:
 
 def test_a_solver_that_fails_is_told(fitted: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """An answer that does not fulfil the constraints is never handed on."""
-    monkeypatch.setattr(constrained, "LEAST", -0.05)
+    monkeypatch.setattr("lacet.identify.properties.consistent_fit.LEAST", -0.05)
     with pytest.raises(SolverError, match="did not come out consistent"):
         consistent_fit(fitted)

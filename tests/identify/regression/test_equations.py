@@ -15,8 +15,7 @@ from lacet.daq.run import Run, Signal
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.qr_accumulation import Equations, RunEquations
-from lacet.identify.regression.triangle import narrow_triangle, triangle
+from lacet.identify.regression.qr_accumulation import Equations, RunEquations, narrow_triangle, triangle
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
 
