@@ -8,7 +8,7 @@ the others are told against it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.stacked_equations import Columns
@@ -39,8 +40,6 @@ _CLOSE = 5e-5
 
 _FARTHEST = 0.015
 """Longest step at once [s]: a fifth of the period at the fit's cut-off or so, beyond which the columns mislead."""
-
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -110,7 +109,7 @@ def estimate_latencies(
     rig: Rig,
     filters: Filters | None = None,
     base: str | None = None,
-    tell: Tell = lambda _: None,
+    progress: Progress = silent,
     most: int = 12,
 ) -> Timings:
     """Estimate the latency of every sensor but the time base.
@@ -137,8 +136,9 @@ def estimate_latencies(
     steps = 0
     while True:
         steps += 1
-        moved = ", ".join(f"{s.name} {1e3 * x:+.1f} ms" for s, x in zip(late, shift, strict=True))
-        tell(f"reading the runs with {moved}")
+        progress(
+            Step(Stage.LATENCIES, steps, most, values=dict(zip((s.name for s in late), shift.tolist(), strict=True)))
+        )
         shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
         drives = [Drive.of(run, vehicle, shifted, filters) for run in runs]
         fitted = fit(physics, drives, unbias=unbias)

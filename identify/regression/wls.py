@@ -15,7 +15,7 @@ from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress, unheard
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Assembly, Known
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
 from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights
@@ -142,7 +142,7 @@ def fit(
     robust: bool = False,
     draws: int = NOISE_DRAWS,
     stored: Stored | None = None,
-    progress: Progress = unheard,
+    progress: Progress = silent,
 ) -> Fit:
     """Fit a model to runs.
 
@@ -156,7 +156,7 @@ def fit(
     robust : let seconds with a residual far beyond their row's usual one count less (Huber).
     draws : pairs of noise draws behind `unbias`.
     stored : what is known already from a fit of the same model on the same motions, other noise.
-    progress : told how many runs the bias is taken out of.
+    progress : receives how many runs are corrected for the bias.
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
@@ -184,7 +184,7 @@ def fit(
 
 def _fit_linear(
     model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
-    robust: bool, draws: int, stored: Stored | None, progress: Progress = unheard, near: Array | None = None,
+    robust: bool, draws: int, stored: Stored | None, progress: Progress = silent, near: Array | None = None,
 ) -> Fit:  # fmt: skip
     """One linear fit; `near` are values of the physics' parameters that are nearly right already."""
     effects = model.physics
@@ -238,7 +238,7 @@ def _fit_linear(
     elif unbias:
         followers = zeros_following(equations.runs, sigma)
         for piece in assembly.pieces():
-            progress(piece.run, len(drives))
+            progress(Step(Stage.NOISE_CORRECTION, piece.run, len(drives)))
             moments.add(piece, effects, keep, sigma, followers[piece.run])
             if piece.number is not None:
                 piece.drive.forget_noisy()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.layout import Layout
@@ -52,13 +52,16 @@ class ColumnNoise:
     @classmethod
     def of(
         cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
-        progress: Progress | None = None,
+        progress: Progress = silent,
     ) -> ColumnNoise:  # fmt: skip
-        """Draw it, weighted by the rows' `sigma`; `progress` is told how many draws are done."""
+        """Draw it, weighted by the rows' `sigma`; `progress` receives how many draws are done."""
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
         chosen, share = _chosen(fitted)
         done, total = itertools.count(1), pairs * sum(len(pieces) for pieces in chosen.values())
-        drawn = (lambda: None) if progress is None else (lambda: progress(next(done), total))
+
+        def drawn() -> None:
+            progress(Step(Stage.REGRESSOR_NOISE, next(done), total))
+
         for run, pieces in chosen.items():
             for row, products in _of_run(fitted, sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share

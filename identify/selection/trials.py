@@ -81,7 +81,7 @@ class TrialSpace:
             tell("the noise in what they follow")
             noise = ColumnNoise.of(
                 self.fitted, self.sums, self.floor.sigma,
-                progress=lambda done, total: tell(f"the noise in what they follow: {done} of {total} draws"),
+                progress=lambda step: tell(f"the noise in what they follow: {step.done} of {step.total} draws"),
             )  # fmt: skip
         self.noise = noise
         noisy = noise.products(self.sums, columns.louder, self.floor.sigma)

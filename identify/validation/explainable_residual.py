@@ -19,7 +19,7 @@ import numpy as np
 
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress, unheard
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -102,20 +102,20 @@ class Left:
 
 def left_to_explain(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None,
-    progress: Progress = unheard,
+    progress: Progress = silent,
 ) -> dict[str, Left]:  # fmt: skip
     """What is left to explain, row by row, on the runs a model was fitted to.
 
     `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
     (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left
-    out: nothing can be said of them. `progress` is told how many rows are done.
+    out: nothing can be said of them. `progress` receives how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
     found: dict[str, tuple[Array, Array, Array, float, int]] = {}
     for done, row in enumerate(fitted.rows):
-        progress(done, len(fitted.rows))
+        progress(Step(Stage.EXPLAINABLE_RESIDUAL, done, len(fitted.rows)))
         names = clear.names(row)
         having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
         blocks = block_numbers(fitted.drives, row)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
@@ -52,7 +52,7 @@ class NoiseFloor:
 
 def simulate_floor(
     drives: Sequence[Drive], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> NoiseFloor:  # fmt: skip
     """Draw the residual's noise `draws` times on every run."""
     out: list[dict[str, Array]] = []
@@ -64,18 +64,17 @@ def simulate_floor(
             for row, series in drive.decimated(sensitivity.noise(rng)).items():
                 parts[row].append(series)
             done += 1
-            if progress is not None:
-                progress(done, total)
+            progress(Step(Stage.NOISE_FLOOR, done, total))
         out.append({row: np.stack(series) for row, series in parts.items()})
     return NoiseFloor.of(out)
 
 
-def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:
+def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit's runs at other values `physics` (p,) of the parameters of its physics."""
     sensitivities = [Sensitivity.of(drive.recording, fitted.model.physics, physics) for drive in fitted.drives]
     return simulate_floor(fitted.drives, sensitivities, draws, seed, progress)
 
 
-def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress | None = None) -> NoiseFloor:
+def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit, on its own runs."""
     return simulate_floor(fitted.drives, fitted.sensitivities, draws, seed, progress)

@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress, unheard
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
@@ -157,12 +157,12 @@ class Follows:
 
 def followed_states(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None,
-    draws: Draws | None = None, progress: Progress = unheard,
+    draws: Draws | None = None, progress: Progress = silent,
 ) -> dict[str, list[Follows]]:  # fmt: skip
     """For each row, its states, those first that predict most of its residual.
 
     `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for
-    cross-validation are left out. `progress` is told how many rows are done.
+    cross-validation are left out. `progress` receives how many rows are done.
     """
     clear = clear or ClearStates(fitted.drives)
     draws = draws or refitted_draws(fitted, floor)
@@ -170,7 +170,7 @@ def followed_states(
     out: dict[str, list[Follows]] = {}
     wanted = rows or fitted.rows
     for done, row in enumerate(wanted):
-        progress(done, len(wanted))
+        progress(Step(Stage.STATES_FOLLOWED, done, len(wanted)))
         names = clear.names(row)
         having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
         blocks = block_numbers(fitted.drives, row) if having else np.zeros(0, np.intp)

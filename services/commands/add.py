@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     if key is None:
         raise UsageError("name an effect, or give --best")
     with Line() as line:
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         known = work.study.effects(work.loaded.reference)
         effect = find_effect(key, known)
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)

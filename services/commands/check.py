@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
         if "latency" in asked:
             filters = loaded.drives[0].recording.filters
             timings = estimate_latencies(
-                model, loaded.runs, loaded.vehicle, loaded.rig, filters, args.time_base, line.show
+                model, loaded.runs, loaded.vehicle, loaded.rig, filters, args.time_base, line.progress
             )
             fitted = timings.fit
             line.show("simulating the noise floor")

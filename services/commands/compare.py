@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
     version = study.version(args.version)
     pictures: list[Path] = []
     with Line() as line:
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         used = work.comparisons(version, held=False)
         held = work.comparisons(version, held=True)
         if not args.no_pictures:

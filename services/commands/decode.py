@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from rich.progress import Progress
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.services.render.progress import sentence
 from lacet.services.workspace.decode import decode_log
 
 HELP = "rebuild the decoded channels of a log or capture from its raw frames"
@@ -48,11 +50,13 @@ def run(args: argparse.Namespace) -> int:
     """Decode one log."""
     if args.output.exists() and (not args.force or args.output.samefile(args.raw)):
         raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
-    with _progress() as progress:
-        task = progress.add_task("read", total=1.0)
+    with _progress() as bar:
+        task = bar.add_task("read", total=1.0)
         found = decode_log(
             args.raw, args.output, args.rig, args.dbc,
-            lambda what, part: progress.update(task, completed=part, description=what),
+            lambda step: bar.update(
+                task, completed=step.done, total=step.total, description=sentence(replace(step, total=0))
+            ),
         )  # fmt: skip
     _report(found)
     write_result(args.json, "decode", found)

@@ -19,6 +19,7 @@ from lacet.services.commands import decode
 from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.progress import in_words
 from lacet.services.render.report import write_report
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.session import Work, diagnosis_result, overall
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     first = open_run(used[0])
     study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
     with Line() as line:
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         version = work.record({}, "base model")
         rows = version.result["rows"]
         where, ratio = tables.worst(rows["used"])
@@ -83,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         added = _search(work, line)
         print("4. How the error fell.\n" + tables.history(work.study.versions()), flush=True)
         report = out / "report.html"
-        write_report(work, report, line.tell)
+        write_report(work, report, in_words(line.tell))
     seconds = time.monotonic() - began
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
     print(
@@ -185,7 +186,7 @@ def _tell_worker(out: Path) -> None:
 def _search(work: Work, line: Line) -> list[dict[str, object]]:
     added: list[dict[str, object]] = []
     while len(added) < MOST_EFFECTS:
-        diagnosis = work.diagnose(lambda done, total: line.show(f"simulating the noise floor: {done} of {total}"))
+        diagnosis = work.diagnose()
         print()
         print_diagnosis(diagnosis_result(diagnosis), most=4, why=False)
         if diagnosis.best is None:

@@ -55,9 +55,9 @@ def run(args: argparse.Namespace) -> int:
     steps: list[dict[str, Any]] = []
     result: dict[str, Any] = {}
     with Line() as line:
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         while True:
-            diagnosis = work.diagnose(lambda done, total: line.show(f"simulating the noise floor: {done} of {total}"))
+            diagnosis = work.diagnose()
             steps.append(diagnosis_result(diagnosis))
             print_diagnosis(steps[-1], args.most, args.why)
             if not args.auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
             after = work.add(diagnosis.best.key, diagnosis.best.shape)
             added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
             print_fall(added[-1])
-        following = next_of(args, work, diagnosis, line.show)
+        following = next_of(args, work, diagnosis, line.progress)
     result = {**steps[-1], **following}
     if args.auto:
         print(tables.history(work.study.versions()))

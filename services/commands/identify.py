@@ -73,7 +73,7 @@ def run(args: argparse.Namespace) -> int:
         if args.instruments:
             line.show("fitting again with instruments")
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
-        mended = mend(fitted, line.show) if args.consistent else None
+        mended = mend(fitted, line.progress) if args.consistent else None
         fitted = mended[0] if mended else fitted
         line.show("simulating the noise floor")
         parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]

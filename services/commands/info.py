@@ -67,8 +67,8 @@ def run(args: argparse.Namespace) -> int:
         result["rows"] = _rows(args.reference or "contact")
     if args.model:
         with Line() as line:
-            asked = find_model(args.file, args.reference, args.rig, args.vehicle, line.show)
-            result |= model_info(asked, line.show)
+            asked = find_model(args.file, args.reference, args.rig, args.vehicle, line.progress)
+            result |= model_info(asked, line.progress)
         status = WITH_LOSSES if result["model"]["warnings"] else DONE
     elif len(args.file) > 1:
         raise UsageError("one file at a time (several runs go with --model)")

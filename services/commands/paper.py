@@ -68,8 +68,8 @@ def run(args: argparse.Namespace) -> int:
             places = Places.of(args.out, campaign)
             if args.refit:
                 places.fit.unlink(missing_ok=True)
-            drive_all(campaign, places, args.seed, line.show)
-            fitted = identify(campaign, places, line.show)
+            drive_all(campaign, places, args.seed, line.progress)
+            fitted = identify(campaign, places, line.progress)
             truth = json.loads(places.truth.read_text(encoding="utf-8"))["runs"][0]
             ours = campaign.name == "simulation"
             scored = [score(one, truth, fitted, ours) for one in LINES if one.table in campaign.tables]

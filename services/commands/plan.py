@@ -116,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
         wanted = chosen(quantities(values, start.vehicle), args.want)
         measured = start.fitted is not None
         fitted, rankings = next_runs(
-            values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.show
+            values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.progress
         )
     present = quantities(fitted, start.vehicle)
     result = plan_result(start, runs, rankings, present, assumed, [*start.warnings, *problems])
@@ -136,7 +136,7 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         if args.rig or args.vehicle or args.cutoff or args.add:
             raise UsageError("a study has its own rig, vehicle, cut-off and effects: leave those options away")
         study = Study.open(given[0])
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         version = study.version()
         fitted, loaded = work.fitted(version), work.loaded
         return _Start(
@@ -186,7 +186,7 @@ def _runs(
     rates = start.drives[0].recording.rates if start.drives else None
     channels = frozenset(name for drive in start.drives for name in drive.recording.rates) if start.drives else None
     runs, problems = simulated_runs(
-        plans, like, start.vehicle, start.rig, start.filters, limits, start.folder, line.show, rates, channels
+        plans, like, start.vehicle, start.rig, start.filters, limits, start.folder, line.progress, rates, channels
     )
     return runs, like.assumed, problems
 

@@ -9,6 +9,9 @@ from types import TracebackType
 from rich.console import Console
 from rich.status import Status
 
+from lacet.identify.progress import Step
+from lacet.services.render.progress import sentence
+
 PERIOD = 5.0
 """Seconds between lines where the output is not a terminal."""
 
@@ -29,6 +32,10 @@ class Line:
         elif time.monotonic() - self._shown >= self._period:
             self._shown = time.monotonic()
             print(text, file=sys.stderr, flush=True)
+
+    def progress(self, step: Step) -> None:
+        """Replace the line by what a computation is at."""
+        self.show(sentence(step))
 
     def tell(self, text: str) -> None:
         """A sentence that stays."""

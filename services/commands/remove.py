@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     before = study.version()
     with Line() as line:
-        work = Work(study, line.show)
+        work = Work(study, line.progress)
         after = work.remove(args.effect)
     item = fall(args.effect, before.result["rows"], after.result["rows"])
     print_fall(item, "Removed")

@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"  present version: {study.current}")
     if args.report:
         with Line() as line:
-            write_report(Work(study, line.show), args.report, line.show)
+            write_report(Work(study, line.progress), args.report, line.progress)
         print(f"report: {args.report}")
     write_result(args.json, "study", {**study_result(study), "warnings": list(warnings)})
     return WITH_LOSSES if warnings else DONE
@@ -103,7 +103,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     )
     try:
         with Line() as line:
-            work = Work(study, line.show)
+            work = Work(study, line.progress)
             work.record({}, "base model")
     except LacetError:
         if not there:  # half a study would stand in the way of the next attempt

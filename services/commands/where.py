@@ -43,7 +43,7 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line() as line:
-        found = find_where(Work(study, line.show), version, line.show, args.row, args.only_run)
+        found = find_where(Work(study, line.progress), version, line.progress, args.row, args.only_run)
         if args.report:
             line.show("drawing")
             write_where(found, args.report, study.folder.name)

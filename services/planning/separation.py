@@ -24,12 +24,13 @@ from lacet.identify.design.run_ranking import DURATIONS
 from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, simulated_runs
-from lacet.services.workspace.session import Tell, Work, silent
+from lacet.services.workspace.session import Work
 from lacet.simulate.engine import engine_library
 
 FAULT = 4.0
@@ -90,7 +91,7 @@ class Recommendation:
 
 def recommend(
     work: Work, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
-    without: Sequence[str] = (), tell: Tell = silent,
+    without: Sequence[str] = (), progress: Progress = silent,
 ) -> Recommendation | None:  # fmt: skip
     """What every manoeuvre of the library would tell.
 
@@ -115,17 +116,17 @@ def recommend(
     why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
     faults = [e for e in known.values() if isinstance(e, SensorFault) and e.tolerance not in _UNTOUCHED]
     question = Question(fitted, compared, [(fault, _tolerance(fitted, fault)) for fault in faults])
-    tell("what the present runs tell")
+    progress(Step(Stage.PRESENT_INFORMATION))
     present = present_runs(question, work.floor(work.study.version()), diagnosis.louder)
     before = Separations(question, present)
     sized = _sized(before, found)
     question = Question(fitted, sized, question.tolerances)
     before = Separations(question, present)
     chosen = limits or Limits()
-    planned, problems = _library(work, fitted, chosen, without, tell)
+    planned, problems = _library(work, fitted, chosen, without, progress)
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
-        tell(f"what it would tell, {number} of {len(planned)}: {one.label}")
+        progress(Step(Stage.RUN_INFORMATION, number, len(planned), one.label))
         lacking = [reason for c in compared if (reason := one.drive.can(c.effect))]
         if lacking:
             problems.append(f"left out: {one.label}: {lacking[0]}")
@@ -204,7 +205,7 @@ def _tolerance(fitted: Fit, fault: SensorFault) -> float:
 
 
 def _library(
-    work: Work, fitted: Fit, limits: Limits, without: Sequence[str], tell: Tell
+    work: Work, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
 ) -> tuple[list[PlannedRun], list[str]]:
     """The motions of the library, simulated with what is known of the car, and why some could not be made."""
     loaded = work.loaded
@@ -212,7 +213,7 @@ def _library(
     plans = library(like.car, limits, kinds((), without), SECONDS)
     channels = frozenset(name for drive in loaded.drives for name in drive.recording.rates)
     return simulated_runs(
-        plans, like, loaded.vehicle, loaded.rig, work.study.filters, limits, work.study.folder / "planned", tell,
+        plans, like, loaded.vehicle, loaded.rig, work.study.filters, limits, work.study.folder / "planned", progress,
         loaded.drives[0].recording.rates, channels,
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from lacet.identify.design.run_information import (
     run_information,
 )
 from lacet.identify.design.run_ranking import Ranking, rank
+from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
@@ -60,7 +61,7 @@ class PlannedRun:
 
 def simulated_runs(
     plans: Sequence[Plan], like: PlannedCar, vehicle: Vehicle, rig: Rig, filters: Filters, limits: Limits,
-    folder: Path | None, tell: Callable[[str], None], rates: Mapping[str, float] | None = None,
+    folder: Path | None, progress: Progress, rates: Mapping[str, float] | None = None,
     channels: frozenset[str] | None = None,
 ) -> tuple[list[PlannedRun], list[str]]:  # fmt: skip
     """Motions of a library as the rig's sensors would see them, and why some could not be made.
@@ -74,7 +75,7 @@ def simulated_runs(
     out: list[PlannedRun] = []
     problems: list[str] = []
     for number, plan in enumerate(plans, 1):
-        tell(f"simulating {number} of {len(plans)}: {plan.label}")
+        progress(Step(Stage.SIMULATING_RUN, number, len(plans), plan.label))
         try:
             run, lateral, factor = _motion(plan, like, rig, limits, folder)
             if channels is not None:
@@ -147,7 +148,7 @@ def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
 
 def next_runs(
     values: Fit, measured: bool, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float, names: Sequence[str],
-    goal: float, count: int, tell: Callable[[str], None],
+    goal: float, count: int, progress: Progress,
 ) -> tuple[Fit, list[Ranking]]:  # fmt: skip
     """Rank, take the first, rank again with what it will have told, `count` times.
 
@@ -158,13 +159,13 @@ def next_runs(
     excess = residual_excess(values) if measured else {}
     told: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
-        tell(f"what it would tell, {number} of {len(runs)}: {run.label}")
+        progress(Step(Stage.RUN_INFORMATION, number, len(runs), run.label))
         told.append(run_information(run.drive, values, excess))
         run.drive.forget_motion()
     present = values if measured else predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):
-        tell("ranking")
+        progress(Step(Stage.RANKING_RUNS))
         found = rank(values, now, told, vehicle, longest, names, goal)
         out.append(found)
         if found.runs[0].worth <= 0.0:

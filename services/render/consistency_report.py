@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from lacet.daq.formats.result import plain
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit, consistency, consistent_fit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.wls import Fit
 
 
-def mend(fitted: Fit, tell: Callable[[str], None] = lambda _: None) -> tuple[Fit, dict[str, Any], str]:
+def mend(fitted: Fit, progress: Progress = silent) -> tuple[Fit, dict[str, Any], str]:
     """The nearest consistent fit, what there is to say about it as data (``docs/json.md``) and as text.
 
     Raises UsageError without the extra ``consistency``, SolverError when the solver fails.
     """
-    tell("testing whether these bodies can exist")
+    progress(Step(Stage.BODY_CONSISTENCY))
     found = consistency(fitted)
-    tell("looking for the nearest bodies that can")
+    progress(Step(Stage.CONSISTENT_FIT))
     mended = consistent_fit(fitted)
     return mended.fit, consistency_result(found, mended), consistency_text(found, mended)
 

@@ -7,33 +7,34 @@ import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.validation.score import Comparison
 from lacet.services.render import plots, tables, validation_plots
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.html import details, page, picture, pre, section
 from lacet.services.workspace.failure import find_where
-from lacet.services.workspace.session import Tell, Work, overall, silent
+from lacet.services.workspace.session import Work, overall
 from lacet.services.workspace.study import Study, Version
 
 
-def write_report(work: Work, file: Path, tell: Tell = silent) -> None:
+def write_report(work: Work, file: Path, progress: Progress = silent) -> None:
     """Write the report of a study: how the error fell, where the model failed, what was missing, the parameters."""
     study = work.study
     versions = study.versions()
     now, first = study.version(), versions[0]
-    tell("comparing for the report")
+    progress(Step(Stage.COMPARING_FOR_REPORT))
     after = {kind: work.comparisons(now, held=kind == "held") for kind in ("used", "held")}
     before = after if first.number == now.number else {
         kind: work.comparisons(first, held=kind == "held") for kind in ("used", "held")
     }  # fmt: skip
-    tell("drawing the report")
+    progress(Step(Stage.DRAWING_REPORT))
     parts = [
         _head(study, versions, now),
         section("The error falls", picture(plots.fall_figure(versions)), pre(tables.history(versions))),
-        _failing(work, first, now, before, after, tell),
+        _failing(work, first, now, before, after, progress),
         _findings(study, versions),
-        _against_measurement(after, tell),
+        _against_measurement(after, progress),
         _derived(work, now),
         _parameters(now),
         _rows(now),
@@ -62,19 +63,19 @@ def _head(study: Study, versions: Sequence[Version], now: Version) -> str:
 
 def _failing(
     work: Work, first: Version, now: Version, before: Mapping[str, list[Comparison]],
-    after: Mapping[str, list[Comparison]], tell: Tell,
+    after: Mapping[str, list[Comparison]], progress: Progress,
 ) -> str:  # fmt: skip
     """Where the first model failed, its worst row before and after, and what is left to explain now."""
-    found = find_where(work, first, tell)
-    tell("drawing where the first model fails")
+    found = find_where(work, first, progress)
+    progress(Step(Stage.DRAWING_FIRST_FAILURE))
     out = [f"<h3>The base model</h3>{''.join(where_pieces(found))}"]
     if now.number != first.number:
         row = found.worst[0]
         having = [c for c in before["used"] if row in c.scores]
         old = max(having, key=lambda c: c.scores[row].ratio)
         new = next(c for c in after["used"] if c.name == old.name)
-        later = find_where(work, now, tell)
-        tell("drawing where the present model fails")
+        later = find_where(work, now, progress)
+        progress(Step(Stage.DRAWING_PRESENT_FAILURE))
         out += [
             f"<h3>Now, with {html.escape(', '.join(now.effects))}</h3>",
             f"<p>{html.escape(row)} of run {html.escape(old.name)} before and after:</p>",
@@ -101,12 +102,12 @@ def _findings(study: Study, versions: Sequence[Version]) -> str:
     return section("What is missing", *(found_parts or ["<p>Not diagnosed yet: lacet diagnose.</p>"]))
 
 
-def _against_measurement(after: Mapping[str, list[Comparison]], tell: Tell) -> str:
+def _against_measurement(after: Mapping[str, list[Comparison]], progress: Progress) -> str:
     """Every run, measured and modelled."""
     pieces: list[str] = []
     for title, kind in (("Run used", "used"), ("Run held out", "held")):
         for part in after[kind]:
-            tell(f"drawing {part.name}")
+            progress(Step(Stage.DRAWING_RUN, subject=part.name))
             pieces.append(details(f"{title}: {part.name}", *_validation(part)))
     pieces += [f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in part.not_judged]
     return section("Model against measurement", *pieces)

@@ -8,10 +8,11 @@ from typing import Any
 
 from lacet.daq.formats.result import plain
 from lacet.identify.design.discrimination import NEEDED, SHOWS, Compared, wrong_pick
+from lacet.identify.progress import Progress
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.services.planning.separation import Recommendation, percent, recommend, short, tied
 from lacet.services.render import tables
-from lacet.services.workspace.session import Tell, Work
+from lacet.services.workspace.session import Work
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,12 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def next_of(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, tell: Tell) -> dict[str, Any]:
+def next_of(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
     """What ``--next`` adds to the result, ready to print; nothing where it was not asked for."""
     if args.next is None:
         return {}
     without = [word.strip() for word in args.without.split(",") if word.strip()]
-    found = recommend(work, diagnosis, args.next, without=without, tell=tell)
+    found = recommend(work, diagnosis, args.next, without=without, progress=progress)
     return {"next": next_result(found) if found else None}
 
 

@@ -12,7 +12,6 @@ import io
 import json
 import math
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import compare
@@ -34,7 +34,6 @@ from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_ru
 from lacet.simulate import run as drive
 from lacet.simulate.vehicle_file import vehicle_text
 
-Tell = Callable[[str], None]
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
 FRICTION_SPEED = 0.005
@@ -127,7 +126,7 @@ class Places:
         return self.folder / f"{name}{'.mcap' if campaign.wires else '.parquet'}"
 
 
-def drive_all(campaign: Campaign, places: Places, seed: int, tell: Tell) -> None:
+def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress) -> None:
     """Drive what is not driven yet: the runs, the files to identify with, and apart from them the truth."""
     runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
     if places.truth.is_file() and all(file.is_file() for file in (*runs, places.rig, places.vehicle)):
@@ -141,14 +140,14 @@ def drive_all(campaign: Campaign, places: Places, seed: int, tell: Tell) -> None
     for index, ((name, settings), file) in enumerate(zip(campaign.manoeuvres, runs, strict=True)):
         run_seed = seed + RUN_STEP * index
 
-        def progress(fraction: float, name: str = name) -> None:
-            tell(f"{campaign.name}: driving {name}, {100 * fraction:.0f} %")
+        def driven(fraction: float, name: str = name) -> None:
+            progress(Step(Stage.DRIVING, round(100 * fraction), 100, name, campaign=campaign.name))
 
-        motion = drive(car, make_manoeuvre(name, **settings), campaign.hidden, run_seed, progress=progress)
+        motion = drive(car, make_manoeuvre(name, **settings), campaign.hidden, run_seed, progress=driven)
         truths.append(motion.truth())
         if file.is_file():
             continue
-        tell(f"{campaign.name}: measuring {name}")
+        progress(Step(Stage.MEASURING, subject=name, campaign=campaign.name))
         part = file.with_name(f"part-{file.name}")
         part.unlink(missing_ok=True)
         if campaign.wires:
@@ -172,21 +171,21 @@ def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, see
     raw.unlink()
 
 
-def identify(campaign: Campaign, places: Places, tell: Tell) -> dict[str, Any]:
+def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str, Any]:
     """The fit of the campaign's model to its runs (as ``lacet identify --json``), kept for the next time."""
     if places.fit.is_file():
         return json.loads(places.fit.read_text(encoding="utf-8"))
-    tell(f"{campaign.name}: reading the runs")
+    progress(Step(Stage.READING_RUNS, campaign=campaign.name))
     loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
-    fitted = _fitted(campaign, loaded, tell)
-    tell(f"{campaign.name}: simulating the noise floor")
+    fitted = _fitted(campaign, loaded, progress)
+    progress(Step(Stage.NOISE_FLOOR, campaign=campaign.name))
     result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
     return result
 
 
-def _fitted(campaign: Campaign, loaded: Loaded, tell: Tell) -> Fit:
+def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
     known = catalogue(loaded.vehicle, loaded.reference)
     base = base_model(loaded.vehicle, loaded.reference)
     extra = [find_effect(key, known) for key in campaign.effects]
@@ -195,11 +194,11 @@ def _fitted(campaign: Campaign, loaded: Loaded, tell: Tell) -> Fit:
         (name, values), *_ = shapes.items()
         tried: dict[float, float] = {}
         for value in values:
-            tell(f"{campaign.name}: fitting with {name} = {value:g}")
+            progress(Step(Stage.FITTING, values={name: value}, campaign=campaign.name))
             model = Model.of([*base, *_shaped(extra, name, value)])
             tried[value] = _misfit(fit(model, loaded.drives, unbias=False))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
-    tell(f"{campaign.name}: fitting")
+    progress(Step(Stage.FITTING, campaign=campaign.name))
     return fit(Model.of([*base, *extra]), loaded.drives)
 
 

@@ -19,6 +19,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.effects.base import Effect
+from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares, shares_of
@@ -26,7 +27,7 @@ from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import Where, find_where, says, where_result
-from lacet.services.workspace.session import Tell, Work, scores
+from lacet.services.workspace.session import Work, scores
 from lacet.services.workspace.study import Study, Version
 
 WAIT = 2.0
@@ -108,16 +109,16 @@ class Desk:
         finally:
             self._compute.release()
 
-    def work(self, study: Study, tell: Tell) -> Work:
+    def work(self, study: Study, progress: Progress) -> Work:
         """The study with its runs read; read anew when a run, the rig or the vehicle has changed on disk."""
         key = (study.used, study.held, study.filters, study.draws, stamp_of(study))
         work = self._works.pop(key, None)
         if work is None:
-            work = Work(study, tell)
+            work = Work(study, progress)
         # Another writer may have been there: what was computed is by version, and versions never change.
         if work.study.current != study.current or work.study.before != study.before:
             work.study = study
-        work.tell = tell
+        work.progress = progress
         self._works[key] = work
         while len(self._works) > WORKS:
             self._works.popitem(last=False)
@@ -127,40 +128,40 @@ class Desk:
         """Let go of a study at work that may be half done."""
         self._works = OrderedDict((key, one) for key, one in self._works.items() if one is not work)
 
-    def compare(self, number: int | None, tell: Tell) -> Compared:
+    def compare(self, number: int | None, progress: Progress) -> Compared:
         """A version against its runs: computed, and kept."""
         study, version = self.version(number)
         kept = self._compared.get(version.number)
         stamp = stamp_of(study)
         if kept is None or kept.stamp != stamp:
-            work = self.work(study, tell)
-            tell(f"comparing version {version.number}")
+            work = self.work(study, progress)
+            progress(Step(Stage.COMPARING, version=version.number))
             fitted = work.fitted(version)
             pairs = pairs_of(work, version)
-            tell("what each effect brings")
+            progress(Step(Stage.CONTRIBUTIONS))
             shares = tuple(shares_of(fitted, drive, part) for part, drive in pairs)
-            tell("the phases of driving")
+            progress(Step(Stage.MANOEUVRE_PHASES))
             phases = tuple(phases_of(drive.motion) for _, drive in pairs)
             parts = tuple(part for part, _ in pairs)
             kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, work))
         _keep(self._compared, version.number, kept)
         return kept
 
-    def where(self, number: int | None, tell: Tell) -> Where:
+    def where(self, number: int | None, progress: Progress) -> Where:
         """Where a version fails: computed, and kept."""
         study, version = self.version(number)
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp:
-            found = find_where(self.work(study, tell), version, tell)
+            found = find_where(self.work(study, progress), version, progress)
             kept = stamp, found, plain({**where_result(found), "says": says(found)})
         _keep(self._where, version.number, kept)
         return kept[1]
 
-    def preview(self, number: int, effect: Effect, tell: Tell) -> tuple[Work, Preview]:
+    def preview(self, number: int, effect: Effect, progress: Progress) -> tuple[Work, Preview]:
         """A version with one more effect; to be asked for while `computing`."""
         study, version = self.version(number)
-        work = self.work(study, tell)
+        work = self.work(study, progress)
         key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
         if key not in self._previews:
             self._previews[key] = preview(work.fitted(version), effect)

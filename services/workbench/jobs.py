@@ -15,6 +15,8 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
+from lacet.identify.progress import Step
+from lacet.services.render.progress import sentence
 from lacet.services.workbench.events import Events
 
 PERIOD = 0.1
@@ -72,10 +74,9 @@ class Teller:
         self.job.done, self.job.total = (int(found[1]), int(found[2])) if found else (None, None)
         self._say(found is None)
 
-    def progress(self, done: int, total: int) -> None:
-        """How far. Raises Cancelled."""
-        self.job.done, self.job.total = done, total
-        self._say(False)
+    def progress(self, step: Step) -> None:
+        """A step of a computation. Raises Cancelled."""
+        self.tell(sentence(step))
 
     def check(self) -> None:
         """Raises Cancelled when the job was cancelled."""

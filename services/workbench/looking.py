@@ -8,12 +8,12 @@ from typing import Any
 from lacet.daq.errors import nearest
 from lacet.daq.formats.result import plain
 from lacet.identify.effects.catalogue import find_effect
+from lacet.identify.progress import silent
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
 from lacet.services.workbench.binary import packed
 from lacet.services.workbench.desk import WAIT, Desk
 from lacet.services.workbench.refusals import Needs, NotThere
-from lacet.services.workspace.session import silent
 
 
 def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:

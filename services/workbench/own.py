@@ -10,11 +10,11 @@ from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
+from lacet.identify.progress import silent
 from lacet.services.workbench.desk import WAIT, Desk
 from lacet.services.workbench.refusals import Busy
 from lacet.services.workspace.effect_list import effect_records
 from lacet.services.workspace.effect_trial import outcome, try_effect
-from lacet.services.workspace.session import silent
 from lacet.services.workspace.study import Study
 from lacet.services.workspace.user_effects import line_result, may_have, own_lines, put, with_name
 

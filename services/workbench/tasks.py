@@ -67,7 +67,7 @@ class Tasks:
             return self._make(used, held, teller)
         study = self.desk.study
         version = study.version()
-        work = self.desk.work(study.with_runs(used, held), teller.tell)
+        work = self.desk.work(study.with_runs(used, held), teller.progress)
         after = work.record(version.effects, f"runs chosen anew: {_named(used)}; held out {_named(held) or 'none'}")
         return self._shown(work, after.number, teller)
 
@@ -80,7 +80,7 @@ class Tasks:
         (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version
         study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
         try:
-            work = self.desk.work(study, teller.tell)
+            work = self.desk.work(study, teller.progress)
             version = work.record({}, "base model")
         except BaseException:  # half a study would stand in the way of the next attempt
             (folder / "study.json").unlink(missing_ok=True)
@@ -100,18 +100,18 @@ class Tasks:
         if out.exists() and not args.get("again"):
             raise UsageError(f"{out.name} is there already")
         out.parent.mkdir(exist_ok=True)
-        return decode_log(raw, out, tell=lambda what, part: teller.tell(f"{what}, {int(100 * part)} of 100 %"))
+        return decode_log(raw, out, progress=teller.progress)
 
     # -- looking ------------------------------------------------------------------------------------------------------
 
     def compare(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
         """A version against its runs."""
-        return self.desk.compare(_number(args), teller.tell).payload
+        return self.desk.compare(_number(args), teller.progress).payload
 
     def where(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
         """Where a version fails."""
-        found = self.desk.where(_number(args), teller.tell)
-        self.desk.compare(found.version.number, teller.tell)
+        found = self.desk.where(_number(args), teller.progress)
+        self.desk.compare(found.version.number, teller.progress)
         return self.desk.found_where(found.version.number)[1]
 
     def diagnose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
@@ -119,12 +119,12 @@ class Tasks:
         study = self.desk.study
         if study.draws < LEAST_DRAWS:
             raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
-        work = self.desk.work(study, teller.tell)
+        work = self.desk.work(study, teller.progress)
         auto = bool(args.get("auto"))
         steps: list[dict[str, Any]] = []
         added: list[dict[str, Any]] = []
         while True:
-            diagnosis = work.diagnose(_floor(teller))
+            diagnosis = work.diagnose()
             self.desk.keep_diagnosis(work.study.current, work.study, diagnosis)
             steps.append(diagnosis_result(diagnosis))
             if not auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
@@ -132,24 +132,26 @@ class Tasks:
             before = work.study.version()
             after = work.add(diagnosis.best.key, diagnosis.best.shape)
             added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-        self.desk.compare(work.study.current, teller.tell)
+        self.desk.compare(work.study.current, teller.progress)
         return {**steps[-1], "version": work.study.current, "auto": auto, "added": added, "steps": steps}
 
     def next(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
         """Which run to drive next."""
         study = self.desk.study
-        work = self.desk.work(study, teller.tell)
+        work = self.desk.work(study, teller.progress)
         diagnosis = self.desk.diagnosis(study.current)
         if diagnosis is None:
-            diagnosis = work.diagnose(_floor(teller))
+            diagnosis = work.diagnose()
             self.desk.keep_diagnosis(study.current, study, diagnosis)
-        found = recommend(work, diagnosis, _names(args, "effects"), without=_names(args, "without"), tell=teller.tell)
+        found = recommend(
+            work, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
+        )
         return {"next": next_result(found) if found else None}
 
     def report(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
         """Write the report into the study's folder."""
         file = self.desk.folder / REPORT
-        write_report(self.desk.work(self.desk.study, teller.tell), file, teller.tell)
+        write_report(self.desk.work(self.desk.study, teller.progress), file, teller.progress)
         return {"report": REPORT, "bytes": file.stat().st_size}
 
     # -- the model ----------------------------------------------------------------------------------------------------
@@ -171,7 +173,7 @@ class Tasks:
 
     def _changed(self, key: str, teller: Teller, change: Any) -> dict[str, Any]:
         study = self.desk.study
-        work = self.desk.work(study, teller.tell)
+        work = self.desk.work(study, teller.progress)
         before = study.version()
         after = change(work)
         item = fall(key, before.result["rows"], after.result["rows"])
@@ -195,7 +197,7 @@ class Tasks:
 
     def _shown(self, work: Work, number: int, teller: Teller) -> dict[str, Any]:
         """The new version's comparison is made at once: the page will ask for it, and the work is done."""
-        self.desk.compare(number, teller.tell)
+        self.desk.compare(number, teller.progress)
         return {"version": number, "warnings": list(work.loaded.warnings)}
 
 
@@ -205,13 +207,6 @@ def _dropped(find: Callable[[Run, Path | None], Found], run: Run, file: Path) ->
         return find(run, file if file.is_file() else None)
     except UsageError as error:  # the page has no options to give
         raise UsageError(str(error).replace(f"give --{file.stem} FILE", f"drop its {file.name} here")) from None
-
-
-def _floor(teller: Teller) -> Any:
-    def progress(done: int, total: int) -> None:
-        teller.tell(f"simulating the noise floor: {done} of {total}")
-
-    return progress
 
 
 def _names(args: Mapping[str, Any], key: str) -> Sequence[str]:

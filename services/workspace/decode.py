@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,18 +11,12 @@ from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record, decode_frames, write_decoded
-
-Tell = Callable[[str, float], None]
-"""Told what is done now, and which part of the whole is."""
-
-
-def _silent(_: str, __: float) -> None:
-    """Tell nobody."""
 
 
 def decode_log(
-    raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, tell: Tell = _silent
+    raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, progress: Progress = silent
 ) -> dict[str, Any]:
     """Decode the raw frames of a log into another; whole or not at all.
 
@@ -31,6 +24,7 @@ def decode_log(
     ----------
     raw, output : the log read, and the one written; an existing file is replaced.
     rig, documents : files to use instead of those recorded.
+    progress : receives how many hundredths are done.
 
     Returns the result of ``lacet decode`` (``docs/json.md``). Raises LacetError where nothing can be decoded.
     """
@@ -40,15 +34,15 @@ def decode_log(
     decoder = open_decoder(reader, rig, documents or [])
     part = output.with_name(output.name + ".part")
     try:
-        tell("reading", 0.0)
+        progress(Step(Stage.READING_LOG, 0, 100))
         frames = [reader.frames(source) for source in reader.sources()]
-        tell("decoding", 0.2)
+        progress(Step(Stage.DECODING_LOG, 20, 100))
         blocks = decode_frames(decoder, frames)
-        tell("writing", 0.4)
+        progress(Step(Stage.WRITING_LOG, 40, 100))
         axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
         with LogWriter(part, _start(reader, decoder), axes=axes, overwrite=True) as writer:
             for fraction in write_decoded(writer, frames, blocks):
-                tell("writing", 0.4 + 0.6 * fraction)
+                progress(Step(Stage.WRITING_LOG, int(100 * (0.4 + 0.6 * fraction)), 100))
             last_ns = max((int(batch.t_ns.max()) for batch in frames if len(batch)), default=0)
             writer.close(closing_record(reader, decoder, last_ns))
         os.replace(part, output)

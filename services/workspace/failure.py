@@ -9,7 +9,7 @@ from typing import Any
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
-from lacet.identify.progress import Progress
+from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.explainable_residual import Left, left_to_explain
@@ -20,7 +20,7 @@ from lacet.identify.validation.score import FAILS, Comparison
 from lacet.identify.validation.spectra import RowSpectrum, row_spectrum
 from lacet.identify.validation.states import ClearStates
 from lacet.services.render import tables
-from lacet.services.workspace.session import Tell, Work
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Version
 
 SHOWN_STATES = 6
@@ -59,12 +59,12 @@ class Where:
         return against_states(self.fitted.drives, self.fitted.residual, row, names, None if every else self.clear)
 
 
-def find_where(work: Work, version: Version, tell: Tell | None = None, row: str = "", run: str = "") -> Where:
+def find_where(work: Work, version: Version, progress: Progress | None = None, row: str = "", run: str = "") -> Where:
     """Look where a version fails, in all rows and runs or in those asked for.
 
     Raises UsageError for a row or run that there is not.
     """
-    tell = tell or work.tell
+    progress = progress or work.progress
     fitted = work.fitted(version)
     if row and row not in fitted.rows:
         raise UsageError(f"no row {row} in these runs{nearest(row, fitted.rows)}: {', '.join(fitted.rows)}")
@@ -81,16 +81,16 @@ def find_where(work: Work, version: Version, tell: Tell | None = None, row: str 
     worst = tuple(name for name in order if ratios[name] > FAILS) or tuple(order[:1])
     if row:
         worst = (row,)
-    floor = work.floor(version, _counted(tell, "simulating the noise floor"))
-    tell("what the residual follows")
+    floor = work.floor(version, progress)
+    progress(Step(Stage.STATES_FOLLOWED))
     clear = ClearStates(fitted.drives)
     draws = refitted_draws(fitted, floor)
-    tell("the residual in frequency")
+    progress(Step(Stage.RESIDUAL_SPECTRA))
     found = {name: row_spectrum(fitted, floor, name, clear) for name in worst}
-    follows = followed_states(fitted, floor, worst, clear, draws, _counted(tell, "what the residual follows"))
-    tell("what is left to explain")
-    left = left_to_explain(fitted, floor, clear, draws=draws, progress=_counted(tell, "what is left to explain"))
-    tell("restoring-force surfaces")
+    follows = followed_states(fitted, floor, worst, clear, draws, progress)
+    progress(Step(Stage.EXPLAINABLE_RESIDUAL))
+    left = left_to_explain(fitted, floor, clear, draws=draws, progress=progress)
+    progress(Step(Stage.RESTORING_FORCES))
     return Where(
         version=version, fitted=fitted, parts=parts, phases=phases, ratios=ratios, worst=worst,
         in_phase=by_phase(parts, phases), left=left, follows=follows,
@@ -102,10 +102,6 @@ def find_where(work: Work, version: Version, tell: Tell | None = None, row: str 
 def _pairs(work: Work, version: Version) -> list[tuple[Comparison, Drive]]:
     used = zip(work.comparisons(version, held=False), work.loaded.drives, strict=True)
     return [*used, *zip(work.comparisons(version, held=True), work.held, strict=True)]
-
-
-def _counted(tell: Tell, what: str) -> Progress:
-    return lambda done, total: tell(f"{what}: {done} of {total}")
 
 
 def _ratios(parts: Sequence[Comparison], rows: Sequence[str]) -> dict[str, float]:

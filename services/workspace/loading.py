@@ -11,7 +11,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.progress import Progress, unheard
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.plausibility import exchanged_wheels
@@ -74,9 +74,9 @@ def load(
     rig: str | Path | None = None,
     vehicle: str | Path | None = None,
     filters: Filters | None = None,
-    progress: Progress = unheard,
+    progress: Progress = silent,
 ) -> Loaded:
-    """Open runs and bring each together; `progress` is told how many are.
+    """Open runs and bring each together; `progress` receives how many are.
 
     A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are told apart
     by their folders. Raises the error of the first when none can, UsageError when a run is given twice or runs differ
@@ -94,7 +94,7 @@ def load(
     car: Vehicle | None = None
     sensors: Rig | None = None
     for done, path in enumerate(paths):
-        progress(done, len(paths))
+        progress(Step(Stage.READING_RUN, done, len(paths)))
         try:
             run = _named_apart(open_run(path), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
+from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.properties.structural_identifiability import Structure, TreeJoint, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
@@ -43,14 +44,14 @@ class Asked:
 
 
 def find_model(
-    files: Sequence[Path], reference: str | None, rig: str | None, vehicle: str | None, tell: Callable[[str], None]
+    files: Sequence[Path], reference: str | None, rig: str | None, vehicle: str | None, progress: Progress
 ) -> Asked:
     """From the words of the command line: a vehicle, a study or a run first, then runs."""
     first = files[0] if files else Path(vehicle or "peugeot-406")
     if first.is_dir():
         if len(files) > 1 or rig or vehicle or reference:
             raise UsageError(f"{first} is a study: its runs, rig and vehicle are its own; name nothing beside it")
-        return _of_study(Study.open(first), tell)
+        return _of_study(Study.open(first), progress)
     runs = list(files) if first.suffix in RUNS else list(files[1:])
     car: str | Path | None = vehicle
     if first.suffix not in RUNS:
@@ -62,7 +63,7 @@ def find_model(
         found = Vehicle.load(car or first)
         seen = reference or (sensors.wheel_reference if sensors else "contact")
         return Asked(found, seen, Model.of(base_model(found, seen)), None, sensors)
-    tell(f"reading {len(runs)} runs")
+    progress(Step(Stage.READING_RUNS, total=len(runs)))
     loaded = load(runs, rig, car, default_filters(None))
     if reference and reference != loaded.reference:
         raise UsageError(f"--reference {reference}: the runs have {loaded.reference} wheel loads")
@@ -70,9 +71,9 @@ def find_model(
     return Asked(loaded.vehicle, loaded.reference, model, loaded, loaded.rig)
 
 
-def _of_study(study: Study, tell: Callable[[str], None]) -> Asked:
+def _of_study(study: Study, progress: Progress) -> Asked:
     folder = study.folder
-    tell(f"reading {len(study.used)} runs used")
+    progress(Step(Stage.READING_RUNS, total=len(study.used), subject="used"))
     loaded = load(study.paths(), folder / "rig.toml", folder / "vehicle.toml", study.filters)
     versions = [v for v in study.versions() if v.number == study.current]
     if not versions:
@@ -80,13 +81,13 @@ def _of_study(study: Study, tell: Callable[[str], None]) -> Asked:
     return Asked(loaded.vehicle, loaded.reference, study.model(versions[0], loaded.reference), loaded, loaded.rig)
 
 
-def model_info(asked: Asked, tell: Callable[[str], None]) -> dict[str, Any]:
+def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     """Print the tree and the parameters; the same as plain data (``docs/json.md``, ``info``)."""
-    tell("looking at the structure of the equations")
+    progress(Step(Stage.STRUCTURE))
     found = structure(asked.vehicle, asked.reference, asked.model.physics, asked.brakes, asked.rig)
     by_name: dict[str, Estimate] = {}
     if asked.loaded is not None:
-        tell("fitting")
+        progress(Step(Stage.FITTING))
         by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.drives))}
     tree = car_tree(asked.vehicle)
     _print_tree(asked, tree)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import plain
 from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.model import Model
@@ -21,7 +22,7 @@ from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Candidate, Diagnosis, diagnose
 from lacet.identify.signals.filters import Filters
-from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
@@ -29,15 +30,10 @@ from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noi
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.study import Study, Version
 
-Tell = Callable[[str], None]
 LEAST_DRAWS = 19
 """Noise-floor simulations a diagnosis needs: with fewer, no p can be as low as 0.05."""
 FLOOR_DRAWS = 20
 """Noise-floor simulations behind the floor of a score: its RMS is then known to about 1 %."""
-
-
-def silent(_: str) -> None:
-    """Tell nobody."""
 
 
 def fit_run(path: str | Path) -> dict[str, Any]:
@@ -139,9 +135,9 @@ def overall(rows: Mapping[str, Mapping[str, Any]]) -> float:
 class Work:
     """A study at work: its runs are loaded once, and fits are made when asked for."""
 
-    def __init__(self, study: Study, tell: Tell = silent):
-        self.study, self.tell = study, tell
-        tell(f"reading {len(study.used)} runs used")
+    def __init__(self, study: Study, progress: Progress = silent):
+        self.study, self.progress = study, progress
+        progress(Step(Stage.READING_RUNS, total=len(study.used), subject="used"))
         self.loaded = self._read(study.paths(), "used")
         self._held: tuple[Drive, ...] | None = None
         self._fits: dict[int, Fit] = {}
@@ -153,7 +149,7 @@ class Work:
         folder = self.study.folder
         return load(
             paths, folder / "rig.toml", folder / "vehicle.toml", self.study.filters,
-            lambda done, total: self.tell(f"reading runs {kind}: {done} of {total}"),
+            lambda step: self.progress(replace(step, subject=kind)),
         )  # fmt: skip
 
     @property
@@ -162,7 +158,7 @@ class Work:
         if self._held is None:
             self._held = ()
             if self.study.held:
-                self.tell(f"reading {len(self.study.held)} runs held out")
+                self.progress(Step(Stage.READING_RUNS, total=len(self.study.held), subject="held out"))
                 loaded = self._read(self.study.paths(held=True), "held out")
                 if loaded.reference != self.loaded.reference:
                     raise UsageError(
@@ -176,12 +172,10 @@ class Work:
     def fitted(self, version: Version) -> Fit:
         """The fit of a version."""
         if version.number not in self._fits:
-            names = ", ".join(version.effects) or "the base model alone"
-            self.tell(f"fitting version {version.number or 'new'}: {names}")
+            self.progress(Step(Stage.FITTING, names=tuple(version.effects), version=version.number))
             model = self.study.model(version, self.loaded.reference)
-            told = f"fitting version {version.number or 'new'}"
             self._fits[version.number] = fit(
-                model, self.loaded.drives, progress=lambda done, total: self.tell(f"{told}: {done} of {total} runs")
+                model, self.loaded.drives, progress=lambda step: self.progress(replace(step, version=version.number))
             )
         return self._fits[version.number]
 
@@ -196,7 +190,7 @@ class Work:
         number = max((v.number for v in self.study.versions()), default=0) + 1
         version = Version(number, effects, note)
         fitted = self.fitted(version)
-        self.tell("scoring it on the runs used and held out")
+        self.progress(Step(Stage.SCORING))
         used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
         result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
         try:
@@ -221,7 +215,7 @@ class Work:
             drives = self.held if held else self.loaded.drives
             parts: list[Comparison] = []
             for drive in drives:
-                self.tell(f"comparing version {version.number or 'new'} with {drive.name}")
+                self.progress(Step(Stage.COMPARING, subject=drive.name, version=version.number))
                 parts.append(compare(fitted, drive, FLOOR_DRAWS, knowledge=knowledge))
             self._compared[key] = parts
         return self._compared[key]
@@ -232,7 +226,7 @@ class Work:
             key = floor_key(self.study, version)
             found = load_floor(self.study, key)
             if found is None:
-                made = floor_of(self.fitted(version), self.study.draws, progress=progress)
+                made = floor_of(self.fitted(version), self.study.draws, progress=progress or self.progress)
                 found = save_floor(self.study, key, made)
             self._floors[version.number] = found
         return self._floors[version.number]
@@ -245,12 +239,15 @@ class Work:
         key = floor_key(self.study, version)
         kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
-        self.tell(f"trying {len(candidates)} effects")
-        diagnosis = diagnose(fitted, floor, candidates, noise=kept, tell=self.tell)
+        self.progress(Step(Stage.CANDIDATES, total=len(candidates)))
+        diagnosis = diagnose(fitted, floor, candidates, noise=kept, tell=self._in_selection)
         if diagnosis.noise is not kept:
             save_noise(self.study, key, diagnosis.noise)
         self.study.record_diagnosis(diagnosis_result(diagnosis))
         return diagnosis
+
+    def _in_selection(self, text: str) -> None:
+        self.progress(Step(Stage.SELECTION, subject=text))
 
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
         """Add an effect to the current version, with the shape constants the last diagnosis found unless given."""

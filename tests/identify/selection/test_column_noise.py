@@ -110,9 +110,9 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     four = fit(MODEL, runs, unbias=False)
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
     looked = list[int]()
-    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
     monkeypatch.setattr("lacet.identify.selection.column_noise._SECONDS", 1.9 * SECONDS)
-    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda _, total: looked.append(total))
+    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
     assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
     places = [trial.place for trial in own.layout.trials]
     for row, total in whole.totals.items():

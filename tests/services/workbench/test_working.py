@@ -13,6 +13,7 @@ from fastapi.testclient import TestClient
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
+from lacet.identify.progress import Stage, Step
 from lacet.services.commands.__main__ import main
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
@@ -129,7 +130,7 @@ def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypat
     def slow(self: Work, *args: Any) -> Any:
         reached.set()
         assert go_on.wait(20.0)
-        self.tell("on the way")
+        self.progress(Step(Stage.SCORING))
         return record(self, *args)
 
     monkeypatch.setattr(Work, "record", slow)
