@@ -7,7 +7,17 @@ from collections.abc import Iterable
 
 
 class LacetError(Exception):
-    """Base of every error a user can cause and mend."""
+    """Base of every error a user can cause and mend.
+
+    Examples
+    --------
+    >>> try:
+    ...     lacet.open_run("no-such-run.mcap")
+    ... except lacet.LacetError as error:
+    ...     print(error)
+    no-such-run.mcap:
+      - no such file
+    """
 
 
 class FileFault(LacetError):
@@ -42,11 +52,30 @@ class RunError(FileFault):
 
 
 class UsageError(LacetError):
-    """An argument or a combination of arguments that cannot be carried out."""
+    """An argument or a combination of arguments that cannot be carried out.
+
+    Examples
+    --------
+    >>> try:
+    ...     lacet.add(fitted, "anti_roll_bar.frnt")
+    ... except lacet.UsageError as error:
+    ...     print(error)
+    there is no effect 'anti_roll_bar.frnt'; did you mean 'anti_roll_bar.front'? (lacet info --effects lists them)
+    """
 
 
 class NotIdentifiable(LacetError):
-    """Nothing at all can be identified from the data given; the message says why."""
+    """Nothing at all can be identified from the data given; the message says why.
+
+    Examples
+    --------
+    >>> nothing = lacet.Model.of([])
+    >>> try:
+    ...     lacet.fit(nothing, runs)
+    ... except lacet.NotIdentifiable as error:
+    ...     print(error)
+    no parameter of the model acts on the rows measured in these runs
+    """
 
 
 class SolverError(LacetError):

@@ -128,6 +128,12 @@ class Rig:
 
     `wheel_reference` is ``contact`` (road on tyre, reduced to the wheel centre) or ``hub`` (wheel on hub, rim and tyre
     outboard). `text` is the file's full text, as stored in every log; `folder` is where it lies.
+
+    Examples
+    --------
+    >>> rig = lacet.Rig.load("peugeot-406")  # a file, or the name of one shipped
+    >>> rig.tolerance("laser.fl.hub", "zero") > 0.0
+    True
     """
 
     name: str

@@ -45,6 +45,14 @@ class Run:
     brakes : ``off``, ``used`` or ``unknown``: which rows of driven and braked wheels hold.
     vehicle_text, rig_text : full text of the files, where the log holds them.
     problems : what was wrong with the file, one plain line each.
+
+    Examples
+    --------
+    >>> run = lacet.open_run("tests/data/car/sine.parquet")
+    >>> run.signals["laser.fl.hub"].values.shape[1]
+    1
+    >>> run.missing
+    ()
     """
 
     name: str

@@ -72,7 +72,13 @@ class Corner:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A car. `apriori` holds values known before identification, by parameter name, for comparison only."""
+    """A car. `apriori` holds values known before identification, by parameter name, for comparison only.
+
+    Examples
+    --------
+    >>> sorted(lacet.Vehicle.load("peugeot-406").corners)
+    ['fl', 'fr', 'rl', 'rr']
+    """
 
     name: str
     corners: Mapping[str, Corner]

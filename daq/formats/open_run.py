@@ -15,6 +15,12 @@ def open_run(path: str | Path) -> Run:
 
     Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes and
     reported in `Run.problems`.
+
+    Examples
+    --------
+    >>> run = lacet.open_run("tests/data/car/sine.parquet")
+    >>> run.name, "wheel.fl.force" in run.signals
+    ('sine', True)
     """
     file = Path(path)
     if not file.is_file():

@@ -37,6 +37,12 @@ class CornerMotion:
     centre_accel : specific force at the wheel centre [m/s²].
     axle : motion of the axle's body (the wheel carrier) in carrier axes.
     wheel : motion of the wheel in its joint frame, z along the spin axis.
+
+    Examples
+    --------
+    >>> corner = runs.prepared[0].motion.corners["fl"]
+    >>> corner.travel.shape == corner.rate.shape
+    True
     """
 
     travel: Array
@@ -85,6 +91,12 @@ class Motion:
     channels : channels the run has.
     notes : what a reader of the result must know, one line each.
     ahead : how far the ground laser farthest from above its wheel's centre stands ahead of it [m].
+
+    Examples
+    --------
+    >>> motion = runs.prepared[0].motion
+    >>> sorted(motion.corners)
+    ['fl', 'fr', 'rl', 'rr']
     """
 
     name: str

@@ -28,6 +28,12 @@ class Parameter:
     `name` is ``effect.parameter`` (rigid bodies: as in the paper, ``XX6``); `unit` is SI; `low` and `high` bound what
     is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``. `twin` names the same part on the other
     side of the car, whose value differs by no more than `twin_sigma` (1 σ): stated on one of the two.
+
+    Examples
+    --------
+    >>> stiffness = lacet.Parameter("bar.front.k", "N/m", 0.0, 1e5, "positive")
+    >>> stiffness.largest
+    100000.0
     """
 
     name: str
@@ -60,6 +66,14 @@ class Effect(ABC):
     ----------
     where : ``front``, ``rear``, a corner, a sensor or nothing, as the effect's variants say.
     shape : constants that are not linear (a gap, a speed), by name; searched over `grids`.
+
+    Examples
+    --------
+    >>> bar = lacet.catalogue(runs)["anti_roll_bar.front"]
+    >>> [parameter.unit for parameter in bar.parameters]
+    ['N/m']
+    >>> sorted(bar.columns(runs.prepared[0].motion))
+    ['suspension.fl', 'suspension.fr']
     """
 
     where: str = ""
@@ -142,6 +156,24 @@ class SuspensionForce(Effect):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
     A subclass gives `law` and one parameter; front and rear axle and each single corner are its variants.
+
+    Examples
+    --------
+    >>> class CubicSpring(lacet.SuspensionForce):
+    ...     name = "my_cubic_spring"
+    ...     about = "spring that stiffens with the cube of its travel"
+    ...     signature = "suspension row follows the cube of the travel"
+    ...     shown_by = "large travel"
+    ...     source = "own measurement"
+    ...
+    ...     @property
+    ...     def parameters(self):
+    ...         return (self.named("k3", "N/m³", -1e8, 1e8),)
+    ...
+    ...     def law(self, travel, rate):
+    ...         return travel**3
+    >>> lacet.add(fitted, CubicSpring("front")).model
+    Model(29 effects of the base model + my_cubic_spring.front)
     """
 
     rows = ("suspension",)
@@ -162,7 +194,22 @@ class SuspensionForce(Effect):
 
 
 class TyreForce(Effect):
-    """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter."""
+    """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter.
+
+    Examples
+    --------
+    >>> class Progressive(lacet.TyreForce):
+    ...     name = "my_progressive_tyre"
+    ...
+    ...     @property
+    ...     def parameters(self):
+    ...         return (self.named("k2", "N/m²", -1e7, 1e7),)
+    ...
+    ...     def law(self, corner):
+    ...         return corner.deflection**2
+    >>> sorted(Progressive("rear").columns(runs.prepared[0].motion))
+    ['tyre.rl', 'tyre.rr']
+    """
 
     rows = ("tyre",)
 
@@ -204,6 +251,12 @@ class AlreadyMeasured(Effect):
 class SensorFault(Effect):
     """A fault of the instruments, of one parameter. It competes with the physics: its column is the change of Y − W θ̂
     per unit. It acts on whatever rows its channels enter, so that `rows` is empty.
+
+    Examples
+    --------
+    >>> scale = lacet.catalogue(runs)["sensor_gain.hub.fl"]
+    >>> scale.channels(), scale.tolerance
+    (('laser.fl.hub',), 'gain')
     """
 
     def columns(self, motion: Motion) -> dict[str, Array]:

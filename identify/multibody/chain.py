@@ -29,7 +29,13 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class Joint:
-    """One row of the table: angles [rad], lengths [m]; `theta` and `r` are the constant parts."""
+    """One row of the table: angles [rad], lengths [m]; `theta` and `r` are the constant parts.
+
+    Examples
+    --------
+    >>> lacet.Joint(j=1, ant=0, sigma=0, r=0.5)
+    Joint(j=1, ant=0, sigma=0, gamma=0.0, b=0.0, alpha=0.0, d=0.0, theta=0.0, r=0.5)
+    """
 
     j: int
     ant: int
@@ -68,6 +74,12 @@ class Chain:
     notes : what a reader must know of how the chain was made, one line each.
 
     Raises ValueError when the table is no tree.
+
+    Examples
+    --------
+    >>> pendulum = lacet.Chain.from_table([{"j": 1, "ant": 0, "sigma": 0, "alpha": "pi/2"}])
+    >>> pendulum.inverse_dynamics([[0.0]], [[0.0]], [[0.0]], {"MX1": 2.0}).round(2).tolist()
+    [[19.62]]
     """
 
     def __init__(

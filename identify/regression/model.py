@@ -14,9 +14,18 @@ from lacet.identify.effects.base import Effect, Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Model:
-    """The sum of `effects`, in this order."""
+    """The sum of `effects`, in this order.
+
+    Examples
+    --------
+    >>> model = lacet.base_model(runs) + lacet.catalogue(runs)["anti_roll_bar.front"]
+    >>> model
+    Model(29 effects of the base model + anti_roll_bar.front)
+    >>> model.without("anti_roll_bar.front") == lacet.base_model(runs)
+    True
+    """
 
     effects: tuple[Effect, ...]
 
@@ -49,6 +58,11 @@ class Model:
     def names(self) -> tuple[str, ...]:
         """Parameter names."""
         return tuple(p.name for p in self.parameters)
+
+    def __repr__(self) -> str:
+        added = [effect.key for effect in self.effects if not effect.base]
+        base = f"{len(self.effects) - len(added)} effects of the base model"
+        return f"Model({base}{''.join(f' + {key}' for key in added[:20])}{' + …' if len(added) > 20 else ''})"
 
     def __contains__(self, key: str) -> bool:
         return any(effect.key == key for effect in self.effects)

@@ -46,6 +46,10 @@ class Drive:
         """Bring a run together. Raises RunError when it is too short."""
         return cls(bring_together(run, vehicle, rig, filters or Filters()))
 
+    def __repr__(self) -> str:
+        recording = self.recording
+        return f"{type(self).__name__}({self.name!r}, {recording.t[-1] - recording.t[0]:.1f} s, {len(self.rows)} rows)"
+
     @property
     def name(self) -> str:
         """The run's name."""

@@ -47,7 +47,7 @@ class Stored:
     moments: NoiseMoments
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit:
     """A fitted model.
 
@@ -127,6 +127,10 @@ class Fit:
     def rows(self) -> tuple[str, ...]:
         """Rows that any run has, in the order of reports."""
         return tuple(row for row in ROWS if row in self.sigma)
+
+    def __repr__(self) -> str:
+        runs = ", ".join(drive.name for drive in self.drives)
+        return f"Fit({self.model!r} to {runs}: {self.base.rank} base parameters of {len(self.model.names)} parameters)"
 
     def value(self, name: str) -> float:
         """A parameter by name."""

@@ -31,6 +31,12 @@ class Candidate:
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that cannot be told apart from it on these runs, with their correlation.
     block_gain : (B,) weighted squares it takes away, block by block.
+
+    Examples
+    --------
+    >>> best = ranking.best
+    >>> best.key, best.rows
+    ('anti_roll_bar.front', ('suspension.fl', 'suspension.fr'))
     """
 
     key: str

@@ -78,6 +78,12 @@ class Recording:
     usable : (N,) by channel: outside flagged holes and what the filters smear of them.
     rates : each channel's own sample rate [Hz].
     start : time of the run's first sample [s]; that of `t` too, but in a piece of a long run.
+
+    Examples
+    --------
+    >>> recording = runs.prepared[0].recording
+    >>> recording.signals.value["imu.accel"].shape[0]
+    3
     """
 
     run: str

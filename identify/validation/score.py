@@ -53,7 +53,7 @@ class RowScore:
     why: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """A model against one run: measured and modelled rows after filter and decimation, with scores.
 
@@ -78,6 +78,10 @@ class Comparison:
             if not score.judged:
                 alike.setdefault(score.why, []).append(row)
         return [f"{', '.join(rows)} of run {self.name} cannot be judged: {why}" for why, rows in alike.items()]
+
+    def __repr__(self) -> str:
+        ratios = ", ".join(f"{row} {score.ratio:.2f}" for row, score in self.scores.items())
+        return f"Comparison(run {self.name}, error ÷ floor: {ratios})"
 
     def residual(self, row: str) -> Array:
         """(n,) measured minus modelled."""

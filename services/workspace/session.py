@@ -133,7 +133,14 @@ def overall(rows: Mapping[str, Mapping[str, Any]]) -> float:
 
 
 class Work:
-    """A study at work: its runs are loaded once, and fits are made when asked for."""
+    """A study at work: its runs are loaded once, and fits are made when asked for.
+
+    Examples
+    --------
+    >>> study = lacet.Study.create(Path("work"), [Path("tests/data/car/sine.parquet")], [], runs.rig, runs.vehicle)
+    >>> lacet.Work(study).record({}, "base model").number
+    1
+    """
 
     def __init__(self, study: Study, progress: Progress = silent):
         self.study, self.progress = study, progress

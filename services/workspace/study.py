@@ -44,6 +44,11 @@ class Version:
     they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``);
     `parent` is the version it was made from, 0 for the first; `runs` the paths of those it was fitted to and of those
     held out, None in files from before a study's runs could be chosen anew (`Study.runs_of` knows).
+
+    Examples
+    --------
+    >>> lacet.Version(1, {"anti_roll_bar.front": {}}, "added anti_roll_bar.front").parent
+    0
     """
 
     number: int
@@ -61,6 +66,12 @@ class Study:
     `used` and `held` are paths of runs, `filters` the signal chain's settings, `draws` the number of noise-floor
     simulations, `current` the number of the version that commands work on. `before` are the runs of versions that do
     not say theirs, once others were chosen.
+
+    Examples
+    --------
+    >>> study = lacet.Study.create(Path("study"), [Path("tests/data/car/sine.parquet")], [], runs.rig, runs.vehicle)
+    >>> lacet.Study.open("study").versions()
+    []
     """
 
     folder: Path

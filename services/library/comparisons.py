@@ -1,0 +1,107 @@
+"""Models held against runs, row by row."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lacet.identify.validation import score
+from lacet.services.library.display import html_table, shortened
+from lacet.services.library.fits import Fit
+from lacet.services.library.runs import Runs
+from lacet.services.render.tables import table
+
+DRAWS = 20
+"""Simulations behind the noise floor of a score: its root mean square is then known to about 1 %."""
+
+
+@dataclass(frozen=True, repr=False)
+class Comparison:
+    """A fitted model against runs: for each run and row, its error beside what the sensors' noise alone would leave.
+
+    Made by `lacet.compare`; a mapping-like collection by run: ``comparison["rough"].scores["suspension.fl"].ratio``.
+
+    Attributes
+    ----------
+    runs : name of a run → measured and modelled rows, with their scores.
+
+    Examples
+    --------
+    >>> comparison = lacet.compare(fitted)
+    >>> comparison.ratios["sine"]["chassis.fx"] < 1.2
+    True
+    >>> comparison.failing["sine"]
+    ('suspension.fl', 'suspension.fr', 'suspension.rl', 'suspension.rr')
+    """
+
+    runs: Mapping[str, score.Comparison] = field(repr=False)
+
+    @property
+    def ratios(self) -> dict[str, dict[str, float]]:
+        """Run → row → root mean square of the error ÷ that of the noise floor."""
+        return {name: {row: one.ratio for row, one in part.scores.items()} for name, part in self.runs.items()}
+
+    @property
+    def overall(self) -> float:
+        """Root mean square of these ratios over all rows and runs: 1 at the noise floor."""
+        every = [ratio for rows in self.ratios.values() for ratio in rows.values()]
+        return float(np.sqrt(np.mean(np.square(every))))
+
+    @property
+    def failing(self) -> dict[str, tuple[str, ...]]:
+        """Run → rows in which the model fails."""
+        return {
+            name: tuple(row for row, ratio in rows.items() if ratio > score.FAILS) for name, rows in self.ratios.items()
+        }
+
+    def __getitem__(self, run: str) -> score.Comparison:
+        return self.runs[run]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.runs)
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def _rows(self) -> list[list[str]]:
+        rows = dict.fromkeys(row for ratios in self.ratios.values() for row in ratios)
+        return [
+            [row, *(f"{ratios[row]:.2f}" if row in ratios else "" for ratios in self.ratios.values())] for row in rows
+        ]
+
+    def _head(self) -> str:
+        return f"Error ÷ noise floor, {self.overall:.2f} over all rows and runs (a row fails above {score.FAILS:g})"
+
+    def __repr__(self) -> str:
+        return shortened(f"{self._head()}\n{table(['row', *self.runs], self._rows())}")
+
+    def _repr_html_(self) -> str:
+        return html_table(self._head(), ["row", *self.runs], self._rows())
+
+
+def compare(
+    fitted: Fit, runs: Runs | None = None, *, draws: int = DRAWS, progress: Callable[[str], object] | None = None
+) -> Comparison:
+    """Predict runs with a fitted model and score every row beside its noise floor.
+
+    Parameters
+    ----------
+    fitted : the model.
+    runs : runs held out; by default those it was fitted to. Their sensor offsets are estimated with the sensor sheet's
+        tolerances, as they belong to the run and not to the car.
+    draws : simulations behind the noise floor.
+    progress : called with a sentence now and then, e.g. ``print``.
+
+    Examples
+    --------
+    >>> lacet.compare(fitted).overall > 1.2
+    True
+    """
+    found: dict[str, score.Comparison] = {}
+    for run in runs or fitted.runs:
+        if progress:
+            progress(f"comparing with {run.name}")
+        found[run.name] = score.compare(fitted.details, run, draws, knowledge=fitted.knowledge if runs else None)
+    return Comparison(found)

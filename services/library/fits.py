@@ -1,0 +1,223 @@
+"""Models fitted to runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+from lacet.daq.errors import nearest
+from lacet.identify.effects import catalogue as effects
+from lacet.identify.effects.base import Effect
+from lacet.identify.regression import wls
+from lacet.identify.regression.model import Model
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.identify.validation.parameter_estimates import Estimate, estimates
+from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.services.library.display import html_table, shortened
+from lacet.services.library.runs import Runs
+from lacet.services.render import tables
+from lacet.services.workspace.session import fit_result
+
+
+@dataclass(frozen=True, repr=False)
+class Fit:
+    """A model fitted to runs by weighted least squares.
+
+    Made by `lacet.fit` and `lacet.add`.
+
+    Attributes
+    ----------
+    model : the sum of effects that was fitted.
+    runs : the runs it was fitted to.
+    details : everything else: covariance matrices, residuals, sensor offsets, the equations.
+
+    Examples
+    --------
+    >>> 40e3 < fitted.value("spring.fl.k") < 55e3
+    True
+    >>> print(fitted.summary().splitlines()[0])
+    reference-car, 2 runs, hub wheel loads
+    """
+
+    model: Model
+    runs: Runs
+    details: wls.Fit = field(repr=False)
+
+    @cached_property
+    def parameters(self) -> tuple[Estimate, ...]:
+        """Every parameter of the model: value, unit, half of its 95 % interval, whether the runs identify it."""
+        return tuple(estimates(self.details))
+
+    def value(self, name: str) -> float:
+        """A parameter by name [SI]. Raises KeyError with the nearest match."""
+        return self._named(name).value
+
+    def interval(self, name: str) -> tuple[float, float]:
+        """Its 95 % interval [SI], with what the sensor sheet's tolerances may add. Raises KeyError as `value` does."""
+        one = self._named(name)
+        return one.value - one.half_sheet, one.value + one.half_sheet
+
+    def _named(self, name: str) -> Estimate:
+        for one in self.parameters:
+            if one.name == name:
+                return one
+        raise KeyError(f"there is no parameter '{name}'{nearest(name, [p.name for p in self.parameters])}")
+
+    @cached_property
+    def knowledge(self) -> Knowledge:
+        """What the runs leave open in predictions of other runs."""
+        return Knowledge.of(self.details)
+
+    @cached_property
+    def floors(self) -> dict[int, NoiseFloor]:
+        """Noise floors simulated so far, by number of draws."""
+        return {}
+
+    def noise_floor(self, draws: int) -> NoiseFloor:
+        """The residual that the sensors' noise alone would leave, simulated `draws` times and kept."""
+        if draws not in self.floors:
+            self.floors[draws] = floor_of(self.details, draws)
+        return self.floors[draws]
+
+    @cached_property
+    def _result(self) -> dict[str, Any]:
+        return fit_result(self.details, self.runs.loaded, (), knowledge=self.knowledge)
+
+    def summary(self) -> str:
+        """Parameters with their intervals, whole-vehicle and derived values, and what is not identifiable, as text."""
+        result = self._result
+        many = "s" if len(self.runs) > 1 else ""
+        lines = [f"{self.runs.vehicle.name}, {len(self.runs)} run{many}, {self.runs.reference} wheel loads", ""]
+        lines += [tables.parameters(result), "", tables.derived(result)]
+        if unknown := [one.name for one in self.parameters if not one.identifiable]:
+            lines += ["", f"Not identifiable with these runs: {', '.join(unknown)}"]
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        known = [one for one in self.parameters if one.identifiable]
+        added = [effect.key for effect in self.model.effects if not effect.base]
+        head = (
+            f"Fit of the base model{''.join(f' + {key}' for key in added)} to {', '.join(self.runs.names)}: "
+            f"{len(known)} of {len(self.parameters)} parameters identified"
+        )
+        lines = [
+            f"  {one.name} = {tables.number(one.value, one.half)} ± {tables.number(one.half, one.half)} {one.unit}"
+            for one in known
+        ]
+        return shortened("\n".join([head, *lines]))
+
+    def _repr_html_(self) -> str:
+        rows = [
+            [one.name, tables.number(one.value, one.half), f"{one.half:.2g}", f"{one.half_sheet:.2g}", one.unit]
+            for one in self.parameters
+            if one.identifiable
+        ]
+        head = ["parameter", "value", "± 95 %", "± with sheet", "unit"]
+        return html_table(f"Fit to {', '.join(self.runs.names)}", head, rows)
+
+
+def catalogue(runs: Runs) -> dict[str, Effect]:
+    """Every effect and sensor fault that can act on the car of these runs, by key (``family.place``).
+
+    Parameters
+    ----------
+    runs : runs of the car.
+
+    Examples
+    --------
+    >>> lacet.catalogue(runs)["anti_roll_bar.front"].about
+    'anti-roll bar: couples left and right travel of an axle'
+    """
+    return effects.catalogue(runs.vehicle, runs.reference, runs=runs.names)
+
+
+def base_model(runs: Runs) -> Model:
+    """The base model of the car of these runs: rigid bodies, springs, dampers, static loads, tyre stiffness.
+
+    Parameters
+    ----------
+    runs : runs of the car.
+
+    Returns
+    -------
+    Model
+        A sum of effects; ``model + effect`` is the model with one more.
+
+    Examples
+    --------
+    >>> "spring.fl" in lacet.base_model(runs)
+    True
+    """
+    return Model.of(effects.base_model(runs.vehicle, runs.reference))
+
+
+def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[str], object] | None = None) -> Fit:
+    """Fit a model to runs by weighted least squares, the bias of noise in the regressors removed.
+
+    Parameters
+    ----------
+    model : what to fit.
+    runs : the runs used.
+    robust : give seconds with unusually large residuals less weight (Huber).
+    progress : called with a sentence now and then, e.g. ``print``.
+
+    Returns
+    -------
+    Fit
+        Parameters with 95 % intervals that allow for residuals correlated in time and across rows.
+
+    Raises
+    ------
+    NotIdentifiable
+        No row of the equations is measured, or no parameter acts on one that is.
+
+    Examples
+    --------
+    >>> lacet.fit(lacet.base_model(runs), runs).runs.names
+    ('sine', 'liftoff')
+    """
+    say = progress or (lambda _: None)
+    details = wls.fit(
+        model, runs.prepared, robust=robust, progress=lambda done, total: say(f"fitting: {done} of {total} runs")
+    )
+    return Fit(model, runs, details)
+
+
+def add(
+    fitted: Fit, effect: str | Effect | Candidate | Iterable[str], *, progress: Callable[[str], object] | None = None
+) -> Fit:
+    """Fit a model with one effect more, or several, to the same runs.
+
+    Parameters
+    ----------
+    fitted : the fit to begin with.
+    effect : an effect of the catalogue by its key, several keys, an effect of your own, or a candidate of a ranking,
+        whose shape constants are taken.
+    progress : as for `fit`.
+
+    Raises
+    ------
+    UsageError
+        There is no such effect, or it is in the model already.
+
+    Examples
+    --------
+    >>> both = lacet.add(fitted, "anti_roll_bar.front")
+    >>> "anti_roll_bar.front" in both.model
+    True
+    """
+    model = fitted.model
+    for one in [effect] if isinstance(effect, (str, Effect, Candidate)) else effect:
+        model += _found(fitted.runs, one)
+    return fit(model, fitted.runs, robust=False, progress=progress)
+
+
+def _found(runs: Runs, effect: str | Effect | Candidate) -> Effect:
+    if isinstance(effect, Effect):
+        return effect
+    key = effect if isinstance(effect, str) else effect.key
+    found = effects.find_effect(key, catalogue(runs))
+    return found if isinstance(effect, str) else replace(found, shape={**found.shape, **effect.shape})

@@ -1,0 +1,100 @@
+"""Rankings of the effects that a fitted model may lack."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.services.library.display import html_table, shortened
+from lacet.services.library.fits import Fit, catalogue
+from lacet.services.render.tables import table
+
+DRAWS = 199
+"""Simulated runs that lack nothing, beside which each candidate is judged: the smallest p is then 0.005."""
+SHOWN = 8
+"""Candidates shown in a representation."""
+
+
+@dataclass(frozen=True, repr=False)
+class Ranking:
+    """Effects that a fitted model may lack, each tried on its residual, best first.
+
+    Made by `lacet.rank`.
+
+    Attributes
+    ----------
+    details : the diagnosis behind it.
+
+    Examples
+    --------
+    >>> ranking.best.key
+    'anti_roll_bar.front'
+    >>> print(ranking.verdict)
+    missing
+    """
+
+    details: Diagnosis = field(repr=False)
+
+    @property
+    def best(self) -> Candidate | None:
+        """The effect proposed, or None."""
+        return self.details.best
+
+    @property
+    def verdict(self) -> str:
+        """``missing``, ``nothing missing`` or ``unlisted cause``."""
+        return self.details.verdict
+
+    @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Every effect tried, best first; those that these runs cannot test last."""
+        return self.details.candidates
+
+    def explain(self) -> str:
+        """The verdict in sentences with numbers."""
+        return self.details.says
+
+    def _rows(self) -> list[list[str]]:
+        return [[c.key, c.answer, f"{100 * c.gain:.3g}", f"{c.p:.2g}"] for c in self.candidates[:SHOWN]]
+
+    def __repr__(self) -> str:
+        return shortened(f"{self.explain()}\n{table(['effect', 'answer', 'gain %', 'p'], self._rows(), left=2)}")
+
+    def _repr_html_(self) -> str:
+        return html_table(self.explain(), ["effect", "answer", "gain %", "p"], self._rows())
+
+
+def rank(
+    fitted: Fit,
+    effects: Iterable[Effect] | None = None,
+    *,
+    draws: int = DRAWS,
+    seed: int = 0,
+    progress: Callable[[str], object] | None = None,
+) -> Ranking:
+    """Rank the effects that a fitted model may lack.
+
+    Each is tried on top of the model: how much of the error it takes away in parts of the runs it was not fitted to,
+    and whether simulated runs that lack nothing look like that by chance (docs/ranking.md).
+
+    Parameters
+    ----------
+    fitted : the model, on its runs.
+    effects : those tried; by default the whole catalogue beyond the base model.
+    draws : simulated runs that lack nothing; at least 19, or no p is as low as 0.05.
+    seed : of the simulations.
+    progress : called with a sentence now and then, e.g. ``print``.
+
+    Examples
+    --------
+    >>> bars = [effect for key, effect in lacet.catalogue(runs).items() if key.startswith("anti_roll_bar")]
+    >>> lacet.rank(fitted, bars, draws=19).best.key
+    'anti_roll_bar.front'
+    """
+    tried = [effect for effect in catalogue(fitted.runs).values() if not effect.base] if effects is None else [*effects]
+    say = progress or (lambda _: None)
+    say(f"simulating the noise floor, {draws} times")
+    return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, tell=say))

@@ -1,0 +1,122 @@
+"""Runs loaded for identification, with the checks that the command line makes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.regression.prepared_run import Drive
+from lacet.services.library.display import html_of
+from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.session import default_filters
+
+
+class LoadingWarning(UserWarning):
+    """A doubt about a run that was loaded: a unit, a sign, exchanged wheels, a damaged interval.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> warnings.simplefilter("error", lacet.LoadingWarning)  # a doubt ends a script
+    """
+
+
+@dataclass(frozen=True, repr=False)
+class Runs:
+    """Prepared runs of one vehicle and rig: channels on one grid, motion, and rows of the equations.
+
+    Made by `lacet.load_runs`; a sequence of prepared runs, in the order of the files.
+
+    Attributes
+    ----------
+    vehicle : geometry and a-priori values of the car.
+    rig : sensors, their places and their sensor sheet.
+    warnings : what the checks of units, signs and wheels found, one line each.
+
+    Examples
+    --------
+    >>> [run.name for run in runs]
+    ['sine', 'liftoff']
+    >>> runs.reference
+    'hub'
+    """
+
+    vehicle: Vehicle
+    rig: Rig
+    warnings: tuple[str, ...]
+    loaded: Loaded = field(repr=False)
+
+    @property
+    def prepared(self) -> tuple[Drive, ...]:
+        """The prepared runs."""
+        return self.loaded.drives
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the runs."""
+        return tuple(run.name for run in self.prepared)
+
+    @property
+    def reference(self) -> str:
+        """Point that the wheel loads are given at: ``contact`` or ``hub``."""
+        return self.loaded.reference
+
+    def __iter__(self) -> Iterator[Drive]:
+        return iter(self.prepared)
+
+    def __len__(self) -> int:
+        return len(self.prepared)
+
+    def __repr__(self) -> str:
+        lines = [f"Runs of {self.vehicle.name}, rig {self.rig.name}, {self.reference} wheel loads:"]
+        lines += [f"  {run.name}: {run.recording.t[-1]:.1f} s, {len(run.rows)} rows" for run in self.prepared[:12]]
+        lines += [f"  and {len(self) - 12} more"] if len(self) > 12 else []
+        lines += [f"  warning: {line[:160]}" for line in self.warnings[:4]]
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return html_of(repr(self))
+
+
+def load_runs(
+    *paths: str | Path,
+    rig: str | Path | None = None,
+    vehicle: str | Path | None = None,
+    cutoff: float | None = None,
+) -> Runs:
+    """Load runs for identification, with the checks of units, signs and exchanged wheels that the commands make.
+
+    Parameters
+    ----------
+    paths : decoded logs (.mcap), exchange tables (.parquet, .csv) or MDF files (.mf4).
+    rig, vehicle : a file, or the name of one shipped; by default those recorded in the first run.
+    cutoff : cut-off of the fit's filter [Hz]; by default 6 Hz.
+
+    Returns
+    -------
+    Runs
+        The prepared runs. A run that cannot be used is left out, and `Runs.warnings` says why.
+
+    Raises
+    ------
+    LacetError
+        No run can be used, a file is wrong, or the runs do not belong together.
+
+    Warns
+    -----
+    LoadingWarning
+        For each doubt that the checks raise.
+
+    Examples
+    --------
+    >>> car = "tests/data/car"
+    >>> lacet.load_runs(f"{car}/sine.parquet", rig=f"{car}/rig.toml", vehicle=f"{car}/vehicle.toml").names
+    ('sine',)"""
+    loaded = load(paths, rig, vehicle, default_filters(cutoff))
+    for line in loaded.warnings:
+        warnings.warn(line, LoadingWarning, stacklevel=2)
+    return Runs(loaded.vehicle, loaded.rig, loaded.warnings, loaded)

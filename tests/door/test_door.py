@@ -1,0 +1,112 @@
+"""The door: what `import lacet` offers is small, lazy, documented, and every example runs."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import inspect
+import re
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+import lacet
+from tests.support.places import HOME
+
+MOST = 40
+"""Names of the door."""
+LONGEST = 2000
+"""Characters of any representation."""
+
+
+def test_the_door_is_small_and_its_stub_says_the_same() -> None:
+    assert len(lacet.__all__) <= MOST
+    stub = ast.parse((HOME / "lacet" / "__init__.pyi").read_text(encoding="utf-8"))
+    imported = {
+        alias.name: node.module for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert sorted(imported) == lacet.__all__
+    assert imported == lacet._MODULE_OF
+    (listed,) = (node for node in stub.body if isinstance(node, ast.Assign))
+    assert ast.literal_eval(listed.value) == lacet.__all__
+
+
+def test_nothing_is_loaded_until_it_is_used() -> None:
+    asked = "import sys, lacet; dir(lacet); print(sorted({'numpy', 'scipy', 'lacet.identify'} & set(sys.modules)))"
+    assert subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True).stdout.strip() == "[]"
+
+
+def test_a_name_that_is_not_there_is_refused() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
+        getattr(lacet, "fitt")  # noqa: B009
+
+
+def test_nothing_inside_imports_from_the_door() -> None:
+    wrong: list[str] = []
+    for file in (HOME / "lacet").glob("*/**/*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and node.module == "lacet":
+                wrong += [f"{file}: {alias.name}" for alias in node.names if alias.name in lacet.__all__]
+            elif isinstance(node, ast.Import):
+                wrong += [f"{file}: import lacet" for alias in node.names if alias.name == "lacet"]
+    assert wrong == []
+
+
+@pytest.mark.parametrize("name", lacet.__all__)
+def test_every_name_has_a_docstring_with_an_example_that_runs(
+    name: str, checkout: Path, runs: lacet.Runs, fitted: lacet.Fit, ranking: lacet.Ranking,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(checkout)
+    text = inspect.getdoc(getattr(lacet, name)) or ""
+    assert re.search(r"^Examples\n-+$", text, re.MULTILINE), f"lacet.{name} has no section of examples"
+    known = {"lacet": lacet, "Path": Path, "runs": runs, "fitted": fitted, "ranking": ranking}
+    test = doctest.DocTestParser().get_doctest(text, known, name, None, 0)
+    assert test.examples, f"lacet.{name} has no example"
+    told: list[str] = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(test, out=told.append)
+    assert told == []
+
+
+def test_representations_are_useful_and_short(runs: lacet.Runs, fitted: lacet.Fit, ranking: lacet.Ranking) -> None:
+    comparison = lacet.compare(fitted, draws=3)
+    for one in (runs, fitted, comparison, ranking, fitted.details, fitted.model, runs.prepared[0], comparison["sine"]):
+        assert 20 < len(repr(one)) < LONGEST, (type(one), len(repr(one)))
+        assert " object at 0x" not in repr(one), type(one)
+    assert "spring.fl.k = " in repr(fitted)
+    assert "sine" in repr(runs)
+    assert "suspension.fl" in repr(comparison)
+    assert "anti_roll_bar.front" in repr(ranking)
+    for one in (fitted, comparison, ranking):
+        html = one._repr_html_()
+        assert html.startswith("<table>")
+        assert html.count("<tr>") == html.count("</tr>") > 2
+
+
+def test_loading_makes_the_checks_of_the_command_line(checkout: Path, tmp_path: Path) -> None:
+    """Wheels exchanged at the wires are told, and their loads left out."""
+    from tests.services.commands.test_bad_input import exchanged
+    from tests.support.tables import piece, written
+
+    car = checkout / "tests" / "data" / "car"
+    file = written(exchanged(piece(), "fl", "fr"), tmp_path / "run.parquet")
+    with pytest.warns(lacet.LoadingWarning, match="exchanged"):
+        found = lacet.load_runs(file, rig=car / "rig.toml", vehicle=car / "vehicle.toml")
+    assert "exchanged" in repr(found)
+
+
+def test_the_readmes_ten_lines_run(checkout: Path, monkeypatch: pytest.MonkeyPatch, capsys) -> None:
+    """As they stand in the README, on shorter runs."""
+    (block,) = re.findall(r"^```python\n(.*?)^```$", (HOME / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert len([line for line in block.splitlines() if line.strip()]) <= 12
+    monkeypatch.chdir(checkout)
+    known: dict[str, object] = {}
+    exec(compile(block, "README.md", "exec"), known)  # what a reader would type
+    printed = capsys.readouterr().out
+    assert "spring.fl.k" in printed
+    assert "anti_roll_bar.front is missing" in printed
