@@ -13,7 +13,7 @@ from lacet.daq.channels import CHANNELS
 
 
 class Flag(IntFlag):
-    """Why a sample is not plain good. `GAP` alone leaves the value usable."""
+    """Flag bits of a sample: its faults. `GAP` alone leaves the value usable."""
 
     OK = 0
     CHECKSUM = 1  # checksum or CRC wrong: values are NaN

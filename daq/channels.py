@@ -1,4 +1,4 @@
-"""The one vocabulary of measurements: every channel's name, components, unit, axes, rate and design noise.
+"""The vocabulary of measured channels: name, components, unit, axes, rate and design noise.
 
 Drivers produce these, logs store them, models read them. SI units and radians everywhere.
 Source: the channel table in ``docs/channels.md``.

@@ -1,4 +1,4 @@
-"""The error family. A bad byte is data (a flagged sample), a bad file or argument is one of these."""
+"""Errors that a user can cause. A bad byte is data (a flagged sample), a bad file or argument is one of these."""
 
 from __future__ import annotations
 
@@ -83,6 +83,6 @@ class SolverError(LacetError):
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return ``'; did you mean 'x'?'`` for the known word nearest to `word`, or an empty string."""
+    """The hint ``'; did you mean 'x'?'`` with the known word nearest to `word`, or an empty string."""
     match = difflib.get_close_matches(word, list(known), n=1)
     return f"; did you mean '{match[0]}'?" if match else ""

@@ -1,4 +1,4 @@
-"""What a transport received: `Frame` for one, `Frames` for many, packed in arrays so that nothing loops over frames."""
+"""Received frames: `Frame` for one, `Frames` for many, packed in arrays so that nothing loops over frames."""
 
 from __future__ import annotations
 

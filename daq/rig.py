@@ -43,7 +43,7 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "brake.torque.zero": 10.0,
     "brake.torque.gain": 0.01,
     "latency": 0.002,
-    # Zeros that wander while an instrument warms up, per minute.
+    # Drift of the zeros while an instrument warms up, per minute.
     "wheel.force.drift": 2.0,
     "wheel.moment.drift": 0.5,
     "imu.accel.drift": 0.001,
@@ -75,7 +75,7 @@ BY_INSTRUMENT = ("misalignment", "position")
 
 @dataclass(frozen=True)
 class Bus:
-    """One wire. `kind` is can, serial or udp; the other fields say how to reach it on the logging machine."""
+    """One wire of the rig. `kind` is can, serial or udp; the other fields are its address on the logging machine."""
 
     name: str
     kind: str
@@ -87,7 +87,7 @@ class Bus:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One row of the rig.
+    """One sensor of the rig: where it is mounted, how it is read, and its noise and tolerances.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class Sensor:
     position : mount in body axes [m], by corner for corner sensors, under ``""`` otherwise.
     from_wheel_centre : mount relative to each design wheel centre, body axes [m], instead of `position`.
     orientation : roll, pitch, yaw of the sensor in body axes [rad].
-    options : what the driver is given.
+    options : options of the driver.
     """
 
     name: str
@@ -291,7 +291,7 @@ def _instrument(family: str) -> str:
 
 
 def _sheet_keys(families: set[str]) -> set[str]:
-    """What a sensor sheet may say of channels of these families."""
+    """Keys that a sensor sheet may have for channels of these families."""
     by_family = {f"{family}.{what}" for family in families for what in ("zero", "gain", "drift")}
     mounted = {f"{_instrument(f)}.misalignment" for f in families} & set(DEFAULT_TOLERANCE)
     placed = {f"{_instrument(f)}.position" for f in families} & set(DEFAULT_TOLERANCE)

@@ -78,7 +78,7 @@ class Run:
         return tuple(name for name in STANDARD if name not in self.signals)
 
     def with_values(self, values: Mapping[str, NDArray[np.float64]]) -> Run:
-        """The same run with other values in some channels (for simulated noise and sensor faults)."""
+        """The run with other values in some channels (for simulated noise and sensor faults)."""
         signals = dict(self.signals)
         for name, array in values.items():
             signals[name] = replace(signals[name], values=array)

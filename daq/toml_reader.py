@@ -14,7 +14,7 @@ from lacet.daq.units import TO_SI, canonical, to_si
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with its pedigree: `value` in the SI `unit`, and the `source` it comes from."""
+    """A number with its source: `value` in the SI `unit`, and the `source` it comes from."""
 
     value: float
     unit: str
@@ -22,7 +22,7 @@ class Quantity:
 
 
 class Reader:
-    """Collects the faults of one file while its tables are read.
+    """A reader of one TOML file that collects its faults while the tables are read.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Units a rig or vehicle file may use, converted once, at the edge, to SI and radians."""
+"""Units that a rig or vehicle file may use, with their factors to SI and radians, applied once, on reading."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _POWERS = (("2", "²"), ("3", "³"))
 
 
 def canonical(unit: str) -> str:
-    """Spell `unit` as this module does: ``kg*m^2``, ``kgm2`` and ``kg·m2`` become ``kg·m²``."""
+    """The spelling of `unit` used throughout: ``kg*m^2``, ``kgm2`` and ``kg·m2`` become ``kg·m²``."""
     text = unit.strip().replace(" ", "").translate(_SPELLINGS)
     for plain, raised in _POWERS:
         text = text.replace(plain, raised)
@@ -63,6 +63,6 @@ def canonical(unit: str) -> str:
 
 
 def to_si(value: float, unit: str) -> tuple[float, str]:
-    """Return (value in SI, SI unit). Raises KeyError for an unknown unit."""
+    """A value in SI, and its SI unit. Raises KeyError for an unknown unit."""
     si, factor = TO_SI[canonical(unit)]
     return value * factor, si

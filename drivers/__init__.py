@@ -28,7 +28,7 @@ def _found() -> dict[str, type]:
 
 
 def known_drivers() -> dict[str, type]:
-    """Every driver by name: the class derived from `Driver` in each file of this folder."""
+    """Driver classes by name: the class derived from `Driver` in each file of this folder."""
     return dict(_found())
 
 
@@ -39,7 +39,7 @@ def open_driver(
     folder: Path | None = None,
     documents: Mapping[str, str] | None = None,
 ) -> Driver:
-    """Make the driver of a rig row.
+    """The driver of a sensor of the rig.
 
     Parameters
     ----------

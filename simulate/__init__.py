@@ -1,4 +1,4 @@
-"""The independent vehicle the method is tried on: another engine and other laws than the identification's.
+"""Independent simulation of the instrumented car: another engine and other laws than the identification's.
 
     from lacet.simulate import Hidden, find_car, make_manoeuvre, measure, run
     motion = run(find_car("peugeot-406"), make_manoeuvre("sinus"), [Hidden("anti_roll_bar.front", 19780.0)], seed=1)

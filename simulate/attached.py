@@ -1,4 +1,4 @@
-"""Further bodies a car can hide: an engine on its mounts, a liquid that swings, a trailer.
+"""Further bodies of the simulated car: an engine on its mounts, a liquid that swings, a trailer.
 
 Each is a body of the engine's tree on joints of its own, so that what it does to the car is the reaction of its own
 motion. Springs and dampers act on the joints; what touches the road acts through the point's Jacobian.
@@ -172,7 +172,7 @@ class Trailer:
 
 
 def attached_bodies(car: Car, road: Road, hidden: Sequence[Hidden]) -> list[Attached]:
-    """What hangs on the car. Raises UsageError for what cannot be."""
+    """The further bodies of a car with these hidden effects. Raises UsageError for sizes that make no body."""
     out: list[Attached] = []
     if (effect := one_of(hidden, "engine_mount")) is not None and effect.size:
         out.append(EngineMount(effect, car))

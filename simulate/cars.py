@@ -1,4 +1,4 @@
-"""Cars to try the method on: plain numbers, from which the chassis and the static state follow.
+"""Simulated cars: plain numbers, from which the chassis and the static state follow.
 
 A car is given by what is known of the *whole* vehicle at design position (mass, centre of mass, inertia, as a table of
 a-priori values gives them) and by its four unsprung assemblies; the chassis is the difference. The design position is
@@ -44,7 +44,7 @@ class Inertia:
 
     @classmethod
     def of(cls, mass: float, com: Vector, tensor: Vector) -> Inertia:
-        """From arrays."""
+        """Inertia from arrays."""
         return cls(float(mass), tuple(np.asarray(com, float).tolist()), tuple(map(tuple, np.asarray(tensor).tolist())))
 
     def about(self, point: Vector) -> Vector:
@@ -66,7 +66,7 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Axle:
-    """Both corners of an axle; the right one mirrors the left one.
+    """Parameters of an axle's corners; the right one mirrors the left one.
 
     Attributes
     ----------
@@ -111,13 +111,13 @@ class Axle:
 
     @property
     def spin_inertia(self) -> float:
-        """Of everything that spins with the wheel [kg·m²]."""
+        """Moment of inertia of all that spins with the wheel [kg·m²]."""
         return self.inboard_spin + self.outboard_spin
 
 
 @dataclass(frozen=True)
 class Tyre:
-    """What the four tyres share (none of it need be known to a model that measures wheel loads).
+    """Tyre parameters that all four wheels share (a model that measures wheel loads needs none of them).
 
     `friction` μ; `load_nominal` [N]; `degression`: relative loss of cornering stiffness per relative load;
     `relaxation_lateral`, `relaxation_longitudinal` [m]; `trail`: pneumatic trail at no slip [m];
@@ -136,9 +136,9 @@ class Tyre:
 
 @dataclass(frozen=True)
 class Car:
-    """A car; `total` is the whole vehicle at design position. `payload` is what a run carries on top of it.
+    """A simulated car; `total` is the whole vehicle at design position. `payload` is what a run carries on top of it.
 
-    `corners` : what stands at a corner that differs from the rest of its axle, by corner name. Only `stiffness`,
+    `corners` : parameters of single corners that differ from their axle, by corner name. Only `stiffness`,
     `damping` and `tyre_stiffness` may differ: the geometry is the axle's.
     """
 
@@ -160,7 +160,7 @@ class Car:
                 raise UsageError(f"corner {corner} of {self.name}: only springs, dampers and tyre stiffness may differ")
 
     def axle(self, corner: str) -> Axle:
-        """What stands at a corner: its axle's, or its own."""
+        """Parameters of a corner: its axle's, or its own."""
         return self.corners.get(corner) or (self.front if corner[0] == "f" else self.rear)
 
     @property
@@ -247,14 +247,14 @@ class Car:
 
     @property
     def inboard(self) -> Inertia:
-        """What a tree cut at the transducers holds: everything but rims and tyres, at design position."""
+        """Inertia inboard of the transducers: everything but rims and tyres, at design position."""
         body = self.chassis
         for corner in CORNERS:
             body = body + self.unsprung(corner, outboard=False)
         return body
 
     def with_payload(self, mass: float, at: tuple[float, float, float]) -> Car:
-        """The same car carrying a point mass."""
+        """The car carrying a point mass [kg] `at` body axes [m]."""
         return replace(self, payload=Inertia.of(mass, np.asarray(at), np.zeros((3, 3))))
 
     def truth(self) -> dict[str, Any]:

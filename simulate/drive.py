@@ -1,4 +1,4 @@
-"""Driving a simulated car: the loop around the engine.
+"""Time integration of a simulated drive.
 
 Integration: third-order Adams–Bashforth for velocities and slip states, third-order Adams–Moulton for positions (the
 new velocity is known when the position is stepped): one solution of the equations of motion a step, and what is
@@ -39,11 +39,11 @@ FRONT_BRAKES = 0.66
 
 
 class SimulationFailed(LacetError):
-    """The simulated car left the range in which the model makes sense."""
+    """The error of a simulated car outside the range in which the model makes sense."""
 
 
 class _Recorder:
-    """Arrays that fill up, one row a recorded instant."""
+    """Arrays of a recorded motion, one row an instant."""
 
     def __init__(self, n: int, nq: int, nv: int, states: int = 8):
         self.states, self.outside = np.zeros((n, states - 8)), np.zeros((n, 6))
@@ -78,11 +78,11 @@ def run(
     step: float = STEP,
     progress: Callable[[float], None] | None = None,
 ) -> SimulatedMotion:
-    """Drive `vehicle` through `manoeuvre` and return the motion at 1 kHz, without any sensor.
+    """The motion of `vehicle` driven through `manoeuvre`, at 1 kHz, without any sensor.
 
     `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : draws the road; `settle` : time
-    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : told the
-    fraction done every 0.1 s of the run. The same arguments give the same
+    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : called with
+    the fraction done every 0.1 s of the run. The same arguments give the same
     motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
     """
     car = vehicle

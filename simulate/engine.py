@@ -39,7 +39,7 @@ def engine_library() -> Any:
         lib = importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
-    # Its own way is a file MUJOCO_LOG.TXT in whatever folder one happens to be in; a failed run is told by its name.
+    # By default it writes a file MUJOCO_LOG.TXT in the working folder; a failed run is reported by its name.
     lib.set_mju_user_warning(logging.getLogger(__name__).debug)
     return lib
 
@@ -58,9 +58,9 @@ class Instant:
         self.air_force = (0.0, 0.0, 0.0)
         self.air_moment = (0.0, 0.0, 0.0)
         self.slip_rates = [0.0] * 8
-        """Of κ of the four wheels, α of the four, then of the states of hidden effects."""
+        """Rates of κ of the four wheels, of α of the four, then of the states of hidden effects."""
         self.outside = np.zeros(6)
-        """What the road does to bodies on the car: force (ground axes), moment about the body origin (body axes)."""
+        """Road load on further bodies: force (ground axes) [N], moment about the body origin (body axes) [N·m]."""
 
 
 class Engine:

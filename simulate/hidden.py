@@ -1,4 +1,4 @@
-"""Hidden effects: what the simulated car or its sensors have and the base model lacks, by name and size.
+"""Hidden effects: effects of the simulated car or its sensors that the base model lacks, by name and size.
 
 A mechanical effect acts as a real force in the engine; a sensor fault acts on what the sensors report. Names are
 ``effect.where``, as in the catalogue of effects: ``anti_roll_bar.front``, ``aero_drag``, ``sensor_latency.imu``.
@@ -69,7 +69,7 @@ class Hidden:
 
     @classmethod
     def parse(cls, text: str) -> Hidden:
-        """From ``name=size`` or ``name=size,constant=value``; raises UsageError."""
+        """A hidden effect from ``name=size`` or ``name=size,constant=value``. Raises UsageError."""
         head, *rest = text.split(",")
         try:
             name, size = head.split("=")

@@ -89,7 +89,7 @@ KINDS: dict[str, Kind] = {
     ),
     # further bodies
     "engine_mount": Kind(
-        "mass taken out of the chassis at x, y, z, on a vertical spring and damper (frequency [Hz], damping ratio)",
+        "mass separated from the chassis at x, y, z, on a vertical spring and damper (frequency [Hz], damping ratio)",
         "kg",
         (),
         {"x": 0.1, "y": 0.0, "z": 0.25, "frequency": 9.0, "damping": 0.08},

@@ -1,4 +1,4 @@
-"""Manoeuvres: what the driver and the road do.
+"""Manoeuvres: the driver's inputs and the road along a run.
 
 Each is a small frozen dataclass. `steer` is the demanded steering angle about the kingpin axes [rad], `drive` the
 torque demanded on the driven axle [N·m], `brake` the demanded deceleration by the outboard brakes [m/s²]. Times are
@@ -190,7 +190,7 @@ class Rough(Manoeuvre):
 
 @dataclass(frozen=True)
 class Kerb(Manoeuvre):
-    """Straight ahead over smooth bumps on one side or in turn: heave, pitch and roll told apart."""
+    """Straight ahead over smooth bumps on one side or in turn, which separate heave, pitch and roll."""
 
     name: ClassVar[str] = "kerb"
     speed: float = 40.0 * KMH

@@ -1,4 +1,4 @@
-"""From what sensors feel to what they deliver: own rates and clocks, latency, zeros, gains, noise, faults, stamps.
+"""Simulated measurement: sensors' own rates and clocks, latency, zeros, gains, noise, faults and time stamps.
 
 The motion is computed once (`simulate.run`); measuring it again with another seed is cheap. The same seed gives the
 same samples, channel by channel: a rig with one sensor more leaves the noise of the others as it was.
@@ -30,7 +30,7 @@ START_NS = 1_780_300_800_000_000_000
 
 @dataclass(frozen=True)
 class Timing:
-    """Clocks and arrivals.
+    """Errors of the sensors' clocks and delays of their samples.
 
     `drift_ppm` : 1 σ of each sensor clock's rate error; `jitter` : largest arrival delay beyond the latency by kind of
     bus [s] (delays are exponential with a third of it as mean, cut at it, and never let samples overtake);
@@ -48,9 +48,11 @@ IDEAL = Timing(0.0, {}, False)
 
 @dataclass(frozen=True)
 class Sheet:
-    """Which entries of the rig's tolerance sheet a measurement draws: one zero a component and run, one gain a family
-    and corner, one latency error a sensor. Gains and latencies belong to the instruments: `seed` keeps them the same
-    from run to run."""
+    """Entries of the rig's tolerance sheet that a simulated measurement draws at random.
+
+    One zero a component and run, one gain a family and corner, one latency error a sensor. Gains and latencies belong
+    to the instruments: `seed` keeps them the same from run to run.
+    """
 
     zeros: bool = True
     gains: bool = False
@@ -83,7 +85,7 @@ def applies(fault: Hidden, channel: str, column: str) -> bool:
 
 
 def wrong_latency(channel: str, faults: Sequence[Hidden]) -> float:
-    """How much later than the rig says a channel is by its faults [s]."""
+    """Latency of a channel beyond the rig's, by its faults [s]."""
     return sum(f.size for f in faults if f.effect == "sensor_latency" and applies(f, channel, channel))
 
 
@@ -102,7 +104,7 @@ def zero_error(channel: str, column: str, rig: Rig, seed: int, sheet: Sheet) -> 
 
 
 def drawn(rig: Rig, seed: int, sheet: Sheet) -> dict[str, dict[str, float]]:
-    """What a sheet draws for the run of a seed: zeros by column, gains by channel, latencies [s] by sensor."""
+    """All random sensor errors of the run of a seed: zeros by column, gains by channel, latencies [s] by sensor."""
     channels = [channel for sensor in rig.sensors for channel in sensor.channels]
     columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
     return {
@@ -155,7 +157,7 @@ def measure(
     timing: Timing = Timing(),
     start_ns: int = START_NS,
 ) -> dict[str, Block]:
-    """Samples as they arrive: one block a channel, at each sensor's own rate and clock.
+    """The samples of a simulated run as they arrive: one block a channel, at each sensor's own rate and clock.
 
     `faults` : sensor faults, by default those the motion was run with; `sheet` : which tolerances are drawn; `noise` :
     white noise in multiples of the rig's σ, 0 for none; `start_ns` : stamp of run time 0. A block's `t_ns` is the
@@ -240,7 +242,7 @@ def exchange_run(
         felt_at = interpolate(ideal[channel], motion.rate, t - latency)
         values = sensed(channel, felt_at, t - latency, rig, seed, chosen, sheet, noise)
         signals[channel] = Signal(t, values, np.zeros(len(t), np.uint8))
-    told = {
+    declared = {
         "name": motion.manoeuvre,
         "vehicle": motion.car.name,
         "manoeuvre": motion.manoeuvre,
@@ -248,4 +250,4 @@ def exchange_run(
         "wheel_reference": rig.wheel_reference,
         "brakes": motion.brakes,
     }
-    return Run(signals=signals, **{**told, **fields})
+    return Run(signals=signals, **{**declared, **fields})

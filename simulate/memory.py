@@ -1,4 +1,4 @@
-"""Hidden suspension laws with a memory: each corner has a state of its own, integrated with the motion.
+"""Hidden suspension laws with memory: each corner has a state of its own, integrated with the motion.
 
 Dahl's friction (Dahl 1968, without the exponent): dF/dt = (F_max/length)·(ṡ - |ṡ|·F/F_max), here with z = F/F_max.
 Maxwell's element: a damper behind a spring, x the stroke of the damper: F = k·(s - x) = c·ẋ.

@@ -1,4 +1,4 @@
-"""The car as a MuJoCo model: chassis, carriers and wheels, and what hidden effects add to the tree."""
+"""MuJoCo model of the car: chassis, carriers and wheels, and the bodies that hidden effects add."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ STEER_ARMATURE = 1e4  # kg·m²
 
 
 class Attached(Protocol):
-    """A body on the car. `name` of its effect, `at` where it is mounted (body axes), `taken` what of the chassis it is,
+    """A further body on the car. `name` of its effect, `at` its mount (body axes), `taken` its share of the chassis,
     `joints` names of its joints, `states` how many states it has besides them."""
 
     name: str

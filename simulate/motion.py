@@ -274,7 +274,7 @@ class SimulatedMotion:
         return rotate_back(self.carrier_attitude, force), rotate_back(self.carrier_attitude, moment)
 
     def truth(self) -> dict[str, Any]:
-        """What an identification should find, and how the run was made: JSON-able."""
+        """The true parameters and the settings of the run, JSON-able."""
         return {
             "car": self.car.truth(),
             "hidden": [effect.truth() for effect in self.hidden],

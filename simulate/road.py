@@ -1,4 +1,4 @@
-"""Roads: height of each wheel track along x, as the tyres feel it and the lasers see it.
+"""Road profiles: height of each wheel track along x, for tyres and ground lasers alike.
 
 The surface is given per track (left, right) and does not vary across a track: z = z_side(x). What is stored is the
 *enveloped* profile, the moving average over the length of the contact patch; tyres and lasers use the same one, so that

@@ -1,4 +1,4 @@
-"""What each sensor of a rig would feel, as arrays at the motion's own rate: poses, axes and lasting faults, no noise.
+"""Ideal sensor signals of a simulated motion, at its own rate: poses, axes and lasting faults, no noise.
 
 Everything is as documented in ``docs/channels.md``: the vocabulary's signs, in the axes the rig file declares.
 """
@@ -38,7 +38,7 @@ def pose_matrix(roll: float, pitch: float, yaw: float) -> Array:
 
 
 def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> dict[str, Array]:
-    """What the sensors of `rig` feel: (N, k) by channel, at the motion's instants, without latency, noise or zeros.
+    """Ideal signals of the sensors of `rig`, channel → (N, k), at the motion's instants: no latency, noise or zeros.
 
     `faults` : misalignment, position, cross-talk and tilted beams are applied here; the others are
     `simulate.measuring`'s.

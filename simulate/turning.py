@@ -1,4 +1,4 @@
-"""Where wheels stand and point when hidden effects move them: a rear part that twists, carriers that turn with travel.
+"""Wheel positions and axes under hidden effects: a rear part that twists, carriers that rotate with travel.
 
 Without such an effect the engine keeps its constants, and none of this runs.
 """

@@ -1,4 +1,4 @@
-"""The vehicle file of a simulated car: its geometry, as somebody who measured it would write it down."""
+"""The vehicle file of a simulated car: its geometry in the format of ``docs/vehicle.md``."""
 
 from __future__ import annotations
 

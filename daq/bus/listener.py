@@ -1,4 +1,4 @@
-"""Everybody else's side of the bus: what is published, and requests for what was missed."""
+"""Receiving side of the bus: subscription to what is published, and requests for what was missed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lacet.daq.bus.session import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chun
 
 @dataclass(frozen=True)
 class Message:
-    """What came over the bus.
+    """A message received over the bus.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Message:
 
 
 class BusListener:
-    """Everything that is published, of the runs that `keys` matches, in a bounded queue; and requests for the rest."""
+    """A subscriber to the runs that `keys` matches: messages in a bounded queue, and requests for what was missed."""
 
     def __init__(self, session: zenoh.Session, keys: Keys = EVERY_RUN, capacity: int = QUEUE):
         self._session = session
@@ -95,7 +95,7 @@ class BusListener:
                 sequence += 1
 
     def acknowledge(self, keys: Keys, worker: str, what: dict[str, Any]) -> None:
-        """Tell the recorder that the run is assembled."""
+        """Send the recorder the acknowledgement that the run is assembled."""
         self._session.put(
             keys.key("ack", chunk(worker)),
             json.dumps(what),

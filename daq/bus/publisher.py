@@ -1,4 +1,4 @@
-"""The recorder's side of the bus: publish a run, keep it, answer requests for any part of it."""
+"""Sending side of the bus: a recorder publishes its run, keeps it, and answers requests for any part of it."""
 
 from __future__ import annotations
 

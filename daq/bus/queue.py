@@ -1,4 +1,4 @@
-"""The one bounded queue between those who produce (reader threads, bus callbacks) and the one who consumes.
+"""Bounded queue between several producers (reader threads, bus callbacks) and one consumer.
 
 It never blocks the producer: a device and a network do not wait. What does not fit is dropped and counted.
 """
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class BoundedQueue(Generic[T]):
-    """First in, first out, bounded by the number of frames (or whatever `count` counts) it holds.
+    """A first-in-first-out queue, bounded by the number of frames (or whatever `count` counts) it holds.
 
     Parameters
     ----------

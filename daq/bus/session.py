@@ -35,7 +35,7 @@ from lacet.daq.errors import UsageError
 
 ROOT = "lacet"
 ROUTER = "tcp/127.0.0.1:7447"
-"""Where a recorder's embedded router listens unless told otherwise: this machine only."""
+"""Where a recorder's embedded router listens by default: this machine only."""
 REPLY = 1 << 20
 """Most bytes of blocks in one reply to a request."""
 SEQUENCE = struct.Struct("<Q")
@@ -47,7 +47,7 @@ QUEUE = 64 << 20
 
 
 def chunk(name: str) -> str:
-    """`name` as one chunk of a key: what Zenoh reserves or splits at becomes ``_``."""
+    """`name` as one chunk of a key: characters that Zenoh reserves or splits at become ``_``."""
     return re.sub(r"[\s/*$#?]", "_", name) or "_"
 
 
@@ -67,7 +67,7 @@ EVERY_RUN = Keys("*", "*")
 
 
 def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait: float = 5.0) -> zenoh.Session:
-    """Open a session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
+    """A Zenoh session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
 
     Nothing is looked for by multicast and nothing listens on other addresses than those given (Zenoh's defaults do).
     A client that loses its router connects again by itself.
@@ -105,7 +105,7 @@ def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wa
 
 
 def short(error: Exception) -> str:
-    """Zenoh's error without the place in its source."""
+    """Message of a Zenoh error without the place in its source."""
     return str(error).split(" at /")[0]
 
 

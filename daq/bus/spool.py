@@ -1,4 +1,4 @@
-"""Numbered messages kept for as long as a run lasts, so that any of them can be had again."""
+"""Store of a run's numbered messages, from which any of them can be sent again while the run lasts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MEMORY = 64 << 20
 
 
 class Spool:
-    """Messages by name and sequence number, in an anonymous temporary file (it vanishes with the process).
+    """A store of messages by name and sequence number, in an anonymous temporary file (it vanishes with the process).
 
     Safe to use from several threads. When the disk is full, messages are kept in memory up to `MEMORY`; after that
     they are not kept, and `read` does not find them.

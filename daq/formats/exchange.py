@@ -25,7 +25,7 @@ _UNWRAPPED = ("wheel.angle", "imu.attitude")
 
 
 def read_table(path: str | Path) -> Run:
-    """Read an exchange table.
+    """The run of an exchange table (Parquet or CSV).
 
     Unknown columns are reported and kept out, missing values become flagged samples, stamps that do not increase are
     left out and reported. Raises RunError when the file is no table, has no ``t`` or no known channel.
@@ -188,7 +188,7 @@ def _signals(
 def signal(
     channel: str, t: NDArray[np.float64], values: NDArray[np.float64], flags: NDArray[np.uint8] | None = None
 ) -> Signal:
-    """Make a signal: NaN and infinities flagged as missing, angles unwrapped over the usable samples."""
+    """A signal from raw values (N, k): NaN and infinities flagged as missing, angles unwrapped over usable samples."""
     flags = np.zeros(len(t), np.uint8) if flags is None else flags.copy()
     bad = ~np.all(np.isfinite(values), axis=1)
     flags[bad & (flags == 0)] |= np.uint8(Flag.MISSING)

@@ -35,7 +35,7 @@ from lacet.daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decod
 __all__ = ["LogReader", "LogWriteError", "LogWriter", "StartRecord", "StopRecord", "recover"]
 
 DISK = "disk"
-"""Cause under which a log counts what it could not store."""
+"""Cause of loss under which a log counts samples and frames that it could not store."""
 
 
 class LogWriteError(RunError):
@@ -43,7 +43,7 @@ class LogWriteError(RunError):
 
 
 class LogWriter:
-    """Write one run. Nothing is buffered for longer than one chunk.
+    """A run log being written. Nothing is buffered for longer than one chunk.
 
     A chunk is closed and handed to the operating system when it holds `chunk_bytes`, when its messages span
     `chunk_seconds`, and by `tick`; that much is lost when the process is killed. The same calls give the same bytes.

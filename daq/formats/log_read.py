@@ -32,7 +32,7 @@ from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META
 
 
 class LogReader:
-    """Read one run.
+    """A run log being read, whole or damaged.
 
     Attributes
     ----------

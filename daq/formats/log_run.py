@@ -1,4 +1,4 @@
-"""From a log to a run: decoded blocks as signals, each on its sensor's clock where the rig asks for that."""
+"""Runs from logs: decoded blocks as signals, each on its sensor's clock where the rig asks for that."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lacet.daq.run import BRAKES, Run, Signal
 
 
 def read_run(path: Path) -> Run:
-    """Read the decoded channels of a log.
+    """The run of a log: its decoded channels as signals.
 
     Stamps are the arrivals; for sensors with ``clock = "device"`` in the recorded rig the device clock, and for those
     with ``clock = "steady"`` the sample's number times the channel's period, on the lower envelope of the arrivals.
@@ -103,7 +103,7 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
 def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) -> Signal:
     """Samples in seconds since the run's start; those not later than all before them are dropped."""
     usable = (block.flags & int(UNUSABLE)) == 0
-    # Samples that are no good have no claim on the order of those that are: they stay where they fit between them.
+    # Unusable samples do not decide the order of usable ones: they stay where they fit between them.
     low, high = np.iinfo(np.int64).min, np.iinfo(np.int64).max
     good = usable & _later(np.where(usable, t_ns, low))
     before = np.maximum.accumulate(np.where(good, t_ns, low))

@@ -35,7 +35,7 @@ _BROKEN = (McapError, struct.error, UnicodeDecodeError, ValueError)
 
 @dataclass(frozen=True)
 class Place:
-    """Where a message is: `begin` … `end` in the contents of chunk `chunk`, or in the file when that is −1."""
+    """Position of a message: bytes `begin` … `end` of the contents of chunk `chunk`, or of the file when that is −1."""
 
     channel: int
     sequence: int
@@ -48,7 +48,7 @@ class Place:
 
 @dataclass
 class McapScan:
-    """What whole records a file holds.
+    """Index of the whole records of an MCAP file.
 
     Attributes
     ----------

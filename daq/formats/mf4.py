@@ -43,7 +43,7 @@ class _Source:
 
 
 def read_mf4(path: str | Path) -> Run:
-    """Read an MDF file, version 3 or 4.
+    """The run of an MDF file, version 3 or 4.
 
     Its channels are found by the map beside it (``run.toml`` beside ``run.mf4``, or ``mf4.toml`` in its folder); those
     that are named as columns of an exchange table need none. Raises RunError, with every fault, when the file or its
@@ -128,7 +128,7 @@ class _Recorded:
             raise ValueError(f"'{source.name}' is in groups {groups}: say which in the map (group = …)")
         try:
             group, index = places[0]
-            # Else samples marked invalid would be taken out, in each component others.
+            # Else samples marked invalid would be removed, different ones in each component.
             found = self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
             invalid = found.invalidation_bits
             values = np.asarray(found.samples)
@@ -145,7 +145,7 @@ class _Recorded:
             raise ValueError(f"'{source.name}' cannot be read: {cause}") from None
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._mdf.close()
 
 
@@ -218,7 +218,7 @@ def _map_of(file: Path) -> tuple[dict[str, _Source], dict[str, str]]:
 
 
 def read_map(path: Path) -> tuple[dict[str, _Source], dict[str, str]]:
-    """Column → source, and what a map says of the run. Raises RunError with every fault of the map."""
+    """A channel map: column → source, and the run's metadata. Raises RunError with every fault of the map."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as cause:

@@ -1,4 +1,4 @@
-"""One door to every kind of file that holds a run."""
+"""Reading of a run from any kind of file that holds one."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lacet.daq.run import Run
 
 
 def open_run(path: str | Path) -> Run:
-    """Read a run: an MCAP log with decoded blocks, an exchange table (Parquet or CSV), or an MDF file (``.mf4``).
+    """The run in a file: MCAP log with decoded blocks, exchange table (Parquet or CSV) or MDF file (``.mf4``).
 
     Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes and
     reported in `Run.problems`.

@@ -1,4 +1,4 @@
-"""Bytes of the records that the log stores and the bus moves, and back: messages of ``daq/schema/lacet.proto``.
+"""Serialization of the records that the log stores and the bus moves: messages of ``daq/schema/lacet.proto``.
 
 The arrays of a message are packed fields of fixed width, whose bytes on the wire are the little-endian array itself
 (protobuf encoding, "packed repeated fields"). They are therefore appended as they are to the message's other fields:
@@ -28,7 +28,7 @@ FORMAT = "lacet-log 1"
 """What a start record says the log is."""
 
 Losses = Mapping[str, Mapping[str, int]]
-"""Lost, by source, then by cause."""
+"""Numbers of samples or frames lost: source → cause → number."""
 
 
 class WireError(LacetError):
@@ -37,7 +37,7 @@ class WireError(LacetError):
 
 @dataclass(frozen=True)
 class StartRecord:
-    """How a run began and under what conditions.
+    """Start record of a run: when and under what conditions it began.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class StartRecord:
 
 @dataclass(frozen=True)
 class StopRecord:
-    """How a run ended.
+    """Stop record of a run: when and why it ended, with counts and losses.
 
     Attributes
     ----------
@@ -86,7 +86,7 @@ class StopRecord:
 
 @dataclass(frozen=True)
 class Tally:
-    """What there is of one channel or source.
+    """Number and checksum of the messages of one channel or source.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a log or a sender holds in all, so that a receiver can tell whether it has everything."""
+    """Contents of a log or of a sender in all, by which a receiver checks that it has everything."""
 
     run_id: str
     channels: Mapping[str, Tally] = field(default_factory=dict)

@@ -1,1 +1,1 @@
-"""What drivers are made of: layouts of CAN messages and serial records, counters, checksums."""
+"""Parts of drivers: layouts of CAN messages and serial records, counters, checksums."""

@@ -1,4 +1,4 @@
-"""What every driver is: pure functions from frames to blocks and back. No clock, no socket, no thread."""
+"""The interface of a driver: pure functions from frames to blocks and back. No clock, no socket, no thread."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ State = Any
 
 
 class Driver(Protocol):
-    """One kind of sensor on one bus.
+    """A driver: decoder and encoder of one kind of sensor on one bus.
 
     Any split of the same frames into batches gives the same samples. Nothing in a payload ever raises: what cannot be
     used becomes a flagged sample or a counted loss.

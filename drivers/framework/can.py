@@ -30,7 +30,7 @@ NOT_VALID = 1
 
 @dataclass(frozen=True)
 class Parts:
-    """Messages of this sensor out of a batch: `unit` and `part` (N,) tell which, `whole` that the length is right."""
+    """A sensor's messages in a batch: `unit` and `part` (N,) identify each, `whole` says that its length is right."""
 
     unit: NDArray[np.int8]
     part: NDArray[np.int8]
@@ -50,7 +50,7 @@ class Parts:
 
 @dataclass(frozen=True)
 class CanState:
-    """Begun samples of each unit, where its counter stands, and the ledger."""
+    """Memory of a CAN driver between batches: incomplete samples and counter of each unit, and the ledger."""
 
     begun: Parts
     counters: tuple[CounterState, ...]

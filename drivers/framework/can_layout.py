@@ -1,4 +1,4 @@
-"""From a DBC file to the units of a CAN sensor: which message, bits and factor to SI, or every fault at once."""
+"""Compilation of a DBC file into the units of a CAN sensor: messages, bits and factors to SI, or all its faults."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Unit:
-    """What is sampled together: one wheel, one pair of lasers, one Correvit. `corner` is "" where there is none."""
+    """Channels sampled together: those of a wheel, a pair of lasers, a Correvit. `corner` is "" where there is none."""
 
     corner: str
     messages: tuple[dbc.Message, ...]
@@ -57,7 +57,7 @@ class Unit:
     checksum: dbc.Signal | None
 
     def layout(self) -> tuple:
-        """All that decoding depends on, names left out: equal for units whose frames are laid out alike."""
+        """Everything that decoding depends on, without names: equal for units whose frames are laid out alike."""
         return (
             tuple(message.length for message in self.messages),
             tuple(
@@ -73,7 +73,7 @@ class Unit:
         )
 
     def mounted_at(self, corner: str) -> Unit:
-        """The same wire, delivering the channels of another corner."""
+        """The unit delivering the channels of another corner."""
         readings = tuple(
             replace(reading, channel=reading.channel.replace(f".{self.corner}.", f".{corner}."))
             for reading in self.readings
@@ -111,7 +111,7 @@ def read_layout(file: object, folder: Path | None, documents: Mapping[str, str])
 def compile_units(
     path: str, text: str, templates: Mapping[str, tuple[str, ...]], cyclic: tuple[str, ...], checksum: bool
 ) -> list[Unit]:
-    """Find the messages of a sensor in a DBC file.
+    """Units of a sensor, compiled from the messages of a DBC file.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ class CounterState:
 
 @dataclass(frozen=True)
 class Jumps:
-    """What a run of counters says: samples lost before each sample (N,), and where the counter went back (N,)."""
+    """Losses by a sequence of counters: samples lost before each sample (N,), and where the counter went back (N,)."""
 
     lost: NDArray[np.int64]
     back: NDArray[np.bool_]
@@ -38,7 +38,7 @@ class Jumps:
 def follow_counter(
     counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, state: CounterState
 ) -> tuple[Jumps, CounterState]:
-    """Compare each trusted counter with the trusted one before it.
+    """Losses by a sample counter: each trusted value against the trusted one before it.
 
     Samples in between whose counter cannot be trusted (bad checksum, incomplete) account for that many steps, so they
     are not counted again as lost. A loss is known modulo the range of the counter only.
@@ -64,7 +64,7 @@ def follow_counter(
 def unwrap_clock(
     clock: NDArray[np.int64], trusted: NDArray[np.bool_], last_us: int | None
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], int | None]:
-    """Continue a 32-bit microsecond clock past its wrap every 71.6 minutes.
+    """A 32-bit microsecond clock continued past its wrap every 71.6 minutes.
 
     Only trusted readings move it. A reading more than half the range ahead is one that went back.
 
@@ -93,5 +93,5 @@ def unwrap_clock(
 
 
 def add(ledger: Mapping[str, int], **more: SupportsInt) -> dict[str, int]:
-    """Return the ledger with each count in `more` added."""
+    """A loss ledger with each count in `more` added."""
     return {**ledger, **{key: ledger.get(key, 0) + int(count) for key, count in more.items()}}

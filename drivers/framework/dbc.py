@@ -94,8 +94,8 @@ class Signal:
                 word = (word >> np.uint64(skip)) | (ninth << np.uint64(64 - skip))
             skip = 64 - self.length if self.big_endian else 0
         # Push the signal against the top of the word, then bring it down with or without its sign.
-        left = skip if self.big_endian else 64 - skip - self.length
-        top = word << np.uint64(left)
+        up = skip if self.big_endian else 64 - skip - self.length
+        top = word << np.uint64(up)
         down = 64 - self.length
         if self.signed:
             return top.view(np.int64) >> np.int64(down)
@@ -137,7 +137,7 @@ class Database:
 
 
 def parse(text: str, path: object) -> Database:
-    """Read a DBC file and look for structural faults in all its messages.
+    """The messages of a DBC file, with the structural faults of all of them.
 
     Multiplexed messages and floating-point signals are left out, with the reason.
 

@@ -44,7 +44,7 @@ def corner_map(name: str, options: Mapping[str, object], fitted: tuple[str, ...]
 
 
 def check_options(name: str, options: Mapping[str, object], known: tuple[str, ...]) -> None:
-    """Refuse options that the driver does not have.
+    """Check of a rig row's options against those that the driver has.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What the encoders share: the channels of one message, and which samples to send as not valid."""
+"""Common parts of the encoders: the channels of one message, and which samples to send as not valid."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ FULL = 32767
 
 @dataclass(frozen=True)
 class RecordState:
-    """Bytes not yet understood (serial only), where counter and clock stand [µs], and the ledger."""
+    """Memory of a record driver between batches: bytes not yet parsed (serial only), counter, clock [µs] and ledger."""
 
     waiting: Frames
     counter: CounterState
@@ -89,7 +89,7 @@ class Record:
 
 
 class RecordSensor:
-    """Records to blocks and back; the base of the drivers of such sensors, which set `record` and `parts`."""
+    """Decoder and encoder of binary records; base of the drivers of such sensors, which set `record` and `parts`."""
 
     name: str
     record: Record

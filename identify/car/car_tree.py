@@ -47,7 +47,7 @@ _AXIS = {"x": np.array([1.0, 0, 0]), "y": np.array([0, 1.0, 0]), "z": np.array([
 
 @dataclass(frozen=True)
 class CarChain:
-    """The car's chain and, for every frame, the constant turn to axes an engineer thinks in.
+    """The car's chain and, for every frame, its constant rotation to body-like axes.
 
     `to_body[k]` is the 3 × 3 rotation from frame k + 1 to body-like axes (x forward, y left, z up) when every joint is
     at zero.
@@ -85,7 +85,7 @@ def car_chain() -> CarChain:
 
 @dataclass(frozen=True)
 class KinematicSlopes:
-    """Bench table of one corner along a travel history, in joint signs.
+    """Joint positions that one corner's bench table gives along a travel history, with their derivatives by travel.
 
     For each joint of the branch (half track, half wheelbase, toe, camber, pitch): the change of the joint (N,), its
     slope against travel (N,) and the slope of the slope (N,), all zero without a table.
@@ -97,7 +97,9 @@ class KinematicSlopes:
 
 
 def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
-    """Evaluate a corner's bench table: five rows (half track, half wheelbase, steer, camber, pitch), (5, N) each.
+    """A corner's bench table along `travel` (N,) [m]: value and two derivatives, (5, N) each.
+
+    The five rows are half track, half wheelbase, steer, camber, pitch.
 
     Signs are turned from the file's (outward, toe-in, top outward) to the joints' (y to the left, steer to the left,
     positive about x). A cubic spline is used, so that slopes are continuous; beyond the table it goes on straight.
@@ -122,7 +124,7 @@ def table_spline(table: KinematicTable) -> CubicSpline:
 
 
 def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
-    """Pitch of the carrier that steering about the inclined kingpin brings: value, first and second slope by steer.
+    """Carrier pitch from steering about the inclined kingpin [rad], and its first two derivatives by the steer angle.
 
     From its design attitude the carrier turns by an angle δ about the kingpin axis k (top rearward by the caster,
     inward by the inclination). Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the
@@ -145,7 +147,7 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
 
 
 def carrier_to_body(steer: Array, camber: Array, pitch: Array, v: Array) -> Array:
-    """Turn `v` (3, …, N) from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v."""
+    """Vectors `v` (3, …, N) rotated from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v; angles (N,) [rad]."""
     return turn(2, steer, turn(0, camber, turn(1, pitch, v)))
 
 

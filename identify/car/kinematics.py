@@ -1,4 +1,4 @@
-"""The geometry and the loads of a recording, point by point: axes, poses, lasers, bench tables, rows that exist."""
+"""Kinematics of the car along a recording, sample by sample: poses, laser distances, bench tables, wheel loads."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def reconstruct(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = 
 
 
 def build_motion(recording: Recording) -> Motion:
-    """Geometry and loads, point by point: every sample of the motion depends on the same sample of the signals only."""
+    """The motion of a recording: each sample depends on the same sample of the signals only."""
     grid, signals, vehicle, rig = recording.t, recording.signals, recording.vehicle, recording.rig
     values, reference = signals.value, recording.reference
     n = grid.size
@@ -143,7 +143,7 @@ def _torques(
 def _masks(
     recording: Recording, rows: Mapping[str, Torque], grounds: tuple[str, ...]
 ) -> tuple[dict[str, NDArray[np.bool_]], list[str]]:
-    """Samples each row may use, (N,) by row, and what was left out because the brakes act, in words."""
+    """Usable samples of each row, row → (N,), and a sentence on the seconds left out because the brakes act."""
     t, edge = recording.t, recording.filters.edge
     inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
     released = np.ones(t.size, bool)
@@ -192,7 +192,7 @@ def body_attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:
     measured = values["imu.attitude"]
     if sensor is None or sensor.axes != "sensor" or not any(sensor.orientation):
         return measured
-    # R_ground_body = R_ground_sensor R_sensor_body, taken apart again.
+    # R_ground_body = R_ground_sensor R_sensor_body, as angles again.
     R = orientation(sensor.orientation).T
     columns = [_to_ground(measured, R[:, [k]]) for k in range(3)]
     (xx, xy, xz), (_, _, yz), (_, _, zz) = columns

@@ -1,7 +1,7 @@
-"""A run split into manoeuvre phases, from the measured motion alone.
+"""Manoeuvre phases of a run (braking, cornering, rough road …), from the measured motion alone.
 
-Each instant has one phase. What is fast is judged after a smoothing of half a second, so that noise and single bumps do
-not cut a phase in two; what is shorter than a quarter of a second is given to what surrounds it.
+Each instant has one phase. Quick signals are smoothed over half a second, so that noise and single bumps do not cut a
+phase in two; a stretch shorter than a quarter of a second joins the phases around it.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ BEND = 1.5
 BRAKES = -1.5
 """Longitudinal acceleration below which a car brakes [m/s²]; an engine's drag alone seldom exceeds it."""
 LIFTS = -0.4
-"""Below which it lifts off [m/s²]; rolling resistance alone is about −0.15."""
+"""Longitudinal acceleration below which the driver lifts off [m/s²]; rolling resistance alone is about −0.15."""
 ACCELERATES = 0.7
-"""From which it accelerates [m/s²]."""
+"""Longitudinal acceleration from which a car accelerates [m/s²]."""
 STEERS = 0.04
 """Rate of the steer angle at the wheels from which it is being steered [rad/s]: 35°/s at a hand wheel geared 15 : 1."""
 JERKS = 3.0
@@ -40,13 +40,13 @@ JERKS = 3.0
 ROUGH = 0.03
 """Mean over the corners of the travel rate's RMS above `RIDE` from which a road is rough [m/s]."""
 RIDE = 3.0
-"""Above it, travel is the road's doing and not the driver's [Hz]."""
+"""Frequency above which suspension travel comes from the road and not from the driver [Hz]."""
 SMOOTHING = 0.5
 """Averaging window [s]."""
 SHORTEST = 0.25
 """Length of the shortest phase [s]."""
 _SLOW = 1.0
-"""Cut-off of what the driver does [Hz]."""
+"""Cut-off of the motion that the driver causes [Hz]."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +92,11 @@ class Phases:
 
 
 def phases_of(motion: Motion) -> Phases:
-    """Split a run into phases.
+    """The manoeuvre phases of a run.
 
     A rough road comes before everything but standing, a longitudinal manoeuvre before steering, steering before
     cornering. Speed is that of the speed sensor, else of the wheels; where the lateral or longitudinal acceleration is
-    not measured, the phases that need it do not appear and are told in `unseen`.
+    not measured, the phases that need it do not appear and are named in `unseen`.
     """
     rate, n = motion.filters.rate, motion.t.size
     unseen: list[str] = []
@@ -175,7 +175,7 @@ def _commonest(number: NDArray[np.intp], window: int) -> NDArray[np.intp]:
 
 
 def _without_splinters(number: NDArray[np.intp], least: int) -> NDArray[np.intp]:
-    """Stretches of fewer samples than `least` are given to the nearest longer one."""
+    """Phases with stretches of fewer samples than `least` joined to the nearest longer one."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1, [number.size]])
     keep = np.flatnonzero(np.repeat(np.diff(edges) >= least, np.diff(edges)))
     if not keep.size:

@@ -1,4 +1,4 @@
-"""The motion of the car along a run, from the measurements alone: what every effect's columns are made of."""
+"""The motion of the car along a run, from the measurements alone: the input of every effect's regressor columns."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.identify.signals.filters import Filters
 
 @dataclass(frozen=True)
 class CornerMotion:
-    """One corner. Vectors are (3, N) in body axes, scalars (N,).
+    """Motion and loads of one corner of the car along a run; vectors (3, N) in body axes, scalars (N,).
 
     Attributes
     ----------
@@ -136,6 +136,6 @@ class Motion:
 
     def kept(self, row: str) -> NDArray[np.intp]:
         """Indices of the samples of a row that enter the fit, after decimation."""
-        # One comb over the whole run, so that all rows are decimated at the same instants.
+        # One decimation grid for the whole run, so that all rows are decimated at the same instants.
         comb = np.arange(self.filters.step // 2, self.t.size, self.filters.step)
         return comb[self.usable[row][comb]]

@@ -1,4 +1,4 @@
-"""The rows of the equations: what each one is, what it needs measured, and why one can be absent.
+"""Rows of the equations of motion: their definitions, the channels each needs, and why one can be absent.
 
 F, M: measured wheel load in body axes, about the wheel centre; p, φ: wheel centre and carrier rotation relative to the
 body; s: suspension travel along body z; n: spin axis; e: the road's normal. Inertia is that of all bodies where the
@@ -36,7 +36,7 @@ ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
 """Every row of the equations, in the order of all reports."""
 
 PRESSURE = "brake.pressure"
-"""Channel that tells when the brakes are applied."""
+"""Channel that shows when the brakes are applied."""
 RELEASED = 1e5
 """Brake line pressure below which the brakes count as released [Pa]."""
 SMALL_SLOPE = 0.01
@@ -54,10 +54,10 @@ def row_unit(row: str) -> str:
 def needs(
     row: str, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
 ) -> tuple[str, ...]:
-    """Channels without which a row does not exist, torques apart (`torque_in`).
+    """Channels that a row of the equations needs, torques apart (`torque_in`).
 
-    `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with it, what only a bench table brings
-    in is not asked for where there is none.
+    `reference`: ``contact`` or ``hub``; `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with
+    it, channels that enter through a bench table only are not needed at corners without one.
     """
     kind, name = row.split(".")
     imu = ("imu.accel", "imu.rate")
@@ -94,7 +94,7 @@ class Torque:
     ----------
     shaft, brake : channel of the torque that enters, or empty where it is zero or not in the row.
     eliminated : a suspension row from which the half-shaft's torque was eliminated with the spin row.
-    released : the row holds only while the brakes are released, which `PRESSURE` tells.
+    released : the row holds only while the brakes are released, as `PRESSURE` shows.
     missing : why the row cannot be formed, or empty.
     """
 
@@ -171,7 +171,7 @@ def _declared(brakes: str) -> str:
 
 
 def _shaft_slope(corner: Corner) -> float:
-    """How far the carrier at most turns about the spin axis per unit of travel, n·∂φ/∂s [rad/m], by its table."""
+    """Largest rotation of the carrier about the spin axis per unit of travel by its table, n·∂φ/∂s [rad/m]."""
     if corner.table is None:
         return 0.0
     travel = corner.table.travel
@@ -182,7 +182,7 @@ def _shaft_slope(corner: Corner) -> float:
 def available(
     measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
 ) -> tuple[dict[str, Torque], dict[str, str]]:
-    """The rows whose left side is measured, with how torques enter them, and why each other row is absent."""
+    """Rows whose left side is measured, row → how torques enter it; and every other row → why it is absent."""
     rows: dict[str, Torque] = {}
     left_out: dict[str, str] = {}
     for row in ROWS:

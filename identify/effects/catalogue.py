@@ -1,4 +1,4 @@
-"""The catalogue of effects: found by walking the families' folders, and any folder that a user names."""
+"""The catalogue of effects: those of the families' folders, and those of any folder that a user names."""
 
 from __future__ import annotations
 

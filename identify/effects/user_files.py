@@ -1,6 +1,6 @@
-"""A user's own effect files: loaded, and what is wrong in them told with file, class and method.
+"""Loading and checking of users' own effect files; every fault is reported with file, class and method.
 
-Of an effect that ships with lacet the same would be a bug, and crashes as one.
+In an effect that ships with lacet the same fault would be a bug, and crashes as one.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def is_own(cls: type[Effect]) -> bool:
 
 
 def vetted(cls: type[Effect]) -> None:
-    """Raise UsageError when a user's class that has a name is not whole."""
+    """Check of a user's effect class. Raises UsageError when one that has a name is incomplete."""
     if not is_own(cls) or "name" not in vars(cls):
         return
     if inspect.isabstract(cls):
@@ -61,7 +61,7 @@ def vetted(cls: type[Effect]) -> None:
 
 
 def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequence[str] = ()) -> Sequence[Effect]:
-    """A class's variants and those for runs, a user's class looked at. Raises UsageError where they cannot be used."""
+    """Variants of an effect class, those for single runs included. Raises UsageError for faults in a user's class."""
     if not is_own(cls):
         return [*cls.variants(vehicle, reference), *cls.for_runs(runs)]
     found: Any = _call(cls, "variants", lambda: [*cls.variants(vehicle, reference), *cls.for_runs(runs)])
@@ -78,7 +78,7 @@ def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequ
 
 
 def checked_columns(effect: Effect, motion: Motion) -> dict[str, Array]:
-    """An effect's columns; those of a user's file are looked at. Raises UsageError where they cannot be used."""
+    """Regressor columns of an effect, row → (p, N). Raises UsageError for faults in a user's class."""
     cls = type(effect)
     if not is_own(cls):
         return effect.columns(motion)

@@ -1,4 +1,4 @@
-"""Base parameters: which combinations of parameters a set of equations can determine at all (Gautier, 1991)."""
+"""Base parameters: the combinations of parameters that a set of equations can determine at all (Gautier, 1991)."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class BaseParameters:
 
 
 def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BaseParameters:
-    """Group the columns of an observation matrix into base parameters.
+    """The base parameters of an observation matrix, by grouping its dependent columns.
 
     Columns are taken in their own order: one is kept when what it adds to those before it is larger than `tolerance`
     times its length, so that names stay those of the first bodies and do not jump from run to run.
@@ -81,13 +81,13 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
     basis = np.empty((table.shape[0], len(present)))
     kept_pivot, dropped_pivot = np.inf, 0.0
     for k in range(len(present)):
-        left = unit_columns[:, k]
+        rest = unit_columns[:, k]
         known = basis[:, : len(kept)]
         for _ in range(2):  # twice is enough (Kahan and Parlett)
-            left = left - known @ (known.T @ left)
-        pivot = float(np.linalg.norm(left))
+            rest = rest - known @ (known.T @ rest)
+        pivot = float(np.linalg.norm(rest))
         if pivot > tolerance:
-            basis[:, len(kept)] = left / pivot
+            basis[:, len(kept)] = rest / pivot
             kept.append(k)
             kept_pivot = min(kept_pivot, pivot)
         else:
@@ -108,12 +108,12 @@ def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BasePa
 
 
 def combine(W: Array, kept: NDArray[np.int64], dropped: NDArray[np.int64]) -> tuple[Array, float]:
-    """Columns `dropped` as combinations of columns `kept`, (b, d), and what is left of the worst, per its length."""
+    """Columns `dropped` as combinations of columns `kept`, (b, d), and the largest relative residual of one of them."""
     lengths = np.linalg.norm(W, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     both = np.concatenate([kept, dropped])
     b = len(kept)
     triangle = np.asarray(scipy.linalg.qr(W[:, both] / lengths[both], mode="r")[0], float)
     solution = np.asarray(scipy.linalg.solve_triangular(triangle[:b, :b], triangle[:b, b:]), float)
-    left = float(np.max(np.linalg.norm(triangle[b:, b:], axis=0), initial=0.0))
-    return solution * lengths[dropped] / lengths[kept][:, None], left
+    residual = float(np.max(np.linalg.norm(triangle[b:, b:], axis=0), initial=0.0))
+    return solution * lengths[dropped] / lengths[kept][:, None], residual

@@ -28,7 +28,7 @@ _LONGEST = 4000
 
 
 class ExpressionFault(ValueError):
-    """What is wrong with an expression: `says`, and the characters from `start` to `stop` where it stands."""
+    """A fault in an expression: the reason `says`, and the characters `start` to `stop` where it stands."""
 
     def __init__(self, text: str, says: str, start: int = 0, stop: int | None = None):
         super().__init__(f"'{text[:60]}': {says}")
@@ -37,7 +37,7 @@ class ExpressionFault(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """A text that was vetted: numbers, names, ``+ - * / ** ^``, brackets and `functions`."""
+    """An arithmetic expression, checked and never run: numbers, names, ``+ - * / ** ^``, brackets and `functions`."""
 
     text: str
     tree: ast.expr

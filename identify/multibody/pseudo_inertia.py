@@ -1,4 +1,4 @@
-"""Which ten numbers a rigid body can have: its pseudo-inertia matrix is positive definite.
+"""Physical consistency of a rigid body's ten parameters: its pseudo-inertia matrix is positive definite.
 
 Source: Wensing, Kim and Slotine (2018), Linear matrix inequalities for physically consistent inertial parameter
 identification, IEEE Robotics and Automation Letters 3(1); Traversaro et al. (2016).
@@ -15,7 +15,7 @@ from lacet.identify.multibody.vectors import Array
 
 
 def pseudo_inertia(values: Sequence[float] | Array) -> Array:
-    """(4, 4) pseudo-inertia [[Σ, h], [hᵀ, M]] of ten parameters in the order of `rigid_body.PARAMETERS`.
+    """Pseudo-inertia [[Σ, h], [hᵀ, M]], (4, 4), of ten parameters in the order of `rigid_body.PARAMETERS`.
 
     Σ = ½ tr(I) 1 − I is the second moment of the mass ∫ r rᵀ dm [kg·m²] about the frame's origin, h the first moments
     [kg·m], M the mass [kg]: J = ∫ (r, 1)(r, 1)ᵀ dm, positive semidefinite exactly when some distribution of mass that
@@ -44,7 +44,7 @@ BASIS = _basis()
 """(10, 4, 4): the pseudo-inertia is Σ_k values[k] BASIS[k]."""
 
 _ROUNDING = 1e-12
-"""Part of its size by which a pseudo-inertia of points on a line or plane comes out below zero."""
+"""Relative rounding error by which the pseudo-inertia of points on a line or plane comes out below zero."""
 
 
 def in_units(J: Array, mass: float, length: float) -> Array:
@@ -57,7 +57,7 @@ def in_units(J: Array, mass: float, length: float) -> Array:
 
 
 def fault_in_words(values: Sequence[float] | Array) -> str:
-    """What makes ten parameters impossible, in the words of mechanics; empty when nothing does.
+    """The first condition of mechanics that ten parameters break, as a sentence; empty when they break none.
 
     The first that fails of: the mass; the moments of inertia about the centre of gravity; the triangle inequality
     between them (no moment can be larger than the sum of the other two).

@@ -1,4 +1,4 @@
-"""One rigid body: the wrench its motion needs, and the same as a linear map of its ten parameters."""
+"""Dynamics of one rigid body: the wrench of its motion, also as a linear map of its ten parameters."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from lacet.identify.multibody.vectors import Array, cross
 
 PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-"""Inertia tensor about the frame's origin, first moments, mass."""
+"""Parameters of a body: inertia tensor about the frame's origin [kg·m²], first moments [kg·m], mass [kg]."""
 
 FRICTION = ("IA", "FV", "FS")
-"""What a joint adds to a body's ten: rotor inertia, viscous and Coulomb friction, in SYMORO's names."""
+"""Parameters of a joint: rotor inertia, viscous and Coulomb friction, in SYMORO's names."""
 
 UNITS = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 
 
 def wrench(omega: Array, omega_dot: Array, accel: Array, values: Sequence[float] | Array) -> tuple[Array, Array]:
-    """Force [N] and moment about the frame's origin [N·m] that move a body, by Newton and Euler.
+    """Wrench that moves a body, by Newton and Euler: force [N] and moment about the frame's origin [N·m].
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A robot's table with symbols in it: what each length and angle is, before it has a value."""
+"""Geometry table of a robot with symbols: each length and angle as an expression that needs values."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIXED = 2
 
 @dataclass(frozen=True)
 class Row:
-    """One row: numbers of the frame and its antecedent, σ, and the constant parts of the six lengths and angles."""
+    """One frame of the table: its number, its antecedent's, σ, and the constant parts of the six lengths and angles."""
 
     j: int
     ant: int
@@ -106,7 +106,7 @@ class SymbolicTable:
         return out
 
     def any_values(self, rng: np.random.Generator) -> dict[str, float]:
-        """Values without any coincidence, lengths and angles of order one."""
+        """Random values of the symbols, lengths and angles of order one, so that no relation holds by coincidence."""
         return {s: rng.uniform(0.3, 1.2) if s in self.angle_symbols else rng.uniform(0.5, 1.5) for s in self.symbols}
 
     def path(self, j: int) -> tuple[int, ...]:
@@ -119,7 +119,7 @@ class SymbolicTable:
 
 
 def lacking(missing: Sequence[str], given: Iterable[str]) -> str:
-    """What to tell a user whose table has symbols without a value."""
+    """The message for a table that has symbols without a value."""
     known = list(given)
     near = [(s, difflib.get_close_matches(s, known, n=1)) for s in missing]
     hints = [f"'{match[0]}' was given: is '{s}' meant?" for s, match in near if match]
@@ -135,7 +135,7 @@ def _WHOLE(place: int) -> tuple[tuple[str, int], ...]:
 
 
 def _misspelt(key: str) -> str:
-    """The key that another one is too like to be a column of the user's own; nothing for those and for right ones."""
+    """The known key that an unknown key nearly spells; nothing for known keys and for users' own columns."""
     if key in _KEYS:
         return ""
     long = [k for k in _KEYS if len(k) > 2]

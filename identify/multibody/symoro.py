@@ -29,7 +29,7 @@ class ParError(FileFault, ValueError):
 
 @dataclass(frozen=True)
 class ParFile:
-    """What a file says of a robot.
+    """Contents of a SYMORO ``.par`` file.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class ParFile:
     notes: tuple[str, ...]
 
     def field(self, values: Mapping[str, float], default: Sequence[float]) -> tuple[tuple[float, ...], str]:
-        """Gravity with the symbols' values, and a note where the third entry has none (``G3``): `default` then.
+        """Gravity [m/s²] with the symbols' values; `default`, with a note, where its third entry has none (``G3``).
 
         Raises ValueError when another entry has no value.
         """
@@ -110,7 +110,7 @@ class _Reader:
         return ParFile(name, table, gravity, absent, "ia" in self.lists, given, symbols, notes)
 
     def _statements(self) -> None:
-        """``key = {…}`` and ``key = value``, comments taken out and lines counted."""
+        """``key = {…}`` and ``key = value``, comments removed and lines counted."""
         text = re.sub(r"\(\*.*?\*\)", lambda m: re.sub(r"[^\n]", " ", m.group()), self.text, flags=re.DOTALL)
         if (start := text.find("(*")) >= 0:
             self.fault(text.count("\n", 0, start) + 1, "a comment (* that is never closed")
@@ -151,7 +151,7 @@ class _Reader:
             if "nl" not in self.lists:
                 self.fault(0, "NL, the number of bodies, is missing")
             out["NL"] = out.get("NJ", listed)
-        if listed and out["NL"] > listed:  # told here, before lists of that length are made
+        if listed and out["NL"] > listed:  # reported here, before lists of that length are made
             self.fault(self.lines["ant"], f"ant has {listed} entries, NL is {out['NL']}")
             out["NL"] = listed
         out.setdefault("NJ", out["NL"])

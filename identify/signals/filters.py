@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Filters:
-    """Settings of the signal chain.
+    """Filter settings of a run's channels and equations.
 
     Attributes
     ----------
@@ -66,7 +66,10 @@ def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
 
 
 def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
-    """Filter along the last axis without phase shift; needs more than 3 (order + 1) samples."""
+    """A series (…, N) filtered forward and backward along its last axis, without phase shift.
+
+    `cutoff` : −3 dB of the two passes [Hz]; `rate` [Hz]; `order` of one pass; N must exceed 3 (order + 1).
+    """
     sos = two_pass_sos(cutoff, rate, order)
     # The default padding is too short for a low cut-off: half a period of it keeps the ends quiet.
     pad = min(x.shape[-1] - 1, max(3 * (order + 1), int(rate / cutoff)))
@@ -91,17 +94,17 @@ def derivative(x: Array, rate: float) -> Array:
 
 
 def zero_phase_of(x: Array, filters: Filters) -> Array:
-    """The parallel filter along the last axis."""
+    """The zero-phase parallel filter (the fit's cut-off) along the last axis of a series (…, N)."""
     return zero_phase(x, filters.fit_cutoff, filters.rate, filters.order)
 
 
 def decimate(x: Array, filters: Filters, keep: NDArray[np.intp]) -> Array:
-    """Parallel filter, then the samples `keep` along the last axis."""
+    """A series (…, N) after the parallel filter, at the n samples `keep` of its last axis: (…, n)."""
     return zero_phase_of(x, filters)[..., keep]
 
 
 def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, order: int) -> Array:
-    """Pre-filter a channel at its own rate and evaluate it on the common grid.
+    """A channel pre-filtered at its own rate and evaluated on the common time grid, (k, N).
 
     Parameters
     ----------
@@ -110,7 +113,7 @@ def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, or
     grid : (N,) s, inside the span of `t`.
     cutoff : −3 dB of the two passes [Hz], or None not to filter.
 
-    Returns (k, N). Stamps that are not uniform are first interpolated to the channel's own mean rate.
+    Stamps that are not uniform are first interpolated to the channel's own mean rate.
     """
     step = (t[-1] - t[0]) / (len(t) - 1)
     uniform = t[0] + step * np.arange(len(t))

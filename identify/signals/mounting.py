@@ -1,4 +1,4 @@
-"""How a sensor is mounted: from its axes to the body's, and attitudes as matrices."""
+"""Sensor mounting: rotations from sensor to body axes; attitude as rotation matrices and as angles [rad]."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def sensor_to_body(rig: Rig, channel: str) -> Array:
 
 
 def attitude_matrix(attitude: Array) -> Array:
-    """(3, 3, N) rotations Rz(yaw) Ry(pitch) Rx(roll) of roll, pitch, yaw (3, N)."""
+    """Rotations Rz(yaw) Ry(pitch) Rx(roll), (3, 3, N), of roll, pitch, yaw (3, N) [rad]."""
     roll, pitch, yaw = attitude
     axes = (unit(k) * np.ones(roll.size) for k in range(3))
     return np.stack([turn(2, yaw, turn(1, pitch, turn(0, roll, axis))) for axis in axes], axis=1)
 
 
 def attitude_angles(R: Array, near: Array) -> Array:
-    """Roll, pitch, yaw (3, N) of rotations (3, 3, N); the yaw in the turn of `near` (3, N)."""
+    """Roll, pitch, yaw (3, N) [rad] of rotations (3, 3, N); yaw unwrapped to within half a turn of `near` (3, N)."""
     roll = np.arctan2(R[2, 1], R[2, 2])
     pitch = -np.arcsin(np.clip(R[2, 0], -1.0, 1.0))
     yaw = np.arctan2(R[1, 0], R[0, 0])
@@ -37,7 +37,7 @@ def attitude_angles(R: Array, near: Array) -> Array:
 
 
 def small_turn(axis: Array, attitude: Array) -> Array:
-    """(3, N) change of roll, pitch, yaw per unit of a turn about `axis` (3,) of the turning frame."""
+    """Derivative of roll, pitch, yaw (3, N) by the angle of a rotation about `axis` (3,) of the rotating frame."""
     roll, pitch, _ = attitude
     across = axis[1] * np.sin(roll) + axis[2] * np.cos(roll)
     return np.stack(
@@ -46,7 +46,7 @@ def small_turn(axis: Array, attitude: Array) -> Array:
 
 
 def turned(axis: int, angle: float) -> Array:
-    """3 × 3 rotation by `angle` about body axis 0, 1 or 2."""
+    """3 × 3 rotation by `angle` [rad] about body axis 0, 1 or 2."""
     angles = [0.0, 0.0, 0.0]
     angles[axis] = angle
     return rpy(*angles)

@@ -1,4 +1,4 @@
-"""Draws of the channels' noise as the sensor sheet has it, seen after the pre-filter."""
+"""Random draws of the channels' noise, with the sensor sheet's σ and the spectrum that the pre-filter passes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lacet.identify.signals.reconstruct import Recording
 
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:
-    """One draw, (k, N) by channel, on the recording's grid.
+    """One random draw of the sensor noise on a recording's grid: channel → (k, N) [SI].
 
     White noise of the sheet's σ at each channel's own rate has the same spectrum below the pre-filter's cut-off as
     white noise on the grid with σ scaled by the root of the rates.

@@ -1,7 +1,7 @@
-"""How noisy each channel is in a run, from the run itself, and whether its noise is white from sample to sample.
+"""Noise level of each channel, measured in the runs themselves, and whether the noise is white.
 
 Instruments sample many times faster than the car moves: the upper part of a channel's spectrum holds noise alone. White
-noise has the same density everywhere, so that part tells σ; a lower part beside it tells whether the noise is white.
+noise has the same density everywhere, so that part gives σ; a lower part beside it shows whether the noise is white.
 """
 
 from __future__ import annotations
@@ -18,20 +18,21 @@ from lacet.daq.run import Run, Signal
 from lacet.identify.multibody.vectors import Array
 
 MOTION = 20.0
-"""Above this frequency a car's motion is taken to be nothing beside the noise [Hz]: the pre-filter's cut-off."""
+"""Frequency above which a car's motion is neglected beside the noise [Hz]: the pre-filter's cut-off."""
 
 _SEGMENT = 128
 _UPPER, _LOWER = (0.80, 1.00), (0.55, 0.75)
 """Bands of the spectrum as parts of half the sample rate: for σ, and for comparison with it."""
 
 _ALIKE = 2.24
-"""The window makes neighbouring bins alike: Σ |c_k|² of the coefficients of its square, over those of twelve bins."""
+"""Variance inflation of a band's mean, because the window correlates neighbouring bins: Σ |c_k|² of the coefficients
+of its square, over those of twelve bins."""
 
 _FLAT = 1.25
-"""White noise has the same σ in both bands; a ratio beyond this either way is no white noise."""
+"""Largest ratio of σ in the two bands, either way, that counts as white noise."""
 
 _NEAR = 0.10
-"""A measured σ this close to the sheet's is as good as the same."""
+"""Relative difference up to which a measured σ counts as that of the sheet."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class NoiseLevel:
     Attributes
     ----------
     sensor, family : of the rig and the vocabulary.
-    sigma : measured 1 σ at the channels' own rate, root mean square over them, SI; None where it cannot be told.
+    sigma : measured 1 σ at the channels' own rate, root mean square over them, SI; None where it cannot be measured.
     half : half of its 95 % interval.
     sheet : the rig's σ.
     columns : measured σ by column (``wheel.fl.force.x``).
@@ -61,7 +62,7 @@ class NoiseLevel:
 
     @property
     def white(self) -> bool:
-        """Whether neighbouring samples may be taken as independent."""
+        """Whether the noise is white, so that neighbouring samples may be taken as independent."""
         return self.flatness is None or 1.0 / _FLAT < self.flatness < _FLAT
 
     @property
@@ -84,7 +85,7 @@ class NoiseLevel:
 
 
 def measured_noise(runs: Sequence[Run], rig: Rig) -> list[NoiseLevel]:
-    """The noise of every family of every sensor in these runs, in the rig's order."""
+    """Noise levels of every channel family of every sensor in these runs, in the rig's order."""
     out: list[NoiseLevel] = []
     for sensor in rig.sensors:
         families = dict.fromkeys(CHANNELS[channel].family for channel in sensor.channels)
@@ -130,7 +131,7 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
 
 
 def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
-    """(segments, k) variance that white noise of the band's density has, by stretches of `_SEGMENT` samples.
+    """Variance of white noise with the band's density, (segments, k), for stretches of `_SEGMENT` samples.
 
     Angles may come wrapped, as a log holds them.
     """
@@ -138,7 +139,7 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
     if CHANNELS[channel].unit == "rad":
         values = np.unwrap(values, axis=0)
     parts = sliding_window_view(values, _SEGMENT, axis=0)[::_SEGMENT]
-    # The window keeps what moves slowly out of the upper part; ramps (wheel angles) are taken out first.
+    # The window keeps what moves slowly out of the upper part; ramps (wheel angles) are removed first.
     x = np.linspace(-1.0, 1.0, _SEGMENT)
     basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), x, x**2], axis=1))[0]
     level = parts - (parts @ basis) @ basis.T

@@ -1,4 +1,4 @@
-"""From a run's channels to the motion of the car: latencies, pre-filter, derivatives, axes, geometry.
+"""Channels of a run on one time grid: latencies removed, pre-filtered, differentiated; before any geometry.
 
 Nothing is twice integrated or differentiated that is measured directly: the inertial unit gives specific force and
 rates, of which only the angular acceleration is a derivative.
@@ -22,7 +22,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 
 _GAP = 0.020
-"""Longest hole that is interpolated without flagging an interval [s]."""
+"""Longest gap in the samples that is interpolated without flagging an interval [s]."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Signals:
 
     @classmethod
     def differentiated(cls, value: Mapping[str, Array], rate: float) -> Signals:
-        """Derivatives by central differences at `rate` [Hz]; second ones only for positions and angles."""
+        """Signals with derivatives by central differences at `rate` [Hz]; second ones only for positions and angles."""
         first = {name: derivative(array, rate) for name, array in value.items() if _derived(name) >= 1}
         second = {name: derivative(first[name], rate) for name in first if _derived(name) == 2}
         return cls(value, first, second)
@@ -46,13 +46,13 @@ class Signals:
         return Signals({**self.value, **new.value}, {**self.rate, **new.rate}, {**self.accel, **new.accel})
 
     def scalar(self, channel: str, n: int) -> tuple[Array, Array, Array]:
-        """A scalar channel with its two derivatives, (n,) each; zeros for what there is not."""
+        """A scalar channel and its two derivatives, (n,) each; zeros where the channel or a derivative is absent."""
         parts = (part.get(channel) for part in (self.value, self.rate, self.accel))
         value, rate, accel = (np.zeros(n) if part is None else part[0] for part in parts)
         return value, rate, accel
 
     def at(self, index: NDArray[np.intp] | slice) -> Signals:
-        """The same at some of the samples."""
+        """The signals at the samples `index`."""
         return Signals(
             *({name: a[:, index] for name, a in part.items()} for part in (self.value, self.rate, self.accel))
         )
@@ -62,20 +62,20 @@ _DERIVED = {"imu.rate": 1, "wheel.speed": 1, "laser.ground": 1, "laser.hub": 2, 
 
 
 def _derived(channel: str) -> int:
-    """How many derivatives of a channel the equations use."""
+    """Number of time derivatives of a channel that the equations use."""
     return _DERIVED.get(CHANNELS[channel].family, 0)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A run brought to one grid, before geometry: what a motion is built from, point by point.
+    """A run on one time grid before any geometry; a `Motion` is built from it sample by sample.
 
     Attributes
     ----------
     run : name of the run; `reference`, `brakes` : as declared by run and rig.
     t : (N,) s.
     signals : channels and derivatives.
-    usable : (N,) by channel: outside flagged holes and what the filters smear of them.
+    usable : (N,) by channel: outside flagged gaps and the filter transients around them.
     rates : each channel's own sample rate [Hz].
     start : time of the run's first sample [s]; that of `t` too, but in a piece of a long run.
 
@@ -100,17 +100,17 @@ class Recording:
     start: float = 0.0
 
     def at(self, index: NDArray[np.intp] | slice) -> Recording:
-        """The same recording at some of its samples."""
+        """The recording at the samples `index`."""
         usable = {name: mask[index] for name, mask in self.usable.items()}
         return replace(self, t=self.t[index], signals=self.signals.at(index), usable=usable)
 
     def with_signals(self, signals: Signals) -> Recording:
-        """The same recording with other channel values."""
+        """The recording with these channel values."""
         return replace(self, signals=signals)
 
 
 def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: Array | None = None) -> Recording:
-    """Remove latencies, pre-filter every channel at its own rate and evaluate all on one grid.
+    """A recording of a run: latencies removed, every channel pre-filtered at its own rate, all on one grid.
 
     The grid is the one that all channels span, or `on` (N,) s, as another recording of the same run has it: what of it
     lies outside a channel's span must be within the filters' edge.
@@ -171,7 +171,7 @@ def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[str]]:
 
 
 def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
-    """Values with unusable samples interpolated, and the holes longer than `_GAP` as (from, to) [s]."""
+    """Values with unusable samples interpolated, and the gaps longer than `_GAP` as (from, to) [s]."""
     good = signal.usable
     if np.count_nonzero(good) < 30:
         return None, []
@@ -190,7 +190,7 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
 
 
 def _intervals(holes: list[tuple[float, float]], most: int = 3) -> str:
-    """Holes in words, the first few with their times."""
+    """Gaps as a sentence, the first few with their times."""
     some = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in holes[:most])
     return some + (f" and {len(holes) - most} more intervals" if len(holes) > most else "")
 

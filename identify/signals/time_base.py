@@ -1,9 +1,9 @@
-"""What instruments that are read late do to the equations of motion.
+"""Latencies of instruments as first-order changes of their channels, relative to one instrument, the time base.
 
-The equations do not know what time it is: all instruments late alike are the same motion, told later. Columns made of
-measured rates do not add up to nothing, though: their noise stays, and in what is hardly seen (all clocks together) it
-would be nearly all there is. So one instrument is the time base, and its being late is written as all others being
-early.
+The equations of motion do not depend on absolute time: a latency that all instruments share leaves the residual as it
+is. Regressor columns built from measured rates do not cancel exactly, though: their noise remains, and would make up
+nearly all of the column of the common latency, which the runs hardly excite. So one instrument is the time base, and
+its latency is written as all others being early.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ def is_load(channel: str) -> bool:
 
 
 def base_channel(channels: Iterable[str]) -> str:
-    """The channel whose instrument is the time base: the first load, or the first there is."""
+    """A channel of the time base: the first load, else the first of the channels."""
     names = list(channels)
     return next(filter(is_load, names), names[0])
 
 
 def late(members: Collection[str], recording: Recording) -> dict[str, Array]:
-    """Change of channels (k, N) per second that the instrument of the channels `members` is late, to first order.
+    """Change of channels per second of latency of the channels `members`, to first order: channel → (k, N) [unit/s].
 
     −ẋ of each of them that the run has; of the time base ẋ of all others.
     """

@@ -31,7 +31,7 @@ class AeroDrag(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """One."""
+        """One variant: the car as a whole."""
         return [cls()]
 
     @property

@@ -26,7 +26,7 @@ class AeroLift(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles."""
+        """One variant for each axle."""
         return [cls(axle) for axle in AXLES]
 
     @property

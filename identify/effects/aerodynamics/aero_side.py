@@ -29,7 +29,7 @@ class AeroSide(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """One."""
+        """One variant: the car as a whole."""
         return [cls()]
 
     @property

@@ -33,7 +33,7 @@ class EngineMount(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """One."""
+        """One variant: the car as a whole."""
         return [cls()]
 
     @property

@@ -31,7 +31,7 @@ class Payload(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """None: they go by runs."""
+        """None: a payload belongs to a run (`for_runs`)."""
         return ()
 
     @classmethod
@@ -50,7 +50,7 @@ class Payload(Effect):
         )
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """Those of the chassis' mass and first moments, in the one run."""
+        """The columns of the chassis' mass and first moments, in the one run."""
         if motion.name != self.where:
             return {}
         body = motion.body

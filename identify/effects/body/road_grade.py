@@ -1,4 +1,4 @@
-"""Grade and bank of the road: in the measured specific force."""
+"""Grade and bank of the road, already in the measured specific force."""
 
 from __future__ import annotations
 

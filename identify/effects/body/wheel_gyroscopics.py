@@ -1,4 +1,4 @@
-"""Gyroscopic moments and spin inertia of the wheels: in the base model."""
+"""Gyroscopic moments and spin inertia of the wheels, already in the base model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Drive and brake torques: internal to the car, or in rows of their own."""
+"""Drive and brake torques, internal to the car or already in rows of their own."""
 
 from __future__ import annotations
 

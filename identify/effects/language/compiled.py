@@ -1,4 +1,4 @@
-"""The effect that a line describes: its variants, parameters and columns, as any class of the catalogue has them."""
+"""Effect classes made from one-line effects: their variants, parameters and regressor columns."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0
 """A plausible effect stays within a wheel's static load [N], that load at a wheel's radius and at a metre [N·m]."""
 _DRAWS = 512
 _WIDER = (1.0, 2.0, 4.0, 8.0)
-"""How far beyond the usual size of its states a law is followed that is zero within (a stop with a wide gap)."""
+"""Multiples of its states' usual size at which a law is evaluated that is zero within (a stop with a wide gap)."""
 
 
 class OneLine(Effect):
@@ -84,7 +84,7 @@ class OneLine(Effect):
 
 
 def effect_class(line: Line) -> type[OneLine]:
-    """The effect of a line that has a name. Raises LineFault when no plausible size of a parameter can be told."""
+    """The effect class of a line that has a name. Raises LineFault when no plausible size of a parameter follows."""
     law = "; ".join(f"{law.named}: {law.text}" for law in line.rows)
     states = ", ".join(dict.fromkeys(use.state.name.replace("_", " ") for use in line.states.values()))
     attributes: dict[str, Any] = {
@@ -112,7 +112,7 @@ def _plausible(line: Line, parameter: str) -> tuple[float, float]:
         sizes += [min(size for size in each if size)] if any(each) else []
     if not sizes:
         unit = line.unit(parameter)
-        says = f"no plausible size of {parameter} can be told: at every usual size of its states the law is zero or "
+        says = f"no plausible size of {parameter} follows: at every usual size of its states the law is zero or "
         raise LineFault(
             line.text, f"{says}not finite. Give bounds at the end of the line: ', {parameter} in -500..500 {unit}'"
         )

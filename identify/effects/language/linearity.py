@@ -1,4 +1,4 @@
-"""A law taken apart on its tree: parameter × something measured, and the dimension of each something."""
+"""Laws that are linear in their parameters, as parameter → measured expression with its physical dimension."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ MOST_PARTS, DEEPEST = 300, 40
 """Numbers, names and operations in one expression, and how deep they may be nested."""
 
 Terms = dict[str, ast.expr]
-"""Parameter → what it multiplies; what has no parameter stands under the empty name."""
+"""Parameter → its factor; the term without a parameter has the empty name."""
 
 
 def within_size(expression: Expression) -> None:
-    """Raise ExpressionFault when an expression is too large to be a law."""
+    """Check of an expression's size. Raises ExpressionFault when it is too large to be a law."""
 
     def depth(node: ast.AST) -> int:
         return 1 + max((depth(child) for child in ast.iter_child_nodes(node)), default=0)
@@ -39,7 +39,7 @@ def within_size(expression: Expression) -> None:
 
 
 def terms_of(expression: Expression, parameters: Set[str]) -> dict[str, Expression]:
-    """An expression that is linear in `parameters` as parameter → what it multiplies, in the order written.
+    """The terms of an expression that is linear in `parameters`: parameter → factor, in the order written.
 
     Exact: the tree is expanded, no numbers are tried. Raises ExpressionFault with the place where it is not linear, and
     where something stands without a parameter.
@@ -104,7 +104,7 @@ def _scaled(expression: Expression, node: ast.BinOp, parameters: Set[str]) -> Te
     if isinstance(node.op, ast.Div) and right:
         raise expression.fault(node.right, f"{' and '.join(right)} stands in a divisor, {_REMEDY.format(right[0])}")
     if left and right:
-        for part in (node.left, node.right):  # what is not linear in itself is told first
+        for part in (node.left, node.right):  # what is not linear in itself is reported first
             _expanded(expression, part, parameters)
         both = " and ".join(dict.fromkeys((*left, *right)))
         says = f"{both} are multiplied" if len({*left, *right}) > 1 else f"{both} appears squared"
@@ -118,7 +118,7 @@ def _scaled(expression: Expression, node: ast.BinOp, parameters: Set[str]) -> Te
 
 
 class Dimensions:
-    """The dimension of each part of an expression.
+    """Dimensional analysis of an expression: the physical dimension of each part.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ _WORDS = "the form is NAME = WHERE: LAW, as in  bump = suspension: p * travel**2
 
 
 class LineFault(UsageError):
-    """What is wrong with a line, with a mark under the place."""
+    """A fault in a one-line effect: the reason, with a mark under the place."""
 
     def __init__(self, text: str, says: str, start: int = 0, stop: int | None = None):
         stop = len(text) if stop is None else stop
@@ -53,7 +53,7 @@ class LineFault(UsageError):
 
 @dataclass(frozen=True)
 class RowLaw:
-    """The law in one row.
+    """The law of a one-line effect in one row of the equations.
 
     Attributes
     ----------
@@ -90,7 +90,7 @@ class RowLaw:
 
 @dataclass(frozen=True)
 class Line:
-    """A line as it was read.
+    """A one-line effect as read: name, laws by row, parameters, bounds and shape constants.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Line:
 
     @property
     def places(self) -> tuple[str, ...]:
-        """``where`` of each variant: axles and corners, axles alone for a law between two wheels, or one."""
+        """Places of the variants: axles and corners, axles alone for a law between two wheels, or the whole car."""
         free = [law for law in self.rows if law.row in KINDS and not law.place]
         if free:
             across = any(use.wheel == "other" for law in free for use in law.uses.values())
@@ -365,7 +365,7 @@ class _Reader:
         return uses
 
     def _no_misspelt_state(self, expression: Expression, node: ast.Name) -> None:
-        """A name that is free is a parameter; one that looks like a state is a slip of the pen."""
+        """Refusal of a parameter whose name is nearly that of a state: it is a misspelt state."""
         name = node.id
         stem = next((s for s in STATES if len(s) > 3 and name.startswith(f"{s}_")), "")
         if stem and STATES[stem].wheel:

@@ -1,4 +1,4 @@
-"""What a one-line effect may be a function of: the measured motion and loads, each with its unit and usual range.
+"""States that a one-line effect may use: measured motion and loads, each with its unit and usual range.
 
 A wheel's state (``travel``) is that of the wheel whose row it stands in. ``travel_other`` is that of the other side of
 the axle, ``travel_fl`` that of a wheel by name; a chassis row has no wheel of its own and takes wheels by name only.
@@ -24,7 +24,7 @@ _SPEED, _ACCEL, _TURN, _TORQUE = LENGTH / TIME, LENGTH / TIME**2, TIME**-1, FORC
 
 @dataclass(frozen=True)
 class State:
-    """A measured quantity.
+    """A measured quantity that a one-line effect may use.
 
     `low` and `high` are usual on a lively drive of a passenger car [SI]: they give a parameter of a user's law its
     plausible size, and nothing else. `wheel` or `body` takes it from the motion, (N,). `channels` are those it needs,
@@ -130,7 +130,7 @@ SUFFIXES = ("other", *CORNERS)
 
 @dataclass(frozen=True)
 class Use:
-    """A state as an expression names it; `wheel` is a corner, ``other``, ``own``, or empty for a state of the body."""
+    """A state as used in an expression; `wheel` is a corner, ``other``, ``own``, or empty for a state of the body."""
 
     state: State
     wheel: str
@@ -157,7 +157,7 @@ class Use:
 
 
 def use_of(name: str) -> Use | None:
-    """What a name stands for, or None where it is no state."""
+    """The state that a name stands for, or None where it is no state."""
     if name in STATES:
         return Use(STATES[name], "own" if STATES[name].wheel else "")
     stem, _, suffix = name.rpartition("_")

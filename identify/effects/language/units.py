@@ -13,7 +13,7 @@ _FACTOR = re.compile(r"(?P<name>[A-Za-zµ°%]+)(?:(?P<raised>[²³⁴])|\^?(?P<p
 
 @dataclass(frozen=True)
 class Dimension:
-    """Powers of mass, length and time."""
+    """A physical dimension: powers of mass, length and time."""
 
     mass: Fraction = Fraction(0)
     length: Fraction = Fraction(0)
@@ -21,7 +21,7 @@ class Dimension:
 
     @classmethod
     def of(cls, mass: int = 0, length: int = 0, time: int = 0) -> Dimension:
-        """From whole powers."""
+        """A dimension from whole powers."""
         return cls(Fraction(mass), Fraction(length), Fraction(time))
 
     def __mul__(self, other: Dimension) -> Dimension:

@@ -1,4 +1,4 @@
-"""Ground lasers that do not look straight down."""
+"""Tilt of the ground lasers: beams that are not vertical to the body."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class LaserTilt(SensorFault):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """In pitch and in roll."""
+        """Two variants: tilted in pitch and in roll."""
         return [cls("pitch"), cls("roll")]
 
     @property
@@ -42,7 +42,7 @@ class LaserTilt(SensorFault):
         return (self.named("angle", "rad", -0.2, 0.2),)
 
     def channels(self) -> tuple[str, ...]:
-        """All ground lasers."""
+        """The channels of all ground lasers."""
         return tuple(f"laser.{c}.ground" for c in CORNERS)
 
     def perturb(self, channel: str, recording: Recording) -> Array:

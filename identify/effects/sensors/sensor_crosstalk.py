@@ -1,4 +1,4 @@
-"""Dynamometers in which one force reads as another."""
+"""Cross-talk of the wheel dynamometers: one force read as another."""
 
 from __future__ import annotations
 

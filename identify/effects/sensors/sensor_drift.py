@@ -1,4 +1,4 @@
-"""Zeros that wander during a run."""
+"""Zero drift: sensor zeros that change during a run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
 
 _FAMILIES = ("wheel.force", "imu.accel", "imu.rate", "laser.ground", "laser.hub")
-"""Channels whose zeros carry weight in the rows, and whose instruments warm up."""
+"""Channel families whose zeros matter in the rows and whose instruments warm up."""
 
 
 class SensorDrift(SensorFault):

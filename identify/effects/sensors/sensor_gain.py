@@ -1,4 +1,4 @@
-"""Instruments whose scale is off."""
+"""Gain errors: instruments whose scale is off."""
 
 from __future__ import annotations
 

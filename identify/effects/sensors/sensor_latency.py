@@ -1,4 +1,4 @@
-"""Instruments that are later than the rig file says."""
+"""Latency errors: instruments that are later than the rig file says."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class SensorLatency(SensorFault):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Each kind of instrument."""
+        """One variant for each kind of instrument."""
         return [cls(group) for group in _GROUPS]
 
     @property
@@ -72,7 +72,7 @@ class SensorLatency(SensorFault):
         return -derivative(recording.signals.value[channel], recording.filters.rate)
 
     def changes(self, recording: Recording) -> dict[str, Array]:
-        """The channels later, or all others earlier (`signals.time_base`)."""
+        """Change of the late channels, or of all others when these are the time base (`signals.time_base`)."""
         return late(self.channels(), recording)
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:

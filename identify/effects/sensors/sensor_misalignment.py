@@ -1,4 +1,4 @@
-"""Instruments that are mounted askew."""
+"""Misalignment: instruments rotated against the orientation in the rig file."""
 
 from __future__ import annotations
 

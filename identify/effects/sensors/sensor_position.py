@@ -1,4 +1,4 @@
-"""An inertial unit that sits elsewhere than the rig says."""
+"""Position error of the inertial unit against the rig file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class SensorPosition(SensorFault):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Each body axis."""
+        """One variant for each body axis."""
         return [cls(f"imu.{axis}") for axis in "xyz"]
 
     @property

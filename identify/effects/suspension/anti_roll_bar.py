@@ -27,7 +27,7 @@ class AntiRollBar(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
-        """Both axles."""
+        """One variant for each axle."""
         return [cls(axle) for axle in AXLES]
 
     @property

@@ -24,7 +24,7 @@ class _CentreSlope(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles."""
+        """One variant for each axle."""
         return [cls(axle) for axle in AXLES]
 
     @abstractmethod

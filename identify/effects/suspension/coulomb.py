@@ -27,7 +27,7 @@ class Coulomb(SuspensionForce):
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Friction force f."""
+        """Friction force f [N]."""
         return (self.named("f", "N", 0.0, 500.0, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:

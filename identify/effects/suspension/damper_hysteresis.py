@@ -34,7 +34,7 @@ class DamperHysteresis(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles and each corner."""
+        """One variant for each axle and for each corner."""
         return [cls(where) for where in (*AXLES, *vehicle.corners)]
 
     @property

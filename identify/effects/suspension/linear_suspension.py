@@ -18,7 +18,7 @@ class _PerCorner(SuspensionForce):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
-        """Each corner."""
+        """One variant for each corner."""
         return [cls(corner) for corner in vehicle.corners]
 
 

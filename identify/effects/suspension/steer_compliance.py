@@ -1,4 +1,4 @@
-"""Steering and toe that give way under load: in the measured wheel angles."""
+"""Compliance of steering and toe under load, already in the measured wheel angles."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ class _WheelTurn(Effect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles."""
+        """One variant for each axle."""
         return [cls(axle) for axle in AXLES]
 
     @property

@@ -1,1 +1,1 @@
-"""Vertical laws of the tyres, and what the wheel dynamometers measure of their other forces."""
+"""Vertical laws of the tyres, and their other forces, which the wheel dynamometers measure."""

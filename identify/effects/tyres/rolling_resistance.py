@@ -1,4 +1,4 @@
-"""Rolling resistance: in the measured wheel loads."""
+"""Rolling resistance, already in the measured wheel loads."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What tyres do sideways: in the measured wheel loads."""
+"""Lateral behaviour of the tyres, already in the measured wheel loads."""
 
 from __future__ import annotations
 

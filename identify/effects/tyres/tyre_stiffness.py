@@ -22,7 +22,7 @@ class TyreStiffness(TyreForce):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> list[Self]:
-        """Each corner."""
+        """One variant for each corner."""
         return [cls(corner) for corner in vehicle.corners]
 
     @property
