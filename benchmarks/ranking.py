@@ -24,9 +24,9 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import fit
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive

@@ -31,7 +31,7 @@ _NAMES = {
     "lacet.identify.effects.base": ("Effect", "Parameter", "SensorFault", "SuspensionForce", "TyreForce"),
     "lacet.identify.multibody.chain": ("Chain", "Joint"),
     "lacet.identify.regression.model": ("Model",),
-    "lacet.identify.selection.candidate": ("Candidate",),
+    "lacet.identify.selection.score_tests": ("Candidate",),
     "lacet.identify.signals.reconstruct": ("Recording",),
     "lacet.services.library.comparisons": ("Comparison", "compare"),
     "lacet.services.library.fits": ("Fit", "add", "base_model", "catalogue", "fit"),

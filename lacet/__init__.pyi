@@ -15,7 +15,7 @@ from lacet.identify.effects.base import TyreForce as TyreForce
 from lacet.identify.multibody.chain import Chain as Chain
 from lacet.identify.multibody.chain import Joint as Joint
 from lacet.identify.regression.model import Model as Model
-from lacet.identify.selection.candidate import Candidate as Candidate
+from lacet.identify.selection.score_tests import Candidate as Candidate
 from lacet.identify.signals.reconstruct import Recording as Recording
 from lacet.services.library.comparisons import Comparison as Comparison
 from lacet.services.library.comparisons import compare as compare

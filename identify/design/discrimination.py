@@ -28,13 +28,13 @@ from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.layout import sheet_of
+from lacet.identify.selection.cross_products import sheet_of
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""
 SHOWS = 8.0
-"""Weighted size √λ from which an effect can be tested (`selection.trials`)."""
+"""Weighted size √λ from which an effect can be tested (`selection.score_tests`)."""
 DRAWS = 8
 """Draws of the channels' noise behind the floor of a run not driven yet."""
 _GONE = 1e-7

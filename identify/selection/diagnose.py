@@ -13,22 +13,145 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.column_noise import ColumnNoise
-from lacet.identify.selection.constancy import Constancy
-from lacet.identify.selection.excused import Excused
-from lacet.identify.selection.formulas import Formula, propose
-from lacet.identify.selection.late_or_missing import columns_as_read
-from lacet.identify.selection.look import MAIN, Look, look, strength, structured
-from lacet.identify.selection.reading import STILL, Reading, read_again, sheet_sums
-from lacet.identify.selection.refine import refined
-from lacet.identify.selection.taken_out import explained_by, may_leave_more, without_best
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.verdicts import LEAST_GAIN, judged, stands_out, unit_of
+from lacet.identify.selection.chow_test import Constancy, constancy
+from lacet.identify.selection.cross_products import Reading, sheet_sums
+from lacet.identify.selection.forward_selection import best_set, refined, with_ties
+from lacet.identify.selection.lack_of_fit import SIGNIFICANCE, Left, structured
+from lacet.identify.selection.regressor_noise import ColumnNoise, noise_through
+from lacet.identify.selection.relinearisation import STILL, columns_as_read, read_again, without_fault
+from lacet.identify.selection.score_tests import (
+    LEAST_GAIN,
+    Candidate,
+    TrialSpace,
+    implausible,
+    judged,
+    stands_out,
+    unit_of,
+)
+from lacet.identify.selection.symbolic_laws import Formula, propose
+from lacet.identify.selection.tolerance_tests import Excused
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_at
+
+MAIN = 0.75
+"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
+RARE = 0.01
+"""… where no more of simulated runs leave as much: one in twenty leaves half the excess of a small effect."""
+OWN = 0.3
+"""Part of that excess that the one proposed must take away itself: of three alike each has a third."""
+STAYS = 0.15
+"""Part of all excess that may stay behind the best set; if more does and is no noise, it is not listed either."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one look at the candidates tells.
+
+    Attributes
+    ----------
+    space : the candidates beside the fit.
+    now : what the model leaves, with the sensor sheet's tolerances taken out.
+    ranked : those that can be tested, best first; `untestable` the others.
+    best : the first that passes every bar, or None.
+    together : the best set of up to three.
+    excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
+        best set takes away.
+    sheet : what the sensor sheet takes up beside the best, or beside none.
+    strained : whether the sheet would have to be wrong for that, the best takes away less, and nothing else calls the
+        cause unlisted already.
+    changing : the best run by run, if it would have to be another law in each and the rows do not already call the
+        cause unlisted; else None.
+    unlisted : whether what is above the floor, strains the sheet or changes from run to run has a cause that no
+        candidate stands for.
+    """
+
+    space: TrialSpace
+    now: Left
+    ranked: tuple[Candidate, ...]
+    untestable: tuple[Candidate, ...]
+    best: Candidate | None
+    together: tuple[str, ...]
+    excess: float
+    explained: float
+    sheet: Excused
+    strained: bool
+    changing: Constancy | None
+    unlisted: bool
+
+    @property
+    def effects(self) -> Mapping[str, Effect]:
+        """Candidates by key."""
+        return {effect.key: effect for effect in self.space.effects}
+
+
+def look(space: TrialSpace, tell: Tell) -> Look:
+    """Try all candidates of a space."""
+    now, draws = space.left_by([]), space.floor.count
+    tell("how far each takes the error down")
+    all_tried = space.family_wise(space.try_all())
+    effects = {effect.key: effect for effect in space.effects}
+    # What chance does as well comes last.
+    ranked = sorted((c for c in all_tried if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -strength(c)))
+    tell("which cannot be told apart")
+    standing_out = {c.key for c in ranked if stands_out(c, effects[c.key])}
+    ranked = with_ties([judged(c, effects[c.key], draws) for c in ranked], space, standing_out)
+    plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
+    tell("what the best explain together")
+    together = best_set(space, plausible)
+    best = next((c for c in ranked if c.answer == "missing"), None)
+    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
+    own = [row for row in now.above if best and row in best.rows] or now.above
+    excess, explained, unlisted = now.excess(own), 0.0, False
+    if now.above:
+        # A gap between two values of the grid would leave what looks like another cause.
+        sharper: list[Candidate] = []
+        for c in [c for c in ranked if c.key in together]:
+            tell(f"the constants of {c.key}")
+            sharper.append(refined(space, c))
+        tell("what they leave")
+        after = space.left_by([replace(effects[c.key], shape=c.shape) for c in sharper])
+        explained = (excess - after.excess(own)) / excess
+        little = explained < MAIN and after.chance(own) <= max(RARE, 1.0 / (1.0 + draws))
+        unlisted = structured(now) and (
+            best is None or little or strength(best) < OWN * excess or _stays(space, now, after, best, tell)
+        )
+    untestable = tuple(c for c in all_tried if not c.tested)
+    changing = None
+    if best is not None and not unlisted:
+        tell(f"whether {best.key} is the same in all runs")
+        found = constancy(space, best, [c for c in ranked if c.key in together and c.key != best.key])
+        changing = found if found is not None and found.broken else None
+    # Where the sheet's tolerances take the whole cause up no row fails, and some fault is larger than any tolerance.
+    sheet = space.excused(best.key if best else "")
+    strained = not (unlisted or changing) and sheet.strained and (best is None or strength(best) < sheet.excess)
+    return Look(
+        space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
+        sheet, strained, changing, unlisted or strained or changing is not None,
+    )  # fmt: skip
+
+
+def _stays(space: TrialSpace, now: Left, after: Left, best: Candidate, tell: Tell) -> bool:
+    """Whether the best set leaves too much of the excess, and that is no noise, the noise through the best included."""
+    left, most = after.excess(now.above), STAYS * now.excess(now.above)
+    if after.family > SIGNIFICANCE or left <= most or not structured(after):
+        return False
+    effect = space.tried[best.key].trial.effect
+    if isinstance(effect, SensorFault):
+        return True
+    tell(f"what noise does through {best.key}")
+    c = refined(space, best)
+    through = noise_through(
+        space.fitted, space.floor.sigma, space.louder, replace(effect, shape=c.shape), np.array(c.values)
+    )
+    return left - sum(max(0.0, through[row]) for row in now.above) > most
+
+
+def strength(c: Candidate) -> float:
+    """Weighted squares it takes off; a latency's gain is told beside the rig's clocks, which tolerances may move."""
+    return min(c.total_gain, c.drop)
+
 
 MARGINAL = 1.25
 """Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""
@@ -89,8 +212,8 @@ def diagnose(
     """
     tell("what the sensor sheet leaves open")
     found, seen = _looked(Reading.of(fitted, floor), candidates, seed, noise, tell)
-    if may_leave_more(seen):
-        _, beside = _looked(without_best(seen, tell), candidates, seed, None, tell)
+    if may_leave_more(seen) and seen.best is not None:
+        _, beside = _looked(without_fault(seen.space, seen.best.key, tell), candidates, seed, None, tell)
         seen = explained_by(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
     if best is not None:
@@ -110,7 +233,7 @@ def diagnose(
         verdict, says = "nothing missing", _nothing(seen, ranked)
     return Diagnosis(
         verdict, says, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained,
-        floor.count, seen.space.columns.louder, failing, seen.together, found, tuple(formulas),
+        floor.count, seen.space.louder, failing, seen.together, found, tuple(formulas),
     )  # fmt: skip
 
 
@@ -140,7 +263,7 @@ def _in_doubt(seen: Look) -> bool:
     """
     now = seen.now
     # Sensors louder than their sheet lift all rows; a cause has a colour.
-    louder = seen.space.columns.louder if now.above and not structured(now) else dict[str, float]()
+    louder = seen.space.louder if now.above and not structured(now) else dict[str, float]()
     if any(now.ratios[row] >= MARGINAL * louder.get(row, 1.0) for row in now.above):
         return False
     # Latencies may also make a candidate where no row fails.
@@ -168,6 +291,35 @@ def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
     tell("the noise floor at the parameters that the sensor sheet leads to")
     floor = floor_at(space.fitted, space.led, space.floor.count)
     return replace(space.reading, floor=floor, sums=sheet_sums(space.fitted, floor))
+
+
+def may_leave_more(seen: Look) -> bool:
+    """Whether rows fail for a cause that is not listed, and the best that stands out is a sensor fault."""
+    rows_fail = seen.unlisted and not seen.strained and seen.changing is None
+    return rows_fail and seen.best is not None and isinstance(seen.effects[seen.best.key], SensorFault)
+
+
+def explained_by(seen: Look, beside: Look) -> Look:
+    """`seen` as it is to be judged, once the best was taken out of the runs and `beside` is what was seen then.
+
+    The fault alone, or with the best set beside it, must explain as much as is asked of any set.
+    """
+    assert seen.best is not None
+    before = seen.space.left_unexcused(seen.best.key)
+    whole, alone = before.excess(before.above), beside.now.excess(beside.now.above)
+    left = alone if beside.unlisted else beside.excess * (1.0 - beside.explained)
+    if left > (STAYS if beside.unlisted else 1.0 - MAIN) * whole:
+        return seen
+    together = (seen.best.key,) if beside.unlisted else (seen.best.key, *beside.together)
+    best = _as_fitted(seen.best, beside.space.fitted)
+    return replace(seen, best=best, unlisted=False, excess=whole, explained=1.0 - left / whole, together=together)
+
+
+def _as_fitted(fault: Candidate, fitted: Fit) -> Candidate:
+    """With the size at which it was taken out."""
+    (at,) = (i for i, name in enumerate(fitted.model.names) if name.startswith(f"{fault.key}."))
+    wide = np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at])
+    return replace(fault, values=(float(fitted.theta[at]),), interval=(1.96 * float(wide),))
 
 
 def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
@@ -276,7 +428,7 @@ def _nothing(seen: Look, ranked: Sequence[Candidate]) -> str:
             f" Chance does not explain all: {told}. That is less than {100 * LEAST_GAIN:g} % of any row; add it if so "
             f"little matters to you."
         )
-    loud = [f"{row} {ratio:.1f} times" for row, ratio in seen.space.columns.louder.items() if ratio > LOUD]
+    loud = [f"{row} {ratio:.1f} times" for row, ratio in seen.space.louder.items() if ratio > LOUD]
     if loud:
         says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
     if off := _off(seen.sheet, UNUSUAL):

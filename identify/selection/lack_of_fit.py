@@ -9,12 +9,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.trial_sums import TrialSums
-
-_SHARED = 1e-9
-"""Part of the largest eigenvalue below which a direction is one that other columns have too."""
-
+from lacet.identify.selection.cross_products import Reading, TrialColumns, TrialSums, solved
+from lacet.identify.selection.partial_regression import Partialled, beside
+from lacet.identify.validation.whiteness import whiteness
 
 EXCESS = 1.05
 """Residual ÷ floor above which a row can be said to fail…"""
@@ -22,6 +21,14 @@ CHANCE = 0.05
 """… if in no more than this part of simulated runs any row stands as far above."""
 LOUDEST = 3.0
 """No sensor is more times as noisy as its sheet says: what is above that is a cause."""
+
+
+COLOURED = 0.5
+"""Part of an excess that must stand above the noise's level to be no noise."""
+QUIET = 0.25
+"""Part of a spectrum's bands that is taken for noise alone."""
+SIGNIFICANCE = 0.05
+"""Family-wise error of a proposal."""
 
 
 @dataclass(frozen=True)
@@ -108,16 +115,6 @@ def left_after(sums: TrialSums, total: Array, taken: NDArray[np.intp], prior: Ar
     )
 
 
-def solved(G: Array, sides: Array) -> Array:
-    """G⁻¹ · sides; directions that columns share (two laws that are one on these runs) are taken once."""
-    scale = np.sqrt(np.diag(G))
-    scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(G / np.outer(scale, scale))
-    kept = values > _SHARED * values[-1]
-    V = vectors[:, kept]
-    return (V @ ((V.T @ (sides / scale[:, None])) / values[kept, None])) / scale[:, None]
-
-
 def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array, pull: Array) -> dict[str, float]:
     """Row → by how much its noise exceeds the sensor sheet's, from 1 to `LOUDEST`.
 
@@ -143,3 +140,53 @@ def with_columns(
     places = np.concatenate([taken, list(fresh)]).astype(np.intp)
     both = scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))
     return places, both, np.concatenate([pull, np.zeros(len(fresh))])
+
+
+def left_by(
+    columns: TrialColumns, known: Partialled, added: Sequence[Effect] = (), grid: Mapping[str, slice] | None = None
+) -> Left:
+    """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
+    if not added:
+        return left_after(known.sums, known.total, known.taken, known.prior, known.pull)
+    inside, trials = beside(columns, known, added, grid or {})
+    fresh = {
+        i: q.prior
+        for trial in trials
+        for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
+    }
+    return left_after(inside.sums, inside.total, *with_columns(inside.taken, inside.prior, inside.pull, fresh))
+
+
+def left_unexcused(known: Partialled, own: NDArray[np.intp]) -> Left:
+    """The residual after model, zeros and sensor sheet, without tolerances at positions `own` of a fault."""
+    kept = np.setdiff1d(np.arange(len(known.taken)), own)
+    prior = known.prior[np.ix_(kept, kept)]
+    return left_after(known.sums, known.total, known.taken[kept], prior, known.pull[kept])
+
+
+def prior_stiffening(reading: Reading) -> float:
+    """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
+
+    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
+    effect up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
+    """
+    sums = reading.sums
+    ratios = left_after(sums, sums.total, *reading.known(reading.pull)).ratios
+    return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
+
+
+def structured(left: Left) -> bool:
+    """Whether what is above the floor has another colour than the noise; sensors louder than their sheet leave it.
+
+    The noise's level is read from the quietest bands of each row's spectrum: most of the excess must stand above it.
+    """
+    smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
+    for key, residual in left.residual.items():
+        found = whiteness(residual, left.draws[key], np.arange(residual.size), 1.0) if key[1] in left.above else None
+        if found is not None and found.frequency.size > 1:
+            smallest, count = min(smallest, found.ljung_box), count + 1
+            width = np.gradient(found.frequency)
+            level = min(LOUDEST**2, float(np.quantile(found.spectrum / found.floor, QUIET)))
+            excess += float(np.sum(width * (found.spectrum - found.floor)))
+            coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
+    return smallest * count <= SIGNIFICANCE and coloured > COLOURED * excess > 0.0

@@ -12,7 +12,7 @@ from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
-from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge

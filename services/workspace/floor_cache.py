@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 import lacet.identify
-from lacet.identify.selection.column_noise import ColumnNoise
+from lacet.identify.selection.regressor_noise import ColumnNoise
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.workspace.study import Study, Version
 

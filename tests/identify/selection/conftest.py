@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.score_tests import Candidate, TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE

@@ -13,8 +13,8 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.trial_sums import FOLDS
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.cross_products import FOLDS
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.blocks import BLOCK
 from lacet.identify.validation.noise_floor import NoiseFloor
 

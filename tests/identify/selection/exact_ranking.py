@@ -9,8 +9,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.selection.lack_of_fit import Left
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.score_tests import TrialSpace
 from tests.identify.exact_car import KNOWN, VEHICLE
 
 CANDIDATES = [
@@ -31,8 +30,10 @@ SIZE = 60000.0
 def leaving(share: float, **more: object) -> Callable[[TrialSpace, Sequence[Effect]], Left]:
     """`left_by`, but that effects beside the model leave that share of each row's excess."""
 
+    plain = TrialSpace.left_by
+
     def left(space: TrialSpace, added: Sequence[Effect]) -> Left:
-        found, before = left_by(space, added), left_by(space, []).squares
+        found, before = plain(space, added), plain(space, []).squares
         return replace(found, squares={row: share * a for row, a in before.items()}, **more) if added else found
 
     return left

@@ -9,13 +9,9 @@ import pytest
 
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.look import structured
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
-from lacet.identify.selection.verdicts import SIGNIFICANCE
+from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.diagnose import diagnose, structured
+from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate, TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor
 from tests.identify.exact_car import driven, exact, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS
@@ -43,7 +39,7 @@ def test_nothing_is_missing_from_a_car_that_is_its_model(fitted: Fit, floor: Noi
     assert found.verdict == "nothing missing", found.says
     assert all(ratio < 1.3 for ratio in found.louder.values()), found.louder
     assert not found.formulas
-    assert not structured(left_by(space, []))
+    assert not structured(space.left_by([]))
 
 
 def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
@@ -55,7 +51,7 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
     assert set(found.failing) == set(floor.sigma)
     assert min(c.p for c in found.candidates) > SIGNIFICANCE
     noisy = TrialSpace.of(Reading.of(loud, floor), CANDIDATES, 0, space.noise)
-    assert not structured(left_by(noisy, []))
+    assert not structured(noisy.left_by([]))
     noisy.try_all()
     growth = [np.mean(noisy.tried[c.key].null) / np.mean(space.tried[c.key].null) for c in space.try_all() if c.tested]
     assert 3.0 < np.median(growth) < 5.0  # simulated runs are as loud
@@ -69,7 +65,7 @@ def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space:
     force[2] += 60.0 * np.sin(2 * np.pi * 1.7 * record.t)
     values["wheel.fl.force"] = force
     spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
-    left = left_by(TrialSpace.of(Reading.of(spoilt, floor), CANDIDATES, 0, space.noise), [])
+    left = TrialSpace.of(Reading.of(spoilt, floor), CANDIDATES, 0, space.noise).left_by([])
     assert "suspension.fl" in left.above
     assert structured(left)
     assert left.chance(left.above) == 1.0 / (1 + DRAWS)
@@ -77,7 +73,7 @@ def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space:
 
 def test_rows_together_are_compared_with_the_same_rows_of_simulated_runs(space: TrialSpace):
     """A simulated run has its own rank; and weak excesses add up, as those of simulated runs do not."""
-    left = left_by(space, [])
+    left = space.left_by([])
     rows = list(left.ratios)
     together = np.sum(list(left.null.values()), axis=0)
     for rank, draw in enumerate(np.argsort(-together), start=1):

@@ -11,14 +11,11 @@ import scipy.linalg
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.column_noise import NOISE_PAIRS, ColumnNoise
-from lacet.identify.selection.freed import Freed
-from lacet.identify.selection.partialling import Partialled, at_gain
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trial_columns import TrialColumns
-from lacet.identify.selection.trial_sums import columns_of
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import beside
+from lacet.identify.selection.cross_products import Reading, TrialColumns, columns_of
+from lacet.identify.selection.partial_regression import Partialled, at_gain
+from lacet.identify.selection.regressor_noise import NOISE_PAIRS, ColumnNoise
+from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.tolerance_tests import Freed
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
@@ -28,7 +25,7 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
     quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
-    calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0).sums, floor.sigma)
+    calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma)
     assert calm.labels == space.noise.labels
     for row, total in space.noise.totals.items():
         assert total.shape == 2 * (space.layout.width,)
@@ -108,10 +105,10 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
     four = fit(MODEL, runs, unbias=False)
-    own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0).sums
+    own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0, 1.0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
-    monkeypatch.setattr("lacet.identify.selection.column_noise._SECONDS", 1.9 * SECONDS)
+    monkeypatch.setattr("lacet.identify.selection.regressor_noise._SECONDS", 1.9 * SECONDS)
     some = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
     assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
     places = [trial.place for trial in own.layout.trials]
@@ -152,7 +149,7 @@ def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: 
     """A shape of the grid beside others is what it was alone: value, σ and all."""
     space.try_all()
     tried = [one for one in space.tried.values() if not one.trial.fault]
-    inside, trials = beside(space, [one.trial.effect for one in tried])
+    inside, trials = space.beside([one.trial.effect for one in tried])
     noisy = 0
     for one, trial in zip(tried, trials, strict=True):
         noisy += space.partialled.noisy_part(one.trial.place) > 1e-3

@@ -10,12 +10,11 @@ import scipy.linalg
 
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.column_noise import ColumnNoise
-from lacet.identify.selection.constancy import Constancy, constancy
+from lacet.identify.selection.chow_test import Constancy, constancy
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import beside
+from lacet.identify.selection.regressor_noise import ColumnNoise
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.noise_floor import floor_of
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact_with
 from tests.identify.selection.exact_ranking import DRAWS
@@ -119,7 +118,7 @@ def test_it_is_tried_beside_the_others_of_the_best_set(same: TrialSpace, monkeyp
     """What another missing effect does in some runs is not laid to the strongest."""
     asked: list[set[str]] = []
     monkeypatch.setattr(
-        "lacet.identify.selection.look.constancy",
+        "lacet.identify.selection.diagnose.constancy",
         lambda space, c, others: asked.append({c.key, *(o.key for o in others)}),
     )
     found = diagnose(same.fitted, same.floor, TRIED, noise=same.noise)
@@ -130,7 +129,7 @@ def test_it_is_tried_beside_the_others_of_the_best_set(same: TrialSpace, monkeyp
 
 def test_a_law_that_changes_from_run_to_run_is_none(changing: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the rows' own colour does not tell it already."""
-    monkeypatch.setattr("lacet.identify.selection.look.structured", lambda left: False)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.structured", lambda left: False)
     found = diagnose(changing, floor_of(changing, DRAWS), TRIED)
     assert found.verdict == "unlisted cause", found.says
     assert found.best is None
@@ -161,7 +160,7 @@ def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, key: str, m
     """Noise in theirs is what all have, less what is drawn for the others: nearly what is drawn for them."""
     found = {c.key: c for c in same.try_all()}
     whole = constancy(same, found[key])
-    monkeypatch.setattr("lacet.identify.selection.constancy.SECONDS", 1.0)
+    monkeypatch.setattr("lacet.identify.selection.chow_test.SECONDS", 1.0)
     part = constancy(same, found[key])
     assert whole
     assert part
@@ -176,12 +175,12 @@ def test_with_the_others_as_one_all_noise_is_taken_out(same: TrialSpace, monkeyp
     """What is drawn for runs by themselves and what is left to the others is together what all runs have."""
     found = {c.key: c for c in same.try_all()}
     given: list[list[np.ndarray]] = []
-    monkeypatch.setattr("lacet.identify.selection.constancy.SECONDS", 1.0)
+    monkeypatch.setattr("lacet.identify.selection.chow_test.SECONDS", 1.0)
     monkeypatch.setattr(
-        "lacet.identify.selection.constancy._compared", lambda names, groups, *rest: given.append(groups)
+        "lacet.identify.selection.chow_test._compared", lambda names, groups, *rest: given.append(groups)
     )
     assert constancy(same, found["coulomb.rear"]) is None
-    inside, _ = beside(same, [replace(KNOWN["coulomb.rear"], shape=found["coulomb.rear"].shape)])
+    inside, _ = same.beside([replace(KNOWN["coulomb.rear"], shape=found["coulomb.rear"].shape)])
     assert len(given[0]) == 2
     np.testing.assert_allclose(np.sum(given[0], axis=0), inside.sums.total - inside.column_noise, rtol=1e-7, atol=1e-6)
 

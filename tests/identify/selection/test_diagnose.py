@@ -15,8 +15,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.ties import ALIKE
-from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE
+from lacet.identify.selection.forward_selection import ALIKE
+from lacet.identify.selection.score_tests import LEAST_GAIN, SIGNIFICANCE
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.commands.__main__ import main
 from tests.identify import cars

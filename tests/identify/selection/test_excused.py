@@ -8,12 +8,11 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.excused import Excused, excused
-from lacet.identify.selection.formulas import propose
-from lacet.identify.selection.look import look
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.diagnose import diagnose, look
+from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.symbolic_laws import propose
+from lacet.identify.selection.tolerance_tests import Excused
 from lacet.identify.validation.noise_floor import NoiseFloor
 from tests.identify.exact_car import KNOWN, RIG, driven, exact, fit_of
 
@@ -48,12 +47,12 @@ def many_off(fitted: Fit) -> Fit:
 def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor, one_off: Fit):
     """A scale five tolerances off, beside candidates that do not know of it: nothing missing, and a look is advised."""
     space = TrialSpace.of(Reading.of(one_off, floor), TRIED, 0)
-    assert excused(space).sizes["gain of wheel.rr.force.z"] > 3.0
+    assert space.excused().sizes["gain of wheel.rr.force.z"] > 3.0
     found = diagnose(one_off, floor, TRIED, noise=space.noise)
     assert found.verdict == "nothing missing", found.says
     assert "gain of wheel.rr.force.z +" in found.says
     right = TrialSpace.of(Reading.of(fitted, floor), TRIED, 0, space.noise)
-    sheet = excused(right)
+    sheet = right.excused()
     assert max(map(abs, sheet.sizes.values())) < 3.0
     assert not sheet.strained
     assert "off by more than" not in diagnose(fitted, floor, TRIED, noise=space.noise).says
@@ -90,7 +89,7 @@ def test_what_takes_more_away_than_it_leaves_is_named(
     assert seen.unlisted
     assert seen.strained
     assert seen.best
-    monkeypatch.setattr("lacet.identify.selection.look.strength", lambda c: seen.sheet.excess + 1.0)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.strength", lambda c: seen.sheet.excess + 1.0)
     again = look(seen.space, silent)
     assert not again.strained
     assert not again.unlisted
@@ -107,7 +106,7 @@ def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: T
     normal = known.total[np.ix_(places, places)].copy()
     normal[: len(kept), : len(kept)] += known.prior[np.ix_(kept, kept)]
     solved = np.linalg.solve(normal, known.total[places, right])
-    told = excused(space, key)
+    told = space.excused(key)
     expected: list[float] = []
     for position, place in enumerate(known.taken.tolist()):
         if place >= space.layout.model:
@@ -123,12 +122,12 @@ def test_simulated_runs_are_treated_as_the_runs_are(space: TrialSpace, monkeypat
     """Were a simulated run the measured one, the sheet would take up its squares."""
     known, right = space.partialled, space.layout.right
     normal = known.total[np.ix_(known.taken, known.taken)] + known.prior
-    told = excused(space)
+    told = space.excused()
     for draw in (0, 5):
         gain = known.gain.copy()
         gain[:, right] = np.linalg.solve(normal, space.null[known.taken, draw])
         monkeypatch.setattr(known, "gain", gain)
-        assert excused(space).squares == pytest.approx(told.null[draw], rel=1e-6)
+        assert space.excused().squares == pytest.approx(told.null[draw], rel=1e-6)
 
 
 def test_more_than_any_simulated_run_and_than_twice_their_mean():

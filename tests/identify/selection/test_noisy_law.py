@@ -10,10 +10,10 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.noisy_law import noise_through
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.regressor_noise import noise_through
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
@@ -31,7 +31,7 @@ def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: TrialSpa
     physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
     beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.drives]
     before, after = (simulate_floor(fitted.drives, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
-    told = noise_through(space, effect, values)
+    told = noise_through(space.fitted, space.floor.sigma, space.louder, effect, values)
     counts = dict.fromkeys(told, 0)
     for block in space.sums.blocks:
         counts[block.row] += len(block.columns)
@@ -47,12 +47,16 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
 ):
     """A fifth of the excess stays behind the right law, where the limit is 15 %."""
 
-    def through(space: TrialSpace, effect: Effect, values: np.ndarray) -> dict[str, float]:
+    before = TrialSpace.of(Reading.of(unlisted, floor), [HIDDEN, *CANDIDATES[:2]], 0).left_by([]).squares
+
+    def through(*known: object) -> dict[str, float]:
+        *_, effect, values = known
+        assert isinstance(effect, Effect)
         assert effect.key == HIDDEN.key
         assert values == pytest.approx(SIZE, rel=0.2)
-        return {row: share * a for row, a in left_by(space, []).squares.items()}
+        return {row: share * a for row, a in before.items()}
 
-    monkeypatch.setattr("lacet.identify.selection.look.left_by", leaving(0.2, family=0.01))
-    monkeypatch.setattr("lacet.identify.selection.look.noise_through", through)
-    monkeypatch.setattr("lacet.identify.selection.look.structured", lambda left: True)
+    monkeypatch.setattr("lacet.identify.selection.score_tests.TrialSpace.left_by", leaving(0.2, family=0.01))
+    monkeypatch.setattr("lacet.identify.selection.diagnose.noise_through", through)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.structured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

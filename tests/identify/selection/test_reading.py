@@ -13,13 +13,11 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.excused import excused
-from lacet.identify.selection.late_or_missing import columns_as_read
-from lacet.identify.selection.partialling import Partialled
-from lacet.identify.selection.reading import READINGS, Reading, read_again
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.partial_regression import Partialled
+from lacet.identify.selection.relinearisation import READINGS, columns_as_read, read_again, remaining_latencies
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
@@ -91,9 +89,9 @@ def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float):
     # Read where the instruments are, the run is the model's again.
     assert len(reading.late) > 1
     assert len(reading.late) <= len(CLOCKS)
-    left = max(left_by(TrialSpace.of(reading, TRIED, 0), []).ratios.values())
+    left = max(TrialSpace.of(reading, TRIED, 0).left_by([]).ratios.values())
     assert left < 1.25
-    assert max(left_by(TrialSpace.of(recorded, TRIED, 0), []).ratios.values()) > 1.5 * left
+    assert max(TrialSpace.of(recorded, TRIED, 0).left_by([]).ratios.values()) > 1.5 * left
 
 
 def test_late_instruments_are_taken_out_whatever_is_tried():
@@ -105,7 +103,9 @@ def test_late_instruments_are_taken_out_whatever_is_tried():
 def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
     """What never settles is read a few times only, and told."""
     told: list[str] = []
-    monkeypatch.setattr("lacet.identify.selection.reading.Reading.remaining", lambda _, late: np.full(len(late), 5.0))
+    monkeypatch.setattr(
+        "lacet.identify.selection.relinearisation.remaining_latencies", lambda _, late: np.full(len(late), 5.0)
+    )
     reading = read_again(Reading.of(fitted, floor), told.append)
     assert len([line for line in told if "read again" in line]) == READINGS
     assert all(abs(seconds) > 0.0 for seconds in reading.late.values())
@@ -116,18 +116,20 @@ def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor
     recorded = Reading.of(fitted, floor)
     assert len(set(recorded.clocks.values())) == 1
     alone = np.full(len(recorded.clocks), 0.5)
-    np.testing.assert_allclose(recorded.remaining(alone), recorded.remaining(0.0 * alone) - alone, atol=1e-6)
+    np.testing.assert_allclose(
+        remaining_latencies(recorded, alone), remaining_latencies(recorded, 0.0 * alone) - alone, atol=1e-6
+    )
 
 
 @pytest.mark.parametrize("key", ["spring_cubic.front", pytest.param("coulomb.rear", marks=pytest.mark.slow)])
 def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, fitted: Fit, monkeypatch: pytest.MonkeyPatch):
     """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
     bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
-    monkeypatch.setattr("lacet.identify.selection.late_or_missing.STRAIGHT", bound)
+    monkeypatch.setattr("lacet.identify.selection.relinearisation.STRAIGHT", bound)
     off = fit_of(driven(exact_with(KNOWN[key], 0.9 * KNOWN[key].parameters[0].high), 4), fitted)
     own = floor_of(off, DRAWS)
     recorded = Reading.of(off, own)
-    moved = recorded.remaining(np.zeros(len(recorded.clocks))) * np.array(list(recorded.clocks.values()))
+    moved = remaining_latencies(recorded, np.zeros(len(recorded.clocks))) * np.array(list(recorded.clocks.values()))
     assert np.max(np.abs(recorded.omega * moved)) > bound
     told: list[str] = []
     found = diagnose(off, own, [KNOWN[key], *(e for e in (*TRIED, *CLOCKS) if e.key != key)], tell=told.append)
@@ -163,7 +165,7 @@ def test_clocks_are_told_from_the_rig_file():
     assert isinstance(fault, SensorFault)
     space = TrialSpace.of(very_late("sensor_latency.imu", 0.02)[1], TRIED[:1], 0)
     assert space.reading.late
-    told = {name: size for name, size in excused(space).sizes.items() if name.startswith("latency")}
+    told = {name: size for name, size in space.excused().sizes.items() if name.startswith("latency")}
     imu = next(size for name, size in told.items() if name == f"latency of {RIG.sensor_of('imu.accel').name}")
     others = np.mean([size for size in told.values() if size != imu])
     assert (imu - others) * RIG.tolerance("imu.accel", "latency") == pytest.approx(0.02, abs=0.003)

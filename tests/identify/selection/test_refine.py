@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.refine import refined
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.forward_selection import refined
+from lacet.identify.selection.score_tests import Candidate, TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, driven, exact_with, fit_of
 

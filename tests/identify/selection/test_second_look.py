@@ -10,11 +10,10 @@ import pytest
 from lacet.identify.progress import Tell
 from lacet.identify.regression.wls import Fit, at_faults
 from lacet.identify.selection import diagnose as ranking
-from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.look import Look
-from lacet.identify.selection.reading import STILL, Reading, read_again
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.diagnose import Look, diagnose
+from lacet.identify.selection.relinearisation import STILL, read_again
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_at, floor_of
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
@@ -61,7 +60,7 @@ def test_a_floor_that_is_a_little_low_is_simulated_again(
     assert len(unlisted_at_first) == 1 + again
     if again:
         first, second = unlisted_at_first
-        assert left_by(first, []).above
+        assert first.left_by([]).above
         assert second.floor.sigma == floor_at(fitted, first.led, DRAWS).sigma
         assert second.fitted is fitted
 
@@ -73,7 +72,7 @@ def test_a_cause_with_a_colour_is_looked_at_again_only_where_rows_fail_by_little
     """What has a colour is no loud sensor, and latencies would be led far astray by it."""
     off = fit_of(driven(exact_with(HIDDEN, size * SIZE), 1), fitted)
     diagnose(off, floor, TRIED)
-    first = left_by(unlisted_at_first[0], [])
+    first = unlisted_at_first[0].left_by([])
     assert first.above
     assert len(unlisted_at_first) == 1 + again
     assert again == (max(first.ratios.values()) < ranking.MARGINAL)
@@ -111,7 +110,7 @@ def test_what_columns_leave_of_latencies_is_about_what_they_do(fitted: Fit):
     """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
     off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
     space = TrialSpace.of(Reading.of(off, floor_of(off, 9)), TRIED, 0)
-    left = {key: float(np.sum(series**2)) for key, series in left_by(space, []).residual.items()}
+    left = {key: float(np.sum(series**2)) for key, series in space.left_by([]).residual.items()}
     assert ranking._bent(space) > 0.3 * sum(left.values())
     assert ranking._bent(space) < 30.0 * sum(left.values())
 
@@ -142,7 +141,7 @@ def test_latencies_within_tolerance_are_read_away_to_the_last(fitted: Fit):
     closer = ranking._read_closely(space, lambda _: None)
     assert closer.late
     spaces = [TrialSpace.of(reading, TRIED, 0, space.noise) for reading in (space.reading, closer)]
-    left = [left_by(s, []).ratios for s in spaces]
+    left = [s.left_by([]).ratios for s in spaces]
     assert left[1]["chassis.fx"] < 0.3 * left[0]["chassis.fx"]
     assert ranking._read_closely(spaces[1], lambda _: None) is closer
 

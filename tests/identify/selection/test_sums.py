@@ -15,13 +15,11 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.column_noise import ColumnNoise, column_labels
+from lacet.identify.selection.cross_products import FOLDS, Reading, Trial, TrialSums
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.layout import Trial
-from lacet.identify.selection.reading import Reading, read_again
-from lacet.identify.selection.trial_sums import FOLDS, TrialSums
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import left_by
+from lacet.identify.selection.regressor_noise import ColumnNoise, column_labels
+from lacet.identify.selection.relinearisation import read_again
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify import cars
 from tests.identify.selection.dense_ranking import Dense
@@ -166,7 +164,7 @@ def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense
 
 def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: TrialSpace, dense: Dense):
     """Sample by sample, of the measured run and of a simulated one; the ratios follow from both."""
-    left = left_by(space, [])
+    left = space.left_by([])
     measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
     start = 0
     for key in dense.parts():
@@ -274,7 +272,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
         for measure in ("drop", "fall"):
             one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
-    one, other = (left_by(s, []) for s in (whole, parts))
+    one, other = (s.left_by([]) for s in (whole, parts))
     for key, draws in one.draws.items():
         assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
         assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key

@@ -10,11 +10,10 @@ import pytest
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import at_faults, extended, fit
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.look import look
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.taken_out import without_best
-from lacet.identify.selection.trials import TrialSpace
+from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.diagnose import Diagnosis, diagnose, look
+from lacet.identify.selection.relinearisation import without_fault
+from lacet.identify.selection.score_tests import TrialSpace
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import floor_of
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
@@ -104,7 +103,6 @@ def test_latencies_that_were_taken_out_before_stay_known():
     reading = Reading.of(fitted, floor_of(fitted, 9))
     late = dict.fromkeys(reading.clocks, 0.001)
     seen = look(TrialSpace.of(replace(reading, late=late), CANDIDATES, 0), silent)
-    best = next(c for c in seen.ranked if c.key == HUB)  # nine draws propose nothing
-    found = without_best(replace(seen, best=best), silent)
+    found = without_fault(seen.space, HUB, silent)
     assert found.late == late
     assert np.any(found.pull)

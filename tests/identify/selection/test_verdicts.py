@@ -14,12 +14,9 @@ from lacet.identify.progress import Tell
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
-from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.look import Look
-from lacet.identify.selection.ties import same_losses, with_ties
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.verdicts import SIGNIFICANCE, judged, stands_out
+from lacet.identify.selection.diagnose import Diagnosis, Look, diagnose
+from lacet.identify.selection.forward_selection import same_losses, with_ties
+from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate, TrialSpace, judged, stands_out
 from lacet.identify.validation.noise_floor import NoiseFloor
 from tests.identify.exact_car import KNOWN, driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
@@ -118,7 +115,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
     unlisted: Fit, floor: NoiseFloor, rest: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """Six tenths explained are enough where chance leaves the others, and not where it does not."""
-    monkeypatch.setattr("lacet.identify.selection.look.left_by", leaving(rest))
+    monkeypatch.setattr("lacet.identify.selection.score_tests.TrialSpace.left_by", leaving(rest))
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -127,7 +124,7 @@ def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
 ):
     small = fit_of(driven(exact_with(HIDDEN, 0.05 * SIZE), 1))
     assert diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == "missing"
-    monkeypatch.setattr("lacet.identify.selection.verdicts.LEAST_GAIN", 0.5)
+    monkeypatch.setattr("lacet.identify.selection.score_tests.LEAST_GAIN", 0.5)
     found = diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]])
     assert found.verdict == "nothing missing"
     assert "Chance does not explain all: hidden.front " in found.says
@@ -169,15 +166,15 @@ def test_a_small_one_that_is_tied_is_not_called_needless(
     unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     """With the hidden law proposed, all others that stand out tied with it."""
-    monkeypatch.setattr("lacet.identify.selection.ties.ALIKE", 0.0)
-    monkeypatch.setattr("lacet.identify.selection.ties.same_losses", lambda *_: True)
+    monkeypatch.setattr("lacet.identify.selection.forward_selection.ALIKE", 0.0)
+    monkeypatch.setattr("lacet.identify.selection.forward_selection.same_losses", lambda *_: True)
     measured = judged
     small = "coulomb.front"
 
     def needless(c: Candidate, effect: Effect, draws: int) -> Candidate:
         return replace(measured(c, effect, draws), **({"answer": "not needed"} if c.key == small else {}))
 
-    monkeypatch.setattr("lacet.identify.selection.look.judged", needless)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.judged", needless)
     found = diagnose(unlisted, floor, [*CANDIDATES, HIDDEN])
     assert found.verdict == "missing"
     assert found.best

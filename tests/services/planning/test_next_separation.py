@@ -11,7 +11,7 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
-from lacet.identify.selection.candidate import Candidate
+from lacet.identify.selection.score_tests import Candidate
 from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, Limits
 from lacet.services.planning.separation import ORDINARY, recommend, tied

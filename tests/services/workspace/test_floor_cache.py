@@ -18,7 +18,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.column_noise import ColumnNoise
+from lacet.identify.selection.regressor_noise import ColumnNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
 from lacet.services.workspace.session import Work, diagnosis_result

@@ -18,13 +18,10 @@ from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.column_noise import ColumnNoise
-from lacet.identify.selection.lack_of_fit import solved, with_columns
-from lacet.identify.selection.trial_sums import TrialSums, products_of, without_zeros
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.unlisted import beside
-from lacet.identify.selection.verdicts import SIGNIFICANCE
+from lacet.identify.selection.cross_products import TrialSums, products_of, solved, without_zeros
+from lacet.identify.selection.lack_of_fit import SIGNIFICANCE, with_columns
+from lacet.identify.selection.regressor_noise import ColumnNoise
+from lacet.identify.selection.score_tests import Candidate, TrialSpace
 
 ACTS = 1e-3
 """Part of a law's energy that a run must hold to have a say."""
@@ -84,7 +81,7 @@ def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ())
     if len(space.fitted.drives) < 2:
         return None
     effects = {effect.key: effect for effect in space.effects}
-    inside, trials = beside(space, [replace(effects[one.key], shape=one.shape) for one in (c, *others)])
+    inside, trials = space.beside([replace(effects[one.key], shape=one.shape) for one in (c, *others)])
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
     kept = np.arange(len(inside.taken))
     if (freed := space.tried[c.key].freed) is not None:  # what stands for a fault does not excuse it
@@ -158,7 +155,7 @@ def _groups(
     names, products, chance = _told_apart(drives, single), list[Array](), [found[run][1] for run in single]
     for run in single:
         drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run, PAIRS)
-        own = drawn.products(sums, space.columns.louder, space.floor.sigma)
+        own = drawn.products(sums, space.louder, space.floor.sigma)
         products.append(found[run][0] - own)
         noise = noise - own
     if rest:
@@ -180,5 +177,5 @@ def _of_run(space: TrialSpace, sums: TrialSums, run: int) -> tuple[Array, Array]
     z, w = blocks[0].zeros.shape[1], sums.layout.width
     folds, drawn = products_of(blocks, z, w, len(blocks[0].draws))
     gain, left = without_zeros(folds.sum(axis=0), z)
-    noise = np.sum([space.columns.louder[row] * products for row, products in drawn.items()], axis=0)
+    noise = np.sum([space.louder[row] * products for row, products in drawn.items()], axis=0)
     return left, noise[z:] - gain.T @ noise[:z]

@@ -1,10 +1,13 @@
-"""What noise in the columns themselves adds to the sums that a ranking is made of.
+"""Noise in the columns themselves: what it adds to the sums that a ranking is made of, and through a law to be added.
 
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
 the same draw subtracted leave the products of errors and the mean shift of bent laws, as in
 `regression.corrected_scores` for the fit. It depends on the motion and hardly on the noise of a run, so it is found
 once and kept with the noise floor.
+
+The noise floor is that of the model as it is. A large friction changes its sign with the noise of the travel rate: once
+it is added the rows are noisier, and what it leaves must be compared with that.
 """
 
 from __future__ import annotations
@@ -17,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.layout import Layout
-from lacet.identify.selection.trial_sums import TrialSums, at_zeros, columns_of
+from lacet.identify.selection.cross_products import Layout, TrialSums, at_zeros, columns_of
 
 NOISE_PAIRS = 2
 """Pairs of draws."""
@@ -189,3 +192,31 @@ def _of_piece(
 
 def _samples(piece: Piece) -> int:
     return sum(len(right) for right in piece.right.values())
+
+
+DRAWS = 2
+"""Draws of noise on each run."""
+
+
+def noise_through(
+    fitted: Fit, sigma: Mapping[str, float], louder: Mapping[str, float], effect: Effect, values: Array
+) -> dict[str, float]:
+    """Row → weighted squares, over all runs, that noise adds through an effect with parameters `values` [SI].
+
+    `sigma` are the rows' weights, `louder` by how much their noise exceeds the sheet's.
+    """
+    physics, theta = fitted.model.physics, fitted.physics
+    out = dict.fromkeys(sigma, 0.0)
+    for piece in fitted.assembly.pieces():
+        drive = piece.drive
+        law = {row: values @ columns for row, columns in drive.columns(effect).items()}
+        left = {row: drive.measured[row] - drive.matrix(physics, row) @ theta for row in law}
+        for draw in range(DRAWS):
+            noisy = drive.noisy(draw, 1, [2005, piece.run, piece.number or 0, draw], loads=True)
+            for row, columns in noisy.columns(effect).items():
+                plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - left[row]
+                both = plain - (values @ columns - law[row])
+                out[row] += louder[row] ** 2 * float(both @ both - plain @ plain) / sigma[row] ** 2 / DRAWS
+            noisy.forget_motion()
+        drive.forget_noisy(loads=True)
+    return out

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trials import TrialSpace
-from lacet.identify.selection.verdicts import LEAST_GAIN, SIGNIFICANCE
+from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.lack_of_fit import SIGNIFICANCE
+from lacet.identify.selection.score_tests import LEAST_GAIN, TrialSpace
 
 _SIGN = "tanh(rate/v0)"
 _BAND = ", v0 = 0.01 0.03 0.1 m/s"

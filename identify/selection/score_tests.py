@@ -1,26 +1,85 @@
-"""Candidates tried on top of a fitted model, all rows of all runs weighted by the noise floor."""
+"""Score tests of candidates on top of a fitted model, all rows of all runs weighted by the noise floor."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
-from lacet.identify.selection.candidate import Candidate
-from lacet.identify.selection.column_noise import ColumnNoise, column_labels
-from lacet.identify.selection.freed import Freed, own_columns
-from lacet.identify.selection.layout import Trial
-from lacet.identify.selection.partialling import GONE, Partialled
-from lacet.identify.selection.reading import Reading
-from lacet.identify.selection.trial_columns import TrialColumns
-from lacet.identify.selection.trial_sums import BLOCK
+from lacet.identify.selection.cross_products import BLOCK, Reading, Trial, TrialColumns
+from lacet.identify.selection.lack_of_fit import (
+    SIGNIFICANCE,
+    Left,
+    left_by,
+    left_unexcused,
+    louder_rows,
+    prior_stiffening,
+)
+from lacet.identify.selection.partial_regression import GONE, Partialled, beside
+from lacet.identify.selection.regressor_noise import ColumnNoise, column_labels
+from lacet.identify.selection.tolerance_tests import Excused, Freed, excused, own_columns
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect tried on top of the model.
+
+    Attributes
+    ----------
+    key : the effect, with `shape` the constants that fit best.
+    answer : ``missing`` (the one proposed, and those tied with it), ``undecided`` (it helps now, and is judged again
+        once that one is added), ``not needed`` or ``not testable``.
+    why : two plain sentences with numbers.
+    gain : what it takes away in blocked cross-validation, as part of the weighted residual of its rows, at most 1;
+        `total_gain` the same in weighted squares, of all rows.
+    most : part of the weighted residual of one row that it takes away, in the row where that is most.
+    gain_rms : the residual it takes away, as RMS over its `rows` of one unit [N or N·m].
+    drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
+    coverage : effective number of blocks it acts in.
+    size : √λ of the largest plausible effect after everything else is partialled out.
+    absorbed : what takes it up where it cannot be tested, largest share first.
+    values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
+    ties : candidates that cannot be told apart from it on these runs, with their correlation.
+    block_gain : (B,) weighted squares it takes away, block by block.
+
+    Examples
+    --------
+    >>> best = ranking.best
+    >>> best.key, best.rows
+    ('anti_roll_bar.front', ('suspension.fl', 'suspension.fr'))
+    """
+
+    key: str
+    shape: Mapping[str, float]
+    answer: str = ""
+    why: str = ""
+    rows: tuple[str, ...] = ()
+    gain: float = 0.0
+    most: float = 0.0
+    gain_rms: float = 0.0
+    total_gain: float = 0.0
+    drop: float = 0.0
+    p: float = 1.0
+    coverage: float = 0.0
+    size: float = 0.0
+    absorbed: tuple[tuple[str, float], ...] = ()
+    values: tuple[float, ...] = ()
+    interval: tuple[float, ...] = ()
+    ties: tuple[tuple[str, float], ...] = ()
+    block_gain: Array = field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def tested(self) -> bool:
+        """Whether the runs could show it."""
+        return self.answer != "not testable"
+
 
 LEAST_COVERAGE = 3.0
 """Effective number of blocks in which a candidate must act."""
@@ -71,6 +130,7 @@ class TrialSpace:
         one that is free of its tolerance.
     freed : place → sensor fault that the sheet has a tolerance for.
     null : (w, D) products of all columns with simulated runs that lack nothing.
+    louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
     """
 
     def __init__(self, columns: TrialColumns, noise: ColumnNoise | None = None, tell: Tell = silent):
@@ -84,7 +144,8 @@ class TrialSpace:
                 progress=lambda step: tell(f"the noise in what they follow: {step.done} of {step.total} draws"),
             )  # fmt: skip
         self.noise = noise
-        noisy = noise.products(self.sums, columns.louder, self.floor.sigma)
+        self.louder = louder_rows(self.sums, columns.taken, columns.prior, columns.pull)
+        noisy = noise.products(self.sums, self.louder, self.floor.sigma)
         self.partialled = Partialled(self.sums, columns.taken, columns.prior, noisy, columns.pull)
         self.freed = {
             trial.place.start: Freed(self.partialled, trial.place.start, own)
@@ -93,7 +154,7 @@ class TrialSpace:
             and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
             and np.all(self.partialled.remaining(trial.place) > GONE)
         }
-        loud = [columns.louder[row] * products for row, products in self.sums.null.items()]
+        loud = [self.louder[row] * products for row, products in self.sums.null.items()]
         there = columns.taken[self.layout.model :]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
         self.null = self.sums.null_sheet + self.partialled.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
@@ -105,7 +166,7 @@ class TrialSpace:
         tell: Tell = silent,
     ) -> TrialSpace:  # fmt: skip
         """Candidates beside a model on runs as they were read."""
-        return cls(TrialColumns.of(reading, candidates, seed, tell), noise, tell)
+        return cls(TrialColumns.of(reading, candidates, seed, prior_stiffening(reading), tell), noise, tell)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
@@ -310,6 +371,46 @@ class TrialSpace:
         out[self.fitted.place] += self.sums.turn @ self.partialled.gain[:model, self.layout.right]
         return out[: len(self.fitted.physics)]
 
+    # -- effects added, at shapes of their own -------------------------------------------------------------------------
+
+    @property
+    def _grid(self) -> dict[str, slice]:
+        return {key: one.trial.place for key, one in self.tried.items()}
+
+    def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:
+        """Columns of some effects at their present shapes, less what model, zeros and sheet explain.
+
+        `draws` : beside the simulated runs, too.
+        """
+        return beside(self.columns, self.partialled, effects, self._grid if draws else None)
+
+    def left_by(self, added: Sequence[Effect]) -> Left:
+        """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
+        return left_by(self.columns, self.partialled, added, self._grid)
+
+    def left_unexcused(self, key: str) -> Left:
+        """The residual after model, zeros and sheet, where nothing of a sensor fault is excused by its tolerance."""
+        freed = self.tried[key].freed
+        return left_unexcused(self.partialled, freed.own if freed else np.zeros(0, np.intp))
+
+    def excused(self, key: str = "") -> Excused:
+        """What the sheet takes up beside the candidate `key` at its best shape, or beside none."""
+        return excused(self.columns, self.partialled, self.null, self._taken_up(key))
+
+    def _taken_up(self, key: str) -> Array:
+        """(a,) what the columns partialled out explain of the residual, less a candidate."""
+        known, right = self.partialled, self.layout.right
+        if not key:
+            return known.gain[:, right]
+        one = self.tried[key]
+        if one.freed is None:
+            return known.gain[:, right] - known.gain[:, one.trial.place] @ one.values
+        # A fault set free is excused by nothing that stands for it.
+        fault, residual = one.freed.coefficients()[known.taken].T
+        out = float(one.values[0]) * fault - residual
+        out[one.freed.own] = 0.0
+        return out
+
     # -- all of them --------------------------------------------------------------------------------------------------
 
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
@@ -350,3 +451,91 @@ def _stands_for(fault: Effect) -> set[tuple[str, str]]:
 
 def _shown(effect: Effect) -> str:
     return f"What shows it: {effect.shown_by}."
+
+
+LEAST_GAIN = 0.01
+"""A proposal must take away at least this part of the weighted residual of the rows it acts on, or of one of them."""
+
+
+def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
+    """A tested candidate as ``missing`` or ``not needed``, with the reason."""
+    wrong = implausible(c, effect.parameters)
+    takes = (
+        f"Added to the model it takes {c.gain_rms:.3g} {unit_of(c)} RMS off {_listed(c.rows)} "
+        f"({100 * c.gain:.3g} % of what they leave) in parts of the runs it was not fitted to."
+        if c.gain > 0.0
+        else f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
+    )
+    found = f"Its size would be {sizes(c, effect.parameters)}"
+    fault = isinstance(effect, SensorFault)
+    alone = "noise and the sheet's tolerances" if fault else "noise alone"
+    chance = (
+        f"{alone} never did as well in {draws} simulated runs (p = {c.p:.2g})"
+        if c.p <= 1.0 / (draws + 1) + 1e-12
+        else f"{alone} {'do' if fault else 'does'} as well with p = {c.p:.2g}"
+    )
+    if c.p > SIGNIFICANCE:
+        why = f"{takes} Not needed: {chance}, more than {SIGNIFICANCE:g}."
+    elif c.gain <= 0.0 or max(c.gain, c.most) < LEAST_GAIN:
+        why = f"{takes} Not needed: less than {100 * LEAST_GAIN:g} % of any row, though {chance}."
+    elif wrong:
+        why = f"{takes} Not needed: {wrong}, which no car has; something else looks like it ({chance})."
+    else:
+        return replace(c, answer="missing", why=f"{takes} {found}; {chance}.")
+    return replace(c, answer="not needed", why=why)
+
+
+def stands_out(c: Candidate, effect: Effect) -> bool:
+    """Whether chance does not do as well and its size is plausible, however little it takes away."""
+    return c.p <= SIGNIFICANCE and c.gain > 0.0 and not implausible(c, effect.parameters)
+
+
+def implausible(c: Candidate, parameters: Sequence[Parameter]) -> str:
+    """Which of its parameters would lie outside what is plausible on any car, by more than its interval; or nothing."""
+    for q, value, half in zip(parameters, c.values, c.interval, strict=True):
+        if value + half < q.low or value - half > q.high:
+            return (
+                f"{_last(q)} would be {value:.3g} ± {_two_digits(half)} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+            )
+    return ""
+
+
+def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
+    """Its parameters with 95 % intervals, and its shape constants."""
+    parts = [
+        f"{_last(q)} = {_rounded(value, half)} ± {_two_digits(half)} {q.unit}"
+        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
+    ]
+    unusual = [
+        _last(q)
+        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
+        if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
+    ]
+    out = ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
+    return f"{out} (the sign of {', '.join(unusual)} is not the usual one)" if unusual else out
+
+
+def unit_of(c: Candidate) -> str:
+    """Unit of a candidate's `gain_rms`."""
+    return row_unit(c.rows[0]) if c.rows else "N"
+
+
+def _listed(rows: Sequence[str], most: int = 4) -> str:
+    shown = ", ".join(rows[:most])
+    return shown if len(rows) <= most else f"{shown} and {len(rows) - most} more rows"
+
+
+def _last(q: Parameter) -> str:
+    return q.name.rsplit(".", 1)[-1]
+
+
+def _two_digits(half: float) -> str:
+    """An interval with two digits, without a power of ten up to a million."""
+    return f"{float(f'{half:.2g}'):g}"
+
+
+def _rounded(value: float, half: float) -> str:
+    """To the second digit of its interval."""
+    if not half > 0.0 or not np.isfinite(half):
+        return f"{value:.3g}"
+    return f"{value:.{max(0, 1 - int(np.floor(np.log10(half))))}f}"

@@ -1,4 +1,4 @@
-"""All columns a ranking needs, as sums of products: of the model, of every candidate, and of the measured rows.
+"""Sums of products of all columns a ranking needs: of the model, the sensor sheet, every candidate, the measured rows.
 
 A candidate is judged from sums alone: what the model leaves of it, how far the residual falls, how far it falls in
 parts of the runs that were not fitted to. So one pass over the samples serves every candidate. Each run's zeros are
@@ -9,19 +9,109 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.qr_accumulation import scaled_triangle
+from lacet.identify.regression.tolerances import SheetEntry, sheet_entries, sheet_responses
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.layout import Layout, sensor_columns
 from lacet.identify.validation.noise_floor import NoiseFloor
 
+
+@dataclass(frozen=True)
+class Trial:
+    """One effect at one set of shape constants, and the place of its columns."""
+
+    effect: Effect
+    place: slice
+
+    @property
+    def fault(self) -> bool:
+        """Whether it is a sensor fault."""
+        return isinstance(self.effect, SensorFault)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The model's columns, one for one tolerance of each entry of the sensor sheet, the trials', the residual."""
+
+    model: int
+    sheet: tuple[SheetEntry, ...]
+    trials: tuple[Trial, ...]
+
+    @classmethod
+    def of(cls, model: int, sheet: Sequence[SheetEntry], effects: Sequence[Effect]) -> Layout:
+        """Effects at their present shapes side by side, after the columns of model and sheet."""
+        trials: list[Trial] = []
+        start = model + len(sheet)
+        for effect in effects:
+            stop = start + len(effect.parameters)
+            trials.append(Trial(effect, slice(start, stop)))
+            start = stop
+        return cls(model, tuple(sheet), tuple(trials))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What the columns of sheet and trials are, for telling two layouts apart."""
+        return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
+
+    @property
+    def right(self) -> int:
+        """Place of the right side."""
+        return self.trials[-1].place.stop if self.trials else self.model + len(self.sheet)
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.right + 1
+
+
+def sheet_of(fitted: Fit) -> list[SheetEntry]:
+    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
+    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
+    found: dict[SheetEntry, None] = {}
+    for run, drive in enumerate(fitted.drives):
+        piece = next(fitted.assembly.pieces_of(run))
+        assert piece.sensitivity is not None
+        seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
+        found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+    return [entry for entry in found if entry[:2] not in ours]
+
+
+def sensor_columns(
+    fitted: Fit, layout: Layout, piece: Piece, noisy: Drive | None = None
+) -> dict[str, list[tuple[slice, Array]]]:
+    """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
+    out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
+    faults = [(t.place, t.effect) for t in layout.trials if isinstance(t.effect, SensorFault)]
+    if piece.sensitivity is None or not (faults or layout.sheet):
+        return out
+    # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
+    drive = noisy or piece.drive
+    sensitivity = piece.sensitivity.on(drive.recording)
+    responses = sheet_responses(noisy, sensitivity) if noisy else fitted.assembly.own_sheet_responses(piece)
+    for place, entry in enumerate(layout.sheet, start=layout.model):
+        for row, series in responses.get(entry, {}).items():
+            if row in out and np.any(series):
+                out[row].append((slice(place, place + 1), series[None]))
+    found = drive.decimated_each(sensitivity.fault(fault) for _, fault in faults)
+    for (place, _), response in zip(faults, found, strict=True):
+        for row, series in response.items():
+            if row in out and np.any(series):
+                out[row].append((place, series[None]))
+    return out
+
+
+_SHARED = 1e-9
+"""Part of the largest eigenvalue below which a direction is one that other columns have too."""
 FOLDS = 5
 BLOCK = 2.0
 """Length of a block of the cross-validation [s]."""
@@ -220,3 +310,139 @@ def at_zeros(normal: Array, gain: Array) -> Array:
     z = len(gain)
     across = gain.T @ normal[:z, z:]
     return normal[z:, z:] - across - across.T + gain.T @ normal[:z, :z] @ gain
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A fit to runs as they were read.
+
+    Attributes
+    ----------
+    fitted, floor : fit and noise floor.
+    late : entry of the sheet → latency that was taken out of the runs [s]; empty where none was.
+    sums : of the model and the sheet on them.
+    """
+
+    fitted: Fit
+    floor: NoiseFloor
+    late: Mapping[SheetEntry, float]
+    sums: TrialSums
+
+    @classmethod
+    def of(cls, fitted: Fit, floor: NoiseFloor) -> Reading:
+        """Of runs as they were recorded."""
+        return cls(fitted, floor, {}, sheet_sums(fitted, floor))
+
+    @cached_property
+    def clocks(self) -> dict[SheetEntry, float]:
+        """Latencies among the sheet's entries → tolerance [s]."""
+        rig = self.fitted.drives[0].recording.rig
+        return {e: rig.tolerance(e[1], "latency") for e in self.sums.layout.sheet if e[0] == "latency"}
+
+    @cached_property
+    def pull(self) -> Array:
+        """(model and sheet,) where the rig file's latencies are, in tolerances from those the runs were read at."""
+        off = [-self.late[e] / self.clocks[e] if e in self.late else 0.0 for e in self.sums.layout.sheet]
+        return np.array([0.0] * self.sums.layout.model + off)
+
+    @property
+    def omega(self) -> float:
+        """Of the fit's cut-off [rad/s]."""
+        return 2.0 * np.pi * self.fitted.drives[0].recording.filters.fit_cutoff
+
+    def known(self, pull: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""
+        sums, layout = self.sums, self.sums.layout
+        places = np.arange(layout.right)
+        taken = places[np.diag(sums.total)[places] > 0.0]
+        prior = np.eye(layout.right)
+        prior[: layout.model, : layout.model] = sums.known
+        return taken, prior[np.ix_(taken, taken)], pull[taken]
+
+
+def sheet_sums(fitted: Fit, floor: NoiseFloor) -> TrialSums:
+    """Of a fit's columns and those of the sensor sheet."""
+    layout = Layout.of(len(fitted.place), sheet_of(fitted), ())
+    return TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
+
+
+@dataclass(frozen=True)
+class TrialColumns:
+    """Columns on a fit's runs, as sums.
+
+    Attributes
+    ----------
+    reading : the fit and its floor, on runs as they were read.
+    effects : candidates that can be computed on these runs; those of the model are passed over.
+    cannot : key → why another candidate cannot be.
+    sums : of products of all columns.
+    sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
+        column's own unit.
+    taken : places of the columns of model and sheet that act.
+    prior, pull : (a, a) normal matrix and (a,) right side of what is known of their parameters.
+    drawn : (s, D) tolerances of the sheet drawn for every simulated run.
+    """
+
+    reading: Reading
+    effects: tuple[Effect, ...]
+    cannot: Mapping[str, str]
+    sums: TrialSums
+    sheet: Mapping[int, str]
+    sigma: Mapping[int, float]
+    taken: NDArray[np.intp]
+    prior: Array
+    pull: Array
+    drawn: Array
+
+    @classmethod
+    def of(
+        cls, reading: Reading, candidates: Sequence[Effect], seed: int, temper: float, tell: Tell = silent
+    ) -> TrialColumns:
+        """Go once over the samples; `seed` is of simulated zeros and tolerances, priors `temper` times stiffer."""
+        fitted, floor = reading.fitted, reading.floor
+        fresh = [effect for effect in candidates if effect.key not in fitted.model]
+        cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
+        effects = [effect for effect in fresh if effect.key not in cannot]
+        rng = np.random.default_rng([seed, 6])
+        bounds = {e.key: _tolerance(fitted, e) for e in effects if isinstance(e, SensorFault)}
+        kinds = {e.key: e.tolerance for e in effects if isinstance(e, SensorFault)}
+        drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
+        shapes = [one for effect in effects for one in effect.shapes()]
+        layout = Layout.of(len(fitted.place), reading.sums.layout.sheet, shapes)
+        tell(f"what {len(effects)} effects would do")
+        sums = TrialSums.of(fitted, floor, layout, temper, drifts, rng)
+        # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
+        sheet = {layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(layout.sheet)}
+        sigma = dict.fromkeys(sheet, 1.0)
+        for trial in layout.trials:
+            key = trial.effect.key
+            if trial.fault and bounds[key] > 0.0 and kinds[key] not in ("gain", "latency", "drift"):
+                sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
+        there = [place for place in sheet if sums.total[place, place] > 0.0]
+        one = np.array([sigma[place] for place in there])
+        prior = scipy.linalg.block_diag(sums.known, np.diag((temper / one) ** 2))
+        taken = np.concatenate([np.arange(layout.model), there]).astype(np.intp)
+        known = np.zeros(layout.width)
+        known[: len(reading.pull)] = reading.pull
+        pull = np.concatenate([np.zeros(layout.model), (temper / one) ** 2 * known[there]])
+        drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
+        return cls(reading, tuple(effects), cannot, sums, sheet, sigma, taken, prior, pull, drawn)
+
+
+def _tolerance(fitted: Fit, fault: SensorFault) -> float:
+    rig = fitted.drives[0].recording.rig
+    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
+
+
+def _cannot(fitted: Fit, effect: Effect) -> str:
+    return next((why for drive in fitted.drives if (why := drive.can(effect))), "")
+
+
+def solved(G: Array, sides: Array) -> Array:
+    """G⁻¹ · sides; directions that columns share (two laws that are one on these runs) are taken once."""
+    scale = np.sqrt(np.diag(G))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(G / np.outer(scale, scale))
+    kept = values > _SHARED * values[-1]
+    V = vectors[:, kept]
+    return (V @ ((V.T @ (sides / scale[:, None])) / values[kept, None])) / scale[:, None]

@@ -1,6 +1,6 @@
-"""A sensor fault set free of its tolerance: what the sensor sheet excuses of it is given back first.
+"""Sensor faults against the sensor sheet: a fault without its own tolerance, and what the whole sheet takes up.
 
-The sheet's tolerances stand beside the model with priors, the fault's own among them. A fault that the runs show much
+The sheet's tolerances stand beside the model with priors, a fault's own among them. A fault that the runs show much
 better than its tolerance would be explained by that, at a price that only the prior knows. So the columns that stand
 for it (`own`) are taken back into the residual; what is found is then compared with the tolerance. Noise in a fault's
 column (of a late laser half is noise) makes its estimate too small, and is taken out.
@@ -8,12 +8,17 @@ column (of a late laser half is noise) makes its estimate too small, and is take
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.partialling import Partialled
-from lacet.identify.selection.trial_sums import FOLDS
+from lacet.identify.regression.tolerances import SheetEntry
+from lacet.identify.selection.cross_products import FOLDS, Reading, TrialColumns
+from lacet.identify.selection.partial_regression import Partialled
 
 DOUBT = 0.1
 """Part of a shift by noise that its simulation may be wrong by: the sheet's noise is, and how loud a run was."""
@@ -123,3 +128,63 @@ def own_columns(space: Partialled, place: int, alike: NDArray[np.intp]) -> NDArr
     normal = total[np.ix_(places, places)] / np.outer(lengths, lengths)
     parts = np.asarray(np.linalg.lstsq(normal, total[places, place] / lengths, rcond=1e-9)[0], float)
     return alike[np.abs(parts) > 1e-3 * np.sqrt(total[place, place])]
+
+
+TWICE = 2.0
+"""A sheet is strained from this many times the squares that it takes up in simulated runs on average."""
+
+
+@dataclass(frozen=True)
+class Excused:
+    """What the sheet's tolerances take up.
+
+    Attributes
+    ----------
+    sizes : entry of the sheet → how many of its tolerances these runs would have it off.
+    squares : sum of their squares. Latencies are not in it: clocks are judged by themselves.
+    null : (D,) the same in simulated runs that lack nothing, their tolerances drawn.
+    """
+
+    sizes: Mapping[str, float]
+    squares: float
+    null: Array = field(repr=False)
+
+    @property
+    def excess(self) -> float:
+        """Squares beyond those of simulated runs."""
+        return self.squares - float(np.mean(self.null))
+
+    @property
+    def strained(self) -> bool:
+        """Whether such a sheet is not to be believed: more than in any simulated run, and than twice their mean."""
+        return self.squares > max(float(np.max(self.null)), TWICE * float(np.mean(self.null)))
+
+
+def excused(columns: TrialColumns, known: Partialled, null_runs: Array, found: Array) -> Excused:
+    """What the sheet takes up where it explains `found` (a,) of the residual; `null_runs` (w, D) simulated."""
+    layout = columns.sums.layout
+    drawn = known.inverse @ null_runs[known.taken]
+    sizes: dict[str, float] = {}
+    squares, null = 0.0, np.zeros(drawn.shape[1])
+    for position, place in enumerate(map(int, known.taken)):
+        if place < layout.model:
+            continue
+        size, among = float(found[position]) / columns.sigma[place], place - layout.model
+        entry = layout.sheet[among] if among < len(layout.sheet) else None
+        if entry is not None and entry[0] == "latency":
+            name, taken_out = _clock(columns.reading, entry)
+            sizes[name] = size + taken_out
+            continue
+        squares += size**2
+        null += (drawn[position] / columns.sigma[place]) ** 2
+        name = columns.sheet[place] if entry is None else f"{entry[0]} of {CHANNELS[entry[1]].columns[entry[2]]}"
+        sizes[name] = size
+    return Excused(sizes, squares, null)
+
+
+def _clock(reading: Reading, entry: SheetEntry) -> tuple[str, float]:
+    """A latency's name, and how much of it was taken out of the runs before, in tolerances."""
+    rig, channel = reading.fitted.drives[0].recording.rig, entry[1]
+    sensor = rig.sensor_of(channel)
+    taken_out = reading.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
+    return f"latency of {sensor.name if sensor else channel}", taken_out

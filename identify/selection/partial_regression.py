@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.trial_sums import FOLDS, TrialSums
+from lacet.identify.selection.cross_products import FOLDS, Layout, Trial, TrialColumns, TrialSums
 
 GONE = 1e-10
 """Part of a column's energy below which nothing of it is left."""
@@ -154,3 +156,30 @@ def _inverted(G: Array) -> Array:
 
 def _solved(G: Array, right: Array) -> Array:
     return np.asarray(np.linalg.solve(G, right), float)
+
+
+def beside(
+    columns: TrialColumns, before: Partialled, effects: Sequence[Effect], grid: Mapping[str, slice] | None
+) -> tuple[Partialled, tuple[Trial, ...]]:
+    """Columns of some effects at their present shapes, less what model, zeros and sheet explain, as in `before`.
+
+    `grid` : key → place among `columns` of an effect's best shape, whose noise it has; None without simulated runs.
+    """
+    fitted, floor, old_layout = columns.reading.fitted, columns.reading.floor, columns.sums.layout
+    own = {trial.place.start: trial.effect for trial in old_layout.trials}
+    faults = [place for place in before.taken.tolist() if place in own]
+    layout = Layout.of(old_layout.model, old_layout.sheet, [*(own[place] for place in faults), *effects])
+    floor = floor.without_draws() if grid is None else floor
+    sums = TrialSums.of(fitted, floor, layout, columns.sums.temper, {}, np.random.default_rng(0))
+    # The sheet's faults now stand one behind the other; their priors stay those of the space.
+    plain = before.taken[: len(before.taken) - len(faults)]
+    moved = [trial.place.start for trial in layout.trials[: len(faults)]]
+    taken = np.concatenate([plain, moved]).astype(np.intp)
+    # Noise in a shape off the grid is nearly that of the best on it; shapes are compared by their own columns alone.
+    pairs = [(t.place, grid[t.effect.key]) for t in layout.trials[len(faults) :] if grid and t.effect.key in grid]
+    new = np.concatenate([taken, *(np.r_[place] for place, _ in pairs), [layout.right]]).astype(np.intp)
+    old = np.concatenate([before.taken, *(np.r_[place] for _, place in pairs), [old_layout.right]]).astype(np.intp)
+    noise = np.zeros_like(sums.total)
+    noise[np.ix_(new, new)] = before.column_noise[np.ix_(old, old)]
+    inside = Partialled(sums, taken, before.prior, noise, before.pull)
+    return inside, layout.trials[len(faults) :]
