@@ -5,7 +5,7 @@ WORKDIR /build
 COPY requirements requirements
 RUN python -m pip install --no-cache-dir --require-hashes -r requirements/uv.txt \
  && python -m uv pip install --system --no-cache --require-hashes -r requirements/run.txt
-COPY pyproject.toml README.md ./
+COPY pyproject.toml README.md LICENSE NOTICE.md ./
 COPY daq daq
 COPY drivers drivers
 COPY identify identify

@@ -116,3 +116,15 @@ class TestMakeVenv:
     def test_venv_fails(self, tmp_path):
         text = self.run(tmp_path, 'case "$*" in *:2]*) echo 3.12;; *"-m venv"*) exit 1;; esac\n')
         assert "failed" in text
+
+
+def test_the_licence_and_those_of_vendored_parts_are_named():
+    """Whatever folder holds somebody else's files has their licence beside them, and stands in the notices."""
+    project, notices = PROJECT["project"], (HOME / "NOTICE.md").read_text(encoding="utf-8")
+    assert project["license"] == "BSD-3-Clause"
+    assert "the lacet authors" in (HOME / "LICENSE").read_text(encoding="utf-8")
+    for file in project["license-files"]:
+        assert (HOME / file).is_file(), file
+    for part in ("services/workbench/static/vendor/uplot", "tests/data/compose"):
+        assert (HOME / part / "LICENSE").is_file(), part
+        assert part in notices, part
