@@ -15,7 +15,7 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage blind catalogue clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage blind catalogue reference clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -30,6 +30,7 @@ help:
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
+	@echo 'make reference     docs/reference/ anew from the docstrings'
 	@echo 'make lock          requirements/ anew from pyproject.toml   (UPGRADE=1: newest versions)'
 	@echo 'make schema        generated code anew from daq/schema/lacet.proto'
 	@echo 'make clean         remove the environment and what tests and demo wrote'
@@ -77,6 +78,9 @@ coverage: .venv/.dev
 blind: .venv/.dev
 	@$(PY) -m benchmarks.blind --size
 	@$(PY) -m benchmarks.blind --processes $(or $(PROCESSES),2)
+
+reference: .venv/.dev
+	@$(PY) docs/reference/generate.py
 
 catalogue: .venv/.dev
 	@$(PY) -m benchmarks.catalogue_page
