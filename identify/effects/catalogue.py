@@ -1,4 +1,4 @@
-"""The catalogue of effects: those of the families' folders, and those of any folder that a user names."""
+"""The catalogue of effects: the classes of the families' modules, and those of a user."""
 
 from __future__ import annotations
 
@@ -6,46 +6,37 @@ import importlib
 import inspect
 import pkgutil
 from collections.abc import Iterable, Sequence
-from pathlib import Path
+from types import ModuleType
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify import effects
 from lacet.identify.effects.base import Effect
-from lacet.identify.effects.language.compiled import OneLine, effect_class
-from lacet.identify.effects.language.parser import LineFault, read_lines
-from lacet.identify.effects.user_files import load_own, own_variants, vetted
-
-LINES = "lines.txt"
-"""The file of one-line effects in a user's folder."""
+from lacet.identify.effects.user_files import own_variants, vetted
 
 
-def effect_classes(folders: Iterable[Path] = ()) -> dict[str, type[Effect]]:
-    """Every effect class by family name, in the order of files and of definitions in them; one-line effects last.
+def effect_classes(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
+    """Every effect class by family name, in the order of files and of definitions in them; a user's `own` last.
 
-    Raises UsageError when a user's file cannot be loaded or used, or two effects share a name.
+    Raises UsageError when two effects share a name.
     """
-    folders = list(folders)
     modules = [importlib.import_module(name) for name in sorted(_files(), key=lambda name: name.rpartition(".")[2])]
-    modules += [load_own(file) for folder in folders for file in sorted(folder.glob("*.py"))]
     out: dict[str, type[Effect]] = {}
-    for module in modules:
-        for cls in vars(module).values():
-            if not (inspect.isclass(cls) and issubclass(cls, Effect) and cls.__module__ == module.__name__):
-                continue
+    for cls in [*(cls for module in modules for cls in classes_of(module)), *own]:
+        if cls.name in out and out[cls.name] is not cls:
+            raise UsageError(f"two effects are called '{cls.name}': {out[cls.name].__module__} and {cls.__module__}")
+        out[cls.name] = cls
+    return out
+
+
+def classes_of(module: ModuleType) -> list[type[Effect]]:
+    """The effect classes that a module defines, in their order. Raises UsageError when one of a user is not whole."""
+    out: list[type[Effect]] = []
+    for cls in vars(module).values():
+        if inspect.isclass(cls) and issubclass(cls, Effect) and cls.__module__ == module.__name__:
             vetted(cls)
-            if inspect.isabstract(cls) or not hasattr(cls, "name"):
-                continue
-            if cls.name in out and out[cls.name] is not cls:
-                raise UsageError(
-                    f"two effects are called '{cls.name}': {out[cls.name].__module__} and {cls.__module__}"
-                )
-            out[cls.name] = cls
-    for folder in folders:
-        for cls in line_effects(folder):
-            if cls.name in out:
-                raise UsageError(f"{folder / LINES}: there is another effect '{cls.name}': give this one another name")
-            out[cls.name] = cls
+            if not inspect.isabstract(cls) and hasattr(cls, "name"):
+                out.append(cls)
     return out
 
 
@@ -56,25 +47,15 @@ def _files() -> list[str]:
     return [f"{package.__name__}.{m.name}" for package in packages for m in pkgutil.iter_modules(package.__path__)]
 
 
-def line_effects(folder: Path) -> list[type[OneLine]]:
-    """The one-line effects of a user's folder. Raises UsageError with the line at fault."""
-    file = folder / LINES
-    if not file.is_file():
-        return []
-    try:
-        return [effect_class(line) for line in read_lines(file.read_text(encoding="utf-8"), str(file))]
-    except (LineFault, UnicodeDecodeError, OSError) as cause:
-        raise UsageError(f"{file}: {cause}") from None
-
-
 def catalogue(
-    vehicle: Vehicle, reference: str, folders: Iterable[Path] = (), runs: Sequence[str] = ()
+    vehicle: Vehicle, reference: str, own: Iterable[type[Effect]] = (), runs: Sequence[str] = ()
 ) -> dict[str, Effect]:
     """Every effect that can act on this vehicle, by key (``family.where``), base model first.
 
-    `runs` : names of the runs at hand, for what can change from one to the next (`Effect.for_runs`).
+    `own` : a user's effect classes. `runs` : names of the runs at hand, for what can change from one to the next
+    (`Effect.for_runs`).
     """
-    classes = effect_classes(folders).values()
+    classes = effect_classes(own).values()
     found = [one for cls in classes for one in own_variants(cls, vehicle, reference, runs)]
     found.sort(key=lambda effect: (not effect.base, effect.name != "body"))
     return {effect.key: effect for effect in found}

@@ -1,16 +1,12 @@
-"""Loading and checking of users' own effect files; every fault is reported with file, class and method.
+"""Checks of a user's own effect classes: what is wrong in them is named with file, class and method.
 
 In an effect that ships with lacet the same fault would be a bug, and crashes as one.
 """
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
-import sys
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from types import ModuleType
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -22,30 +18,16 @@ from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.multibody.vectors import Array
 
-_PREFIX = "lacet_user_effects."
+OWN_MODULES = "lacet_user_effects."
+"""What the names of modules made of a user's files begin with."""
+
 _TEXTS = ("name", "about", "signature", "shown_by", "source")
 T = TypeVar("T")
 
 
-def load_own(file: Path) -> ModuleType:
-    """A user's file as a module. Raises UsageError when it cannot be loaded."""
-    name = f"{_PREFIX}{file.stem}"
-    spec = importlib.util.spec_from_file_location(name, file)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # data classes look themselves up there
-    try:
-        spec.loader.exec_module(module)
-    except Exception as cause:  # whatever a user's file raises is theirs to see, with its place
-        del sys.modules[name]
-        raise UsageError(f"{file}: cannot be loaded: {type(cause).__name__}: {cause}") from cause
-    return module
-
-
 def is_own(cls: type[Effect]) -> bool:
     """Whether a class comes from a user's file."""
-    return cls.__module__.startswith(_PREFIX)
+    return cls.__module__.startswith(OWN_MODULES)
 
 
 def vetted(cls: type[Effect]) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -135,9 +134,10 @@ class Chain:
 
     @classmethod
     def from_par(
-        cls, path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
-    ) -> Chain:
-        """Read a SYMORO ``.par`` file (a closed loop as its equivalent tree, which `notes` then says).
+        cls, text: str, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None,
+        name: str = "par file",
+    ) -> Chain:  # fmt: skip
+        """The tree that the text of a SYMORO ``.par`` file describes (a closed loop as its equivalent tree: `notes`).
 
         Parameters
         ----------
@@ -145,12 +145,13 @@ class Chain:
             and whatever needs numbers says which symbols lack one.
         gravity : acceleration of gravity in the ground frame [m/s²]; by default the file's G, and when its third entry
             has no value (``G3``) −9.81 along z, as `notes` then says.
+        name : of the file, for messages.
 
         Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.
-        Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
+        Raises ParError (a ValueError) with every fault of the file.
         """
         known = symbol_values(values or {})
-        par = read_par(Path(path).read_text(encoding="utf-8", errors="replace"), str(path))
+        par = read_par(text, name)
         field, note = (gravity, "") if gravity is not None else par.field(known, GRAVITY)
         given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
         notes = [*par.notes, *([note] if note else []), *unused(known, par.symbols, "file")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.signals.filters import Filters
@@ -51,6 +52,16 @@ def find_rig(run: Run, given: str | Path | None) -> Rig:
         raise UsageError(
             f"{run.name} names the rig '{run.rig}', which is not to be had: give --rig FILE\n{error}"
         ) from None
+
+
+def load_chain(
+    path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
+) -> Chain:
+    """The tree of a SYMORO ``.par`` file; `values` and `gravity` as in `Chain.from_par`.
+
+    Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
+    """
+    return Chain.from_par(Path(path).read_text(encoding="utf-8", errors="replace"), values, gravity, str(path))
 
 
 def find_vehicle(run: Run, given: str | Path | None) -> Vehicle:

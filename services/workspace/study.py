@@ -27,6 +27,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
 from lacet.identify.signals.filters import Filters
+from lacet.services.workspace.effect_files import own_classes
 
 FORMAT = "lacet-study 1"
 _FILE = "study.json"
@@ -148,7 +149,7 @@ class Study:
     def effects(self, reference: str) -> dict[str, Effect]:
         """The catalogue with the study's own effects, and what can differ between the runs used."""
         runs = [Path(name).stem for name in self.used]
-        return catalogue(self.vehicle, reference, [self.folder / "effects"], runs)
+        return catalogue(self.vehicle, reference, own_classes(self.folder / "effects"), runs)
 
     def model(self, version: Version, reference: str) -> Model:
         """The model of a version: the base and what was added."""

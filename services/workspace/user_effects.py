@@ -8,9 +8,12 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effects.catalogue import LINES, effect_classes, line_effects
+from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import read_line
+from lacet.identify.effects.user_files import is_own
+from lacet.services.workspace.effect_files import LINES, line_effects
+from lacet.services.workspace.effect_files import own_classes as classes_in
 from lacet.services.workspace.study import Study
 
 _HEAD = """\
@@ -32,8 +35,8 @@ def own_lines(study: Study) -> list[type[OneLine]]:
 def own_classes(study: Study) -> dict[str, list[str]]:
     """Names of a study's effects that are Python files, by file."""
     out: dict[str, list[str]] = {}
-    for name, cls in effect_classes([own_folder(study)]).items():
-        if cls.__module__.startswith("lacet_user_effects."):
+    for name, cls in effect_classes(classes_in(own_folder(study))).items():
+        if is_own(cls):
             out.setdefault(cls.__module__.rpartition(".")[2] + ".py", []).append(name)
     return out
 
@@ -76,7 +79,7 @@ def may_have(study: Study, cls: type[OneLine]) -> bool:
     """
     own = {one.name: one for one in own_lines(study)}
     if cls.name not in own:
-        if cls.name in effect_classes([own_folder(study)]):
+        if cls.name in effect_classes(classes_in(own_folder(study))):
             raise UsageError(f"there is another effect '{cls.name}' already: give this one another name")
         return False
     if _same(own[cls.name].line.text) != _same(cls.line.text) and cls.name in _in_versions(study):

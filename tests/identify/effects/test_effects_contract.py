@@ -19,6 +19,7 @@ from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.effects.base import AlreadyMeasured, Effect, SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue, effect_classes, find_effect
 from lacet.identify.multibody.chain import FrameMotion
+from lacet.services.workspace.effect_files import own_classes
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -282,10 +283,10 @@ class Mine(AntiRollBar):
 def test_a_users_folder_joins_and_faults_in_it_are_named(tmp_path) -> None:
     """An effect in a user's file is found; a file that cannot be loaded or a second of the same name is an error."""
     (tmp_path / "mine.py").write_text(_OWN, encoding="utf-8")
-    assert "mine.front" in catalogue(VEHICLE, "hub", [tmp_path])
+    assert "mine.front" in catalogue(VEHICLE, "hub", own_classes(tmp_path))
     (tmp_path / "twice.py").write_text(_OWN.replace('"mine"', '"spring"'), encoding="utf-8")
     with pytest.raises(UsageError, match="two effects are called 'spring'"):
-        catalogue(VEHICLE, "hub", [tmp_path])
+        catalogue(VEHICLE, "hub", own_classes(tmp_path))
     (tmp_path / "twice.py").write_text("import nothing_of_this_name", encoding="utf-8")
     with pytest.raises(UsageError, match=r"twice\.py"):
-        catalogue(VEHICLE, "hub", [tmp_path])
+        catalogue(VEHICLE, "hub", own_classes(tmp_path))

@@ -14,6 +14,7 @@ from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.chain_base_parameters import base_parameters
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.symoro import ParError, read_par
+from lacet.services.workspace.loading import load_chain
 from tests.support.places import HOME
 
 FOLDER = HOME / "tests" / "data" / "symoro"
@@ -61,7 +62,7 @@ def written(tmp_path: Path, text: str) -> Path:
 
 def test_carlite_is_its_table(tmp_path: Path) -> None:
     """The file with the case's values gives the case's table, gravity and SYMORO's count."""
-    chain = Chain.from_par(FOLDER / "CarLite.par", CARLITE["geometry_values"])
+    chain = load_chain(FOLDER / "CarLite.par", CARLITE["geometry_values"])
     table = Chain.from_table(CARLITE["mdh"], (0.0, 0.0, CARLITE["geometry_values"]["G3"]))
     for mine, stored in zip(chain.joints, table.joints, strict=True):
         assert (mine.j, mine.ant, mine.sigma) == (stored.j, stored.ant, stored.sigma)
@@ -76,7 +77,7 @@ def test_carlite_is_its_table(tmp_path: Path) -> None:
 
 def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
     """The rank needs no values; torques name the symbols that lack one; a misspelt one is pointed at."""
-    chain = Chain.from_par(FOLDER / "CarLite.par")
+    chain = load_chain(FOLDER / "CarLite.par")
     assert chain.missing == ("LF", "EF", "LR", "ER")
     assert any("G3" in note and "-9.81" in note for note in chain.notes)
     base = base_parameters(chain)
@@ -91,19 +92,19 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
         with pytest.raises(ValueError, match="LF, EF, LR, ER"):
             call(chain)
     with pytest.raises(ValueError, match="'LFF' was given: is 'LF' meant"):
-        Chain.from_par(FOLDER / "CarLite.par", {"LFF": 1.0}).pose(1, zero)
+        load_chain(FOLDER / "CarLite.par", {"LFF": 1.0}).pose(1, zero)
     full = chain.with_values({k: v for k, v in CARLITE["geometry_values"].items() if k in chain.missing})
     with pytest.raises(ValueError, match=r"no symbol G3 .*from_par"):
         chain.with_values({"G3": 9.81})  # gravity was settled when the file was read
     assert full.pose(7, zero)[0, :3, 3] == pytest.approx(
         Chain.from_table(CARLITE["mdh"]).pose(7, zero)[0, :3, 3], abs=1e-12
     )
-    assert "values that this file has no use for: spare" in Chain.from_par(FOLDER / "CarLite.par", {"spare": 1}).notes
+    assert "values that this file has no use for: spare" in load_chain(FOLDER / "CarLite.par", {"spare": 1}).notes
 
 
 def test_a_loop_is_read_as_its_tree(tmp_path: Path) -> None:
     """Four bodies of six frames; the cut is told; symbols of the cut frames are not asked for."""
-    chain = Chain.from_par(written(tmp_path, LOOP), {"L1": 0.5, "A": 0.3, "G3": 9.0, "JY": 2.5})
+    chain = load_chain(written(tmp_path, LOOP), {"L1": 0.5, "A": 0.3, "G3": 9.0, "JY": 2.5})
     assert [(k.ant, k.sigma) for k in chain.joints] == [(0, 0), (1, 0), (1, 0), (3, 0)]
     assert not chain.missing
     assert [k.d for k in chain.joints] == pytest.approx([0.0, 0.5, 1.0, 0.5 * np.cos(0.3)])
@@ -147,32 +148,30 @@ def test_each_fault_is_named_with_its_line(tmp_path: Path, old: str, new: str, s
     """What is wrong, where, in one message."""
     assert old in LOOP
     with pytest.raises(ParError, match=says):
-        Chain.from_par(written(tmp_path, LOOP.replace(old, new, 1)))
+        load_chain(written(tmp_path, LOOP.replace(old, new, 1)))
 
 
 def test_all_faults_at_once(tmp_path: Path) -> None:
     """Three faults, three lines, in the order of the file."""
     bad = LOOP.replace("0,1,1,3,", "0,1,9,3,").replace("2*L1,", "import os,").replace("t1,", "sin(t1),")
     with pytest.raises(ParError) as caught:
-        Chain.from_par(written(tmp_path, bad))
+        load_chain(written(tmp_path, bad))
     assert [fault.split(":")[0] for fault in caught.value.faults] == ["line 9", "line 12", "line 16"]
     assert isinstance(caught.value, ValueError)
 
 
 def test_a_file_without_a_column_says_so(tmp_path: Path) -> None:
     """A column left out, or written with another name, is no reason to be silent."""
-    assert (
-        "the file has no b, r: taken as 0" in Chain.from_par(written(tmp_path, LOOP.replace("R = {", "RR = {"))).notes
-    )
+    assert "the file has no b, r: taken as 0" in load_chain(written(tmp_path, LOOP.replace("R = {", "RR = {"))).notes
 
 
 def test_gravity_sideways_needs_its_value(tmp_path: Path) -> None:
     """Only an unknown third entry has a default; gravity given wins over the file's."""
     path = written(tmp_path, LOOP.replace("{0,0,-G3}", "{GX,0,0}"))
     with pytest.raises(ValueError, match="G needs the values of GX"):
-        Chain.from_par(path)
-    assert Chain.from_par(path, gravity=(1, 2, 3)).gravity.tolist() == [1.0, 2.0, 3.0]
-    assert Chain.from_par(path, {"GX": 4.0}).gravity.tolist() == [4.0, 0.0, 0.0]
+        load_chain(path)
+    assert load_chain(path, gravity=(1, 2, 3)).gravity.tolist() == [1.0, 2.0, 3.0]
+    assert load_chain(path, {"GX": 4.0}).gravity.tolist() == [4.0, 0.0, 0.0]
 
 
 @given(st.text(alphabet="LA12+-*/^()., pi_cosqrt'[]{}\":\n", max_size=40))
