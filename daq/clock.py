@@ -6,10 +6,17 @@ least delay there ever is. A least-squares line would keep the mean delay as a b
 
 Of all lines below the points, the one nearest to them on average touches the lower convex hull above the mean of the
 device stamps: a linear program with two unknowns, solved exactly by exchanging its two touching points.
+
+A clock that jumped leaves stretches too short for that. Device stamps of a steady rate meet an adapter's timer on a
+grid of h (1 ms for 5 ms samples and a 16 ms timer), so that the envelope is a staircase with steps of h; in a stretch
+of length T the nearest line may rest on one tread and err by up to 2h/T in slope, which is 0.58 h σ along the stretch.
+There the drift is that of the least-squares line through the whole lower hull, which errs by about h/T, and all
+stretches determine it together: they are of one oscillator.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,11 +135,12 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_
     stops = np.append(starts[1:], len(lag))
     spans = [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
     good = [np.arange(a, b)[~outlier[a:b]] for a, b in spans]
-    longest = max(good, key=len)
-    drift = _envelope_slope(device[longest], lag[longest])
+    if len(good) == 1:
+        drift = _envelope_slope(device[good[0]], lag[good[0]])
+    else:  # one oscillator: a jump or a reset does not change its rate
+        drift = _shared_slope([(device[rows], lag[rows]) for rows in good])
     segments = []
     for (a, b), rows in zip(spans, good, strict=True):
-        # One oscillator: a jump or a reset does not change its rate, which the longest stretch knows best.
         offset = int(np.floor(np.min((lag[rows] - lag[a]) - drift * (device[rows] - device[a])))) + int(lag[a])
         segments.append(ClockSegment(a, b, int(arrival[a]), int(device[a]), offset, drift))
     parts = [arrival[rows] - s.apply(device[rows]) for s, rows in zip(segments, good, strict=True)]
@@ -167,6 +175,41 @@ def _envelope_slope(device: NDArray[np.int64], lag: NDArray[np.int64]) -> float:
         if below[lowest] > -1e-3 or lowest in (a, b):  # 1e-3 ns: rounding
             return float(np.clip(slope, -MAX_DRIFT, MAX_DRIFT))
         a, b = (lowest, b) if x[lowest] < 0 else (a, lowest)
+
+
+def _shared_slope(stretches: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> float:
+    """Slope of the least-squares lines, parallel to each other, through the lower hulls of (device, lag) of stretches.
+
+    Each stretch has an offset of its own and counts by the square of its length and its number of samples. Within
+    `MAX_DRIFT`; 0 when no stretch has any length.
+    """
+    rise, run = 0.0, 0.0
+    for device, lag in stretches:
+        order = np.lexsort((lag, device))
+        x = (device[order] - device[order[0]]).astype(float)
+        hull = _lower_hull(x, (lag[order] - lag[order[0]]).astype(float))
+        x -= x.mean()
+        rise += float(x @ hull)
+        run += float(x @ x)
+    return float(np.clip(rise / run, -MAX_DRIFT, MAX_DRIFT)) if run else 0.0
+
+
+def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The greatest convex function below all points (x, y), at each x; x in order, of equal ones the lowest first."""
+    first = np.flatnonzero(np.diff(x, prepend=-1.0) > 0.0)
+    u, v = x[first], y[first]
+    corners, open_chords = [0, len(u) - 1], [(0, len(u) - 1)]
+    while open_chords:
+        a, b = open_chords.pop()
+        if b - a < 2:
+            continue
+        below = v[a:b] - v[a] - (v[b] - v[a]) / (u[b] - u[a]) * (u[a:b] - u[a])
+        lowest = a + int(np.argmin(below))
+        if below[lowest - a] < -1e-3:  # 1e-3 ns: rounding
+            corners.append(lowest)
+            open_chords += [(a, lowest), (lowest, b)]
+    corners = sorted(set(corners))
+    return np.interp(x, u[corners], v[corners])
 
 
 def _stretches(

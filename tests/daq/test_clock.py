@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lacet.daq.clock import MAX_DRIFT, fit_clock
@@ -97,6 +97,7 @@ def test_origins_do_not_matter(seed: int, arrival_shift: int, device_shift: int)
     st.floats(-200e-6, 200e-6),
 )
 @settings(max_examples=30, deadline=None)
+@example(seed=315, jump=300000001, drift=-5.712481033714044e-05)
 def test_a_jump_or_reset_parts_two_clocks(seed: int, jump: int, drift: float):
     rng = np.random.default_rng(seed)
     true, device = instants(60, 200, drift)
@@ -114,6 +115,28 @@ def test_a_jump_or_reset_parts_two_clocks(seed: int, jump: int, drift: float):
         assert -MS < error[side & ~near].mean() < 1.5 * MS
     with pytest.raises(ValueError, match="arrivals"):
         fit.apply(device)
+
+
+def test_drifts_of_less_than_a_step_of_the_timer_in_a_stretch():
+    """What a line on one tread of the staircase gets wrong most: a step of 1 ms comes once in 15 to 60 s."""
+    rng = np.random.default_rng(11)
+    for drift in np.linspace(-66e-6, 66e-6, 60):
+        true, device = instants(60, 200, drift)
+        at = int(rng.integers(3000, 9000))
+        device = device + 5 * 10**9 * (np.arange(len(device)) >= at)
+        arrival = latency_timer(true, rng)
+        error = fit_clock(arrival, device).apply(device, arrival) - true
+        for side in (error[: at - 5], error[at + 5 :]):
+            assert side.std() < 0.35 * MS
+            assert 0.0 < side.mean() < 1.6 * MS
+
+
+def test_a_parted_clock_without_delays_is_exact():
+    true, device = instants(60, 200, 35e-6)
+    device = device - 3 * 10**9 * (np.arange(len(device)) >= 9000)
+    fit = fit_clock(true, device)
+    assert fit.drift == pytest.approx(35e-6, abs=1e-10)
+    assert np.abs(fit.apply(device, true) - true).max() <= 4  # device stamps are whole nanoseconds
 
 
 def test_a_stall_and_a_late_frame_are_no_jumps():
