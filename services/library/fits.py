@@ -10,6 +10,7 @@ from typing import Any
 from lacet.daq.errors import nearest
 from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
+from lacet.identify.progress import silent
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
 from lacet.identify.selection.score_tests import Candidate
@@ -19,6 +20,7 @@ from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.runs import Runs
 from lacet.services.render import tables
+from lacet.services.render.progress import in_words
 from lacet.services.workspace.session import fit_result
 
 
@@ -179,10 +181,7 @@ def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[s
     >>> lacet.fit(lacet.base_model(runs), runs).runs.names
     ('sine', 'liftoff')
     """
-    say = progress or (lambda _: None)
-    details = wls.fit(
-        model, runs.prepared, robust=robust, progress=lambda done, total: say(f"fitting: {done} of {total} runs")
-    )
+    details = wls.fit(model, runs.prepared, robust=robust, progress=in_words(progress) if progress else silent)
     return Fit(model, runs, details)
 
 

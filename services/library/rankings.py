@@ -95,6 +95,10 @@ def rank(
     'anti_roll_bar.front'
     """
     tried = [effect for effect in catalogue(fitted.runs).values() if not effect.base] if effects is None else [*effects]
-    say = progress or (lambda _: None)
+
+    def say(text: str) -> None:
+        if progress:
+            progress(text)
+
     say(f"simulating the noise floor, {draws} times")
     return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, tell=say))

@@ -43,7 +43,6 @@ _PLAIN = {
 
 _FILLED: dict[Stage, str] = {
     Stage.READING_RUN: "reading runs {subject}: {done} of {total}",
-    Stage.NOISE_CORRECTION: "fitting version {version}: {done} of {total} runs",
     Stage.CANDIDATES: "trying {total} effects",
     Stage.TRIAL_COLUMNS: "what {total} effects would do",
     Stage.SHAPE_CONSTANTS: "the constants of {subject}",
@@ -67,9 +66,13 @@ def sentence(step: Step) -> str:
     return f"{step.campaign}: {text}" if step.campaign else text
 
 
-def in_words(show: Callable[[str], None]) -> Progress:
+def in_words(show: Callable[[str], object]) -> Progress:
     """A progress callback that hands each step's sentence to `show`."""
-    return lambda step: show(sentence(step))
+
+    def progress(step: Step) -> None:
+        show(sentence(step))
+
+    return progress
 
 
 def _sentence(step: Step) -> str:
@@ -78,6 +81,9 @@ def _sentence(step: Step) -> str:
             return f"reading {step.total} runs {step.subject}".rstrip() if step.total else "reading the runs"
         case Stage.FITTING:
             return _fitting(step)
+        case Stage.NOISE_CORRECTION:
+            what = "fitting" if step.version is None else f"fitting version {_version(step)}"
+            return f"{what}: {step.done} of {step.total} runs"
         case Stage.COMPARING:
             beside = f" with {step.subject}" if step.subject else ""
             return f"comparing version {_version(step)}{beside}"
@@ -98,9 +104,7 @@ def _sentence(step: Step) -> str:
         case _ if step.stage in _PLAIN:
             return _PLAIN[step.stage]
         case _:
-            return _FILLED[step.stage].format(
-                subject=step.subject, done=step.done, total=step.total, version=_version(step)
-            )
+            return _FILLED[step.stage].format(subject=step.subject, done=step.done, total=step.total)
 
 
 def _fitting(step: Step) -> str:

@@ -21,6 +21,7 @@ def test_every_stage_has_a_sentence(stage):
         (Step(Stage.READING_RUNS, campaign="simulation"), "simulation: reading the runs"),
         (Step(Stage.READING_RUN, 1, 3, "used"), "reading runs used: 1 of 3"),
         (Step(Stage.FITTING), "fitting"),
+        (Step(Stage.NOISE_CORRECTION, 1, 4), "fitting: 1 of 4 runs"),
         (Step(Stage.FITTING, version=0), "fitting version new: the base model alone"),
         (
             Step(Stage.FITTING, names=("coulomb.front", "payload"), version=2),
