@@ -24,7 +24,7 @@ NOT_A_RESULT = frozenset({"code", "seconds", "total", "created", "report", "logs
 """Keys that differ from one run of the same code to the next: times, digests of the sources, and places of files."""
 TRIALS_DRAWN = {"pair": 33, "single": 39, "unlisted": 13, "null": 15}
 """Blind trials by section, 100 in all; two or more steps have those of the pairs."""
-SEEDS_A_CELL = 3
+SEEDS_A_CELL = 4
 """The first trial of a cell makes its simulated motion and noise floor, which the others share."""
 QUICK_TRIALS = (
     ("null/plain.0", 1), ("anti_roll_bar.front/ordinary", 1), ("sensor_gain.hub.fl/large", 1),
