@@ -32,7 +32,6 @@ from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start
 from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
 from lacet.services.commands.simulate import HOUR_NS, RUN_STEP
-from lacet.services.environment import HOME
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, find_car, make_manoeuvre, measure
 from lacet.simulate import run as simulate_drive
 from lacet.simulate.vehicle_file import vehicle_text
@@ -192,7 +191,12 @@ def main() -> None:
             print(table(verdicts[-1:])[-1], f"{verdicts[-1].seconds:.0f} s", flush=True)
     bars = " --bars" if args.bars else ""
     command = f"python benchmarks/null_seeds.py{bars} --seeds {count} --draws {args.draws}"
-    target = HOME / "docs" / "benchmarks" / ("bars-seeds.md" if args.bars else "null-seeds.md")
+    target = (
+        Path(__file__).resolve().parents[1]
+        / "docs"
+        / "benchmarks"
+        / ("bars-seeds.md" if args.bars else "null-seeds.md")
+    )
     target.parent.mkdir(exist_ok=True)
     text = page(campaign, verdicts, args.draws, command)
     target.write_text(text, encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
 from lacet.identify.validation.whiteness import Whiteness, whiteness
 
 FAILS = 1.2
-"""Residual ÷ floor above which a row is said to fail."""
+"""Residual ÷ noise floor above which a row fails."""
 
 
 @dataclass(frozen=True)
@@ -166,3 +167,37 @@ def score_row(row: str, measured: Array, residual: Array, floor: float) -> RowSc
         floor=floor,
         ratio=rms / floor if floor else 0.0,
     )
+
+
+def fails(ratio: float) -> bool:
+    """Whether a residual ÷ noise floor is that of a row that fails."""
+    return ratio > FAILS
+
+
+# -- scores pooled over rows and runs, from plain data: run → row → {"ratio": residual ÷ floor, …} ---------------------
+
+
+def pooled_ratio(runs: Mapping[str, Mapping[str, Any]]) -> float:
+    """Root mean square of residual ÷ floor over the rows of all runs: 1 is the noise floor; NaN without any."""
+    ratios = [score["ratio"] for run in runs.values() for score in run.values()]
+    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
+
+
+def row_ratios(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
+    """Row → root mean square of residual ÷ floor over runs."""
+    rows: dict[str, list[float]] = {}
+    for scores in runs.values():
+        for row, score in scores.items():
+            rows.setdefault(row, []).append(float(score["ratio"]) ** 2)
+    return {row: float(sum(squares) / len(squares)) ** 0.5 for row, squares in rows.items()}
+
+
+def worst_row(runs: Mapping[str, Mapping[str, Any]]) -> tuple[str, float]:
+    """The row farthest above its floor, as ``run: row``, and its ratio."""
+    found = [(f"{run}: {row}", s["ratio"]) for run, part in runs.items() for row, s in part.items()]
+    return max(found, key=lambda item: item[1], default=("none", 0.0))
+
+
+def failing_rows(runs: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """Rows that fail in any run, in alphabetical order."""
+    return sorted({row for part in runs.values() for row, score in part.items() if fails(score["ratio"])})

@@ -10,9 +10,10 @@ from pathlib import Path
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import find_effect
-from lacet.services.commands.diagnose import fall, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.diagnosis_text import print_change
+from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
@@ -56,8 +57,8 @@ def run(args: argparse.Namespace) -> int:
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()
         after = work.add(key, shape or None)
-    item = fall(key, before.result["rows"], after.result["rows"])
-    print_fall(item)
+    item = change_result(key, before.result["rows"], after.result["rows"])
+    print_change(item)
     names = {p.name for p in effect.parameters}
     for p in after.result["parameters"]:
         if p["name"] in names:

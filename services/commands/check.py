@@ -14,13 +14,13 @@ from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
-from lacet.identify.validation.score import compare
+from lacet.identify.validation.score import compare, worst_row
 from lacet.services.commands.progress import Line
-from lacet.services.render import tables
+from lacet.services.render import sensor_report
 from lacet.services.workspace import sensor_check as checking
-from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.loading import Loaded, default_filters, load
+from lacet.services.workspace.results import scores
 from lacet.services.workspace.rig_text import with_latencies
-from lacet.services.workspace.session import default_filters, scores
 from lacet.services.workspace.study import Study
 
 HELP = "check the sensors' noise and latencies against the rig file, and the fit for bias by noise"
@@ -82,7 +82,7 @@ def run(args: argparse.Namespace) -> int:
         if "noise" in asked:
             levels = measured_noise(loaded.runs, loaded.rig)
             result["noise"] = checking.noise_result(levels)
-            print(f"\nNoise, 1 σ at the sensors' own rates:\n{checking.noise_table(levels)}", flush=True)
+            print(f"\nNoise, 1 σ at the sensors' own rates:\n{sensor_report.noise_table(result['noise'])}", flush=True)
         fitted = None
         if "latency" in asked:
             filters = loaded.drives[0].recording.filters
@@ -91,13 +91,14 @@ def run(args: argparse.Namespace) -> int:
             )
             fitted = timings.fit
             line.show("simulating the noise floor")
-            trust = tables.worst(scores([compare(fitted, drive, _DRAWS) for drive in fitted.drives]))
+            trust = worst_row(scores([compare(fitted, drive, _DRAWS) for drive in fitted.drives]))
             result["latency"] = checking.latency_result(timings, trust)
             print(
-                f"\nLatencies, when that of '{timings.base}' is right:\n{checking.latency_table(timings)}", flush=True
+                f"\nLatencies, when that of '{timings.base}' is right:\n{sensor_report.latency_table(timings)}",
+                flush=True,
             )
             if trust[1] > checking.DISTRUST:
-                print(checking.distrusted(trust))
+                print(sensor_report.distrusted(trust))
             if not timings.settled:
                 print(f"The search had not settled after {timings.steps} readings: distrust these values.")
             if args.write_rig is not None:
@@ -108,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
             line.show("fitting with instruments")
             found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
             result["bias"] = checking.bias_result(found, loaded.vehicle)
-            print(f"\nBias by noise:\n{checking.bias_text(found, loaded.vehicle)}")
+            print(f"\nBias by noise:\n{sensor_report.bias_text(result['bias'])}")
     for warning in loaded.warnings:
         print(f"! {warning}")
     write_result(args.json, "check", {**result, "warnings": list(loaded.warnings)})

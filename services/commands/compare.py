@@ -7,10 +7,12 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.properties.derived import damper_curves
+from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
-from lacet.services.workspace.session import Work, scores
+from lacet.services.workspace.results import scores
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
 HELP = "compare the model with the measurement, row by row"
@@ -55,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     for title, part in (("Runs used", result["used"]), ("Runs held out", result["held"])):
         if part:
             print(f"{title}:\n{tables.rows(part)}\n")
-            where, ratio = tables.worst(part)
+            where, ratio = worst_row(part)
             print(f"  farthest from its floor: {where}, {ratio:.2f} times\n")
     for sentence in not_judged:
         print(f"? {sentence}")

@@ -15,14 +15,17 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
 from lacet.services.commands import decode
-from lacet.services.commands.diagnose import MOST_EFFECTS, fall, print_diagnosis, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.diagnosis_text import print_change, print_diagnosis
 from lacet.services.render.progress import in_words
-from lacet.services.render.report import write_report
 from lacet.services.workspace.loading import find_rig, find_vehicle
-from lacet.services.workspace.session import Work, diagnosis_result, overall
+from lacet.services.workspace.report import write_report
+from lacet.services.workspace.results import diagnosis_result
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
 HELP = "the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
@@ -70,18 +73,21 @@ def run(args: argparse.Namespace) -> int:
         work = Work(study, line.progress)
         version = work.record({}, "base model")
         rows = version.result["rows"]
-        where, ratio = tables.worst(rows["used"])
-        failing = sorted({row for part in rows["used"].values() for row, s in part.items() if s["ratio"] > 1.2})
+        where, ratio = worst_row(rows["used"])
+        failing = failing_rows(rows["used"])
         print(
-            f"   Error ÷ noise floor: {overall(rows['used']):.2f} on the runs used, "
-            f"{overall(rows['held']):.2f} on those held out."
+            f"   Error ÷ noise floor: {pooled_ratio(rows['used']):.2f} on the runs used, "
+            f"{pooled_ratio(rows['held']):.2f} on those held out."
         )
         print(
             f"   Rows that fail: {', '.join(failing) or 'none'}"
             + (f" (most: {where}, {ratio:.1f} times)" * bool(failing))
         )
         print(f"\n3. What is missing? ({args.draws} noise-floor simulations here; a study does 199.)", flush=True)
-        added = _search(work, line)
+        added = work.add_missing(
+            diagnosed=_show,
+            added=print_change,
+        ).changes
         print("4. How the error fell.\n" + tables.history(work.study.versions()), flush=True)
         report = out / "report.html"
         write_report(work, report, in_words(line.tell))
@@ -183,19 +189,9 @@ def _tell_worker(out: Path) -> None:
         )
 
 
-def _search(work: Work, line: Line) -> list[dict[str, object]]:
-    added: list[dict[str, object]] = []
-    while len(added) < MOST_EFFECTS:
-        diagnosis = work.diagnose()
-        print()
-        print_diagnosis(diagnosis_result(diagnosis), most=4, why=False)
-        if diagnosis.best is None:
-            break
-        before = work.study.version()
-        after = work.add(diagnosis.best.key, diagnosis.best.shape)
-        added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-        print_fall(added[-1])
-    return added
+def _show(diagnosis: Diagnosis) -> None:
+    print()
+    print_diagnosis(diagnosis_result(diagnosis), most=4, why=False)
 
 
 def _free_port() -> int:

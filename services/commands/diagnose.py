@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.identify.progress import Progress
+from lacet.identify.selection.diagnose import Diagnosis
 from lacet.services.commands.progress import Line
+from lacet.services.planning.separation import next_result, recommend, tied, untestable
 from lacet.services.render import tables
-from lacet.services.render.separation_report import add_arguments as add_next_arguments
-from lacet.services.render.separation_report import hint, next_of, next_text
-from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result, overall
+from lacet.services.render.diagnosis_text import print_change, print_diagnosis
+from lacet.services.render.separation_report import hint, next_text
+from lacet.services.workspace.results import diagnosis_result
+from lacet.services.workspace.session import LEAST_DRAWS, MOST_EFFECTS, Work
 from lacet.services.workspace.study import Study
 
 HELP = "find out which physical effect is missing"
@@ -38,10 +41,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--draws", type=int, help="noise-floor simulations (default: the study's)")
     parser.add_argument("--most", type=int, default=8, help="rows of the ranking printed (default 8)")
     parser.add_argument("--why", action="store_true", help="print the reason for every answer")
-    add_next_arguments(parser)
-
-
-MOST_EFFECTS = 10
+    parser.add_argument(
+        "--next", metavar="EFFECT", nargs="*",
+        help="which run to drive next: to tell apart the best candidate and those tied with it, or the effects named; "
+        "of one effect named, to show it",
+    )  # fmt: skip
+    parser.add_argument(
+        "--without", metavar="NAMES", default="", help="with --next: manoeuvres that cannot be driven, by commas"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -51,54 +58,34 @@ def run(args: argparse.Namespace) -> int:
         if args.draws < LEAST_DRAWS:
             raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
         study = study.with_draws(args.draws)
-    added: list[dict[str, Any]] = []
     steps: list[dict[str, Any]] = []
-    result: dict[str, Any] = {}
     with Line() as line:
         work = Work(study, line.progress)
-        while True:
-            diagnosis = work.diagnose()
+
+        def show(diagnosis: Diagnosis) -> None:
             steps.append(diagnosis_result(diagnosis))
             print_diagnosis(steps[-1], args.most, args.why)
-            if not args.auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
-                break
-            before = work.study.version()
-            after = work.add(diagnosis.best.key, diagnosis.best.shape)
-            added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-            print_fall(added[-1])
-        following = next_of(args, work, diagnosis, line.progress)
+
+        found = work.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
+        following = _next(args, work, found.last, line.progress)
     result = {**steps[-1], **following}
     if args.auto:
         print(tables.history(work.study.versions()))
     elif result["best"]:
         print(f"\nTo add it: lacet add {study.folder} {result['best']}")
-    print(f"\n{next_text(result, args.most) or hint(diagnosis, study.folder)}".rstrip())
-    write_result(args.json, "diagnose", {**result, "auto": args.auto, "added": added, "steps": steps})
+    print(f"\n{next_text(result, args.most) or _hint(found.last, study)}".rstrip())
+    write_result(args.json, "diagnose", {**result, "auto": args.auto, "added": found.changes, "steps": steps})
     return DONE
 
 
-def print_diagnosis(result: Mapping[str, Any], most: int, why: bool) -> None:
-    """The verdict and the ranking."""
-    print(f"{result['says']}\n\n{tables.candidates(result, most)}\n", flush=True)
-    if why:
-        for c in result["candidates"]:
-            print(f"  {c['effect']}: {c['why']}")
+def _next(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
+    """What ``--next`` adds to the result, ready to print; nothing where it was not asked for."""
+    if args.next is None:
+        return {}
+    without = [word.strip() for word in args.without.split(",") if word.strip()]
+    found = recommend(work, diagnosis, args.next, without=without, progress=progress)
+    return {"next": next_result(found) if found else None}
 
 
-def fall(key: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
-    """Error ÷ floor before and after an effect was added, on the runs used and held out."""
-    return {
-        "effect": key,
-        "used": {"before": overall(before["used"]), "after": overall(after["used"])},
-        "held": {"before": overall(before["held"]), "after": overall(after["held"])},
-        "rows": {"before": before, "after": after},
-    }
-
-
-def print_fall(item: Mapping[str, Any], what: str = "Added") -> None:
-    """One line: how far the error fell."""
-    used, held = item["used"], item["held"]
-    text = f"{what} {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
-    if held["before"] == held["before"]:
-        text += f", {held['before']:.2f} → {held['after']:.2f} on those held out"
-    print(f"{text}.\n", flush=True)
+def _hint(diagnosis: Diagnosis, study: Study) -> str:
+    return hint(bool(tied(diagnosis)), bool(untestable(diagnosis)), study.folder)

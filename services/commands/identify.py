@@ -7,18 +7,21 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.progress import Stage, Step
+from lacet.identify.properties.consistent_fit import consistency, consistent_fit
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
-from lacet.identify.validation.score import compare
+from lacet.identify.validation.score import compare, fails, worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.consistency_report import left_open, mend
+from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
-from lacet.services.workspace.loading import load
-from lacet.services.workspace.session import FLOOR_DRAWS, default_filters, fit_result
+from lacet.services.workspace.loading import default_filters, load
+from lacet.services.workspace.results import consistency_result, fit_result
+from lacet.services.workspace.session import FLOOR_DRAWS
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\
@@ -73,8 +76,13 @@ def run(args: argparse.Namespace) -> int:
         if args.instruments:
             line.show("fitting again with instruments")
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
-        mended = mend(fitted, line.progress) if args.consistent else None
-        fitted = mended[0] if mended else fitted
+        found = nearest = None
+        if args.consistent:
+            line.progress(Step(Stage.BODY_CONSISTENCY))
+            found = consistency(fitted)
+            line.progress(Step(Stage.CONSISTENT_FIT))
+            nearest = consistent_fit(fitted)
+            fitted = nearest.fit
         line.show("simulating the noise floor")
         parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
         knowledge = Knowledge.of(fitted)
@@ -85,8 +93,8 @@ def run(args: argparse.Namespace) -> int:
             line.show("drawing")
             pictures = [file for part in parts for file in draw_comparison(part, args.pictures, part.name)]
             pictures += draw_dampers(damper_curves(fitted, knowledge), args.pictures, "dampers")
-    if mended:
-        result["consistency"] = mended[1]
+    if found and nearest:
+        result["consistency"] = consistency_result(found, nearest)
     many = "s" if len(loaded.drives) > 1 else ""
     print(f"{loaded.vehicle.name}, {len(loaded.drives)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
@@ -106,11 +114,11 @@ def run(args: argparse.Namespace) -> int:
             print("\nWhat the runs leave open:\n" + "\n".join(f"  {line}" for line in left_open(fitted)))
     if not result["parameters"]:
         print("\nNothing is identifiable with these runs.")
-    if mended:
-        print("\n" + mended[2])
-    where, ratio = tables.worst(result["rows"]["used"])
+    if found and nearest:
+        print("\n" + consistency_text(found, nearest))
+    where, ratio = worst_row(result["rows"]["used"])
     print(f"\nWorst row: {where}, {ratio:.2f} times its noise floor.")
-    if ratio > 1.2:
+    if fails(ratio):
         print("Values that stand on a failing row are off by more than their intervals say.")
         print("The model lacks something: lacet study new DIR --use RUN…, then lacet diagnose DIR.")
     if args.rows:

@@ -16,6 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs, row_unit
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.model_text import print_model
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
@@ -69,6 +70,7 @@ def run(args: argparse.Namespace) -> int:
         with Line() as line:
             asked = find_model(args.file, args.reference, args.rig, args.vehicle, line.progress)
             result |= model_info(asked, line.progress)
+        print_model(result["model"])
         status = WITH_LOSSES if result["model"]["warnings"] else DONE
     elif len(args.file) > 1:
         raise UsageError("one file at a time (several runs go with --model)")

@@ -13,8 +13,8 @@ from scipy.stats import binom
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, plain, write_result
+from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
-from lacet.services.render.tables import worst
 from lacet.services.reproduction.campaigns import Campaign, Places, drive_all, experiment, identify, simulation
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.reproduction.scores import MISSED, WITHOUT, Scored, print_tables, score
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
             scored = [score(one, truth, fitted, ours) for one in LINES if one.table in campaign.tables]
             says, failed = _verdict(scored, ours)
             print(f"{campaign.about[0].upper()}{campaign.about[1:]}.\n\n{print_tables(scored, ours)}\n", flush=True)
-            where, ratio = worst(fitted["rows"]["used"])
+            where, ratio = worst_row(fitted["rows"]["used"])
             print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.", flush=True)
             print(f"{_laws(fitted['shapes'], truth['hidden'])}\n", flush=True)
             status = max(status, WITH_LOSSES if failed else DONE)

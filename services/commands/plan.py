@@ -23,8 +23,8 @@ from lacet.services.planning.manoeuvre_library import KMH, G, Limits, check, kin
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
 from lacet.services.render import tables
-from lacet.services.workspace.loading import load
-from lacet.services.workspace.session import Work, default_filters
+from lacet.services.workspace.loading import default_filters, load
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from lacet.simulate import MANOEUVRES
 from lacet.simulate.engine import engine_library

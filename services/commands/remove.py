@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
-from lacet.services.commands.diagnose import fall, print_fall
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.diagnosis_text import print_change
+from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
@@ -33,8 +34,8 @@ def run(args: argparse.Namespace) -> int:
     with Line() as line:
         work = Work(study, line.progress)
         after = work.remove(args.effect)
-    item = fall(args.effect, before.result["rows"], after.result["rows"])
-    print_fall(item, "Removed")
+    item = change_result(args.effect, before.result["rows"], after.result["rows"])
+    print_change(item, "Removed")
     print(tables.history(work.study.versions()))
     write_result(args.json, "remove", {"version": after.number, **item})
     return DONE

@@ -11,9 +11,10 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.report import write_report
-from lacet.services.workspace.loading import find_rig, find_vehicle
-from lacet.services.workspace.session import LEAST_DRAWS, Work, default_filters
+from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
+from lacet.services.workspace.report import write_report
+from lacet.services.workspace.results import study_result
+from lacet.services.workspace.session import LEAST_DRAWS, Work
 from lacet.services.workspace.study import Study
 
 HELP = "make a study, and see how the error fell"
@@ -64,20 +65,6 @@ def run(args: argparse.Namespace) -> int:
         print(f"report: {args.report}")
     write_result(args.json, "study", {**study_result(study), "warnings": list(warnings)})
     return WITH_LOSSES if warnings else DONE
-
-
-def study_result(study: Study) -> dict[str, object]:
-    """A study as plain data."""
-    return {
-        "folder": study.folder,
-        "used": study.used,
-        "held": study.held,
-        "current": study.current,
-        "versions": [
-            {"version": v.number, "parent": v.parent, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
-            for v in study.versions()
-        ],
-    }
 
 
 def _words(words: list[str]) -> tuple[bool, Path]:

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
-from lacet.services.commands.study import study_result
 from lacet.services.render import tables
+from lacet.services.workspace.results import study_result
 from lacet.services.workspace.study import Study
 
 HELP = "go back to the version before"

@@ -8,7 +8,8 @@ from pathlib import Path
 from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render.failure_report import write_where
-from lacet.services.workspace.failure import find_where, follows_table, left_table, phase_table, says, where_result
+from lacet.services.render.failure_text import failure_sentences, follows_table, left_table, phase_table
+from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
@@ -43,16 +44,16 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line() as line:
-        found = find_where(Work(study, line.progress), version, line.progress, args.row, args.only_run)
+        found = analyse_version(Work(study, line.progress), version, line.progress, args.row, args.only_run)
         if args.report:
             line.show("drawing")
-            write_where(found, args.report, study.folder.name)
-    print(f"{says(found)}\n")
+            write_where(found, args.report, study.folder.name, version.number, list(version.effects))
+    print(f"{failure_sentences(found)}\n")
     print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")
     print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found)}\n")
     print(f"Left to explain (history: beyond the present states):\n{left_table(found)}")
     if args.report:
         print(f"\nreport: {args.report}")
     report = {"report": args.report} if args.report else {}
-    write_result(args.json, "where", {**where_result(found), "says": says(found), **report})
+    write_result(args.json, "where", {**failure_result(version, found), **report})
     return DONE

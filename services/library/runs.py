@@ -11,8 +11,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import Drive
 from lacet.services.library.display import html_of
-from lacet.services.workspace.loading import Loaded, load
-from lacet.services.workspace.session import default_filters
+from lacet.services.workspace.loading import Loaded, default_filters, load
 
 
 class LoadingWarning(UserWarning):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import plain
 from lacet.identify.design.discrimination import (
     NEEDED,
     SHOWS,
@@ -30,6 +32,7 @@ from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, simulated_runs
+from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.workspace.session import Work
 from lacet.simulate.engine import engine_library
 
@@ -137,7 +140,7 @@ def recommend(
         one.drive.forget_columns()
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
-    says = _says(question, now, runs, not names, why)
+    says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)
     return Recommendation(question.compared, tuple(found), now, each, tuple(runs), says, tuple(problems))
 
 
@@ -145,6 +148,16 @@ def tied(diagnosis: Diagnosis) -> list[str]:
     """The best candidate and those that cannot be told apart from it, or nothing."""
     best = diagnosis.best
     return [best.key, *(key for key, _ in best.ties)] if best and best.ties else []
+
+
+def untestable(diagnosis: Diagnosis) -> list[str]:
+    """The candidates that cannot be tested with these runs."""
+    return [c.key for c in diagnosis.candidates if c.answer == "not testable"]
+
+
+def keys_of(question: Question) -> list[str]:
+    """Keys of the effects compared."""
+    return [one.effect.key for one in question.compared]
 
 
 def _compared(
@@ -232,7 +245,7 @@ def _judged(
         enough = (d for d in tried if _value(Separations(question, present, told.lasting(d))) >= needed)
         seconds = next(enough, limits.duration)
     ordinary = _alone(after, question.compared[0].values) if len(question.compared) == 1 else None
-    sentence = _sentence(question, run.label, seconds or limits.duration, now, value, limits.duration)
+    sentence = run_sentence(keys_of(question), run.label, seconds or limits.duration, now, value, limits.duration)
     return Recommended(run, now, value, seconds, ordinary, sentence)
 
 
@@ -254,61 +267,45 @@ def _alone(separations: Separations, sizes: Array) -> float:
     return max((separations.size(0, values) for values in np.diag(sizes)), default=0.0)
 
 
-def _names(question: Question) -> str:
-    keys = [one.effect.key for one in question.compared]
-    return f"tell {keys[0]} from {' and '.join(keys[1:])}" if len(keys) > 1 else f"show {keys[0]}"
+def next_result(found: Recommendation) -> dict[str, Any]:
+    """A recommendation as plain data (``docs/json.md``, ``diagnose``)."""
 
+    def smallest(stands: float, c: Compared) -> float | None:
+        single = found.alone and len(c.effect.parameters) == 1 and stands > 0.0
+        return c.effect.parameters[0].largest * SHOWS / stands if single else None
 
-def _sentence(question: Question, label: str, seconds: float, now: float, after: float, longest: float) -> str:
-    if len(question.compared) == 1:
-        return (
-            f"To {_names(question)}: drive {label}, {seconds:g} s (at its largest plausible size it would stand out "
-            f"{short(after)} times its noise after {longest:g} s, at present {short(now)}; {SHOWS:g} are needed)."
-        )
-    return (
-        f"To {_names(question)}: drive {label}, {seconds:g} s (separation {short(after)} after {longest:g} s, at "
-        f"present {short(now)}; {NEEDED:g} is needed)."
+    return plain(
+        {
+            "says": found.says,
+            "quantity": "size" if found.alone else "separation",
+            "needed": found.needed,
+            "now": found.now,
+            "effects": [
+                {
+                    "effect": c.effect.key,
+                    "shape": dict(c.effect.shape),
+                    "values": list(c.values),
+                    "largest": [q.largest for q in c.effect.parameters],
+                    "units": [q.unit for q in c.effect.parameters],
+                    "found": real,
+                    "size": size,
+                }
+                for c, real, size in zip(found.compared, found.found, found.each, strict=True)
+            ],
+            "runs": [
+                {
+                    "run": one.run.label,
+                    "manoeuvre": one.run.manoeuvre,
+                    "settings": {key: value for key, value in one.run.settings.items() if key != "duration"},
+                    "after": one.after,
+                    "seconds": one.seconds,
+                    "wrong_pick": None if found.alone else wrong_pick(one.after),
+                    "ordinary": one.ordinary,
+                    "smallest": smallest(one.after, found.compared[0]),
+                    "says": one.sentence,
+                }
+                for one in found.runs
+            ],
+            "warnings": list(found.warnings),
+        }
     )
-
-
-def _says(question: Question, now: float, runs: Sequence[Recommended], tied_now: bool, why: str) -> str:
-    """What to drive, or that it is of no use; `why` a single effect cannot be tested at present."""
-    alone = len(question.compared) == 1
-    needed = SHOWS if alone else NEEDED
-    if now >= needed and alone and not why:
-        return (
-            f"To {_names(question)} no further run is needed: at its largest plausible size it stands out "
-            f"{short(now)} times its noise now ({needed:g} are needed)."
-        )
-    if now >= needed and not alone and not tied_now:
-        return f"To {_names(question)} no further run is needed (separation {short(now)} now; {needed:g} is needed)."
-    if not runs:
-        return "No manoeuvre of the library could be simulated."
-    best = runs[0]
-    if now >= needed and not alone:
-        return (
-            f"The runs at hand could {_names(question)} (separation {short(now)}; {needed:g} is needed), yet the "
-            f"error falls alike with each: both may be missing, or neither. {best.run.label} would tell most "
-            f"(separation {short(best.after)})."
-        )
-    if best.seconds is None:
-        what = "√λ" if alone else "separation"
-        wrong = "" if alone else f": the wrong one would still be picked with {percent(best.after)}"
-        return (
-            f"No manoeuvre of the library is enough to {_names(question)}: the best is {best.run.label}, {what} "
-            f"{short(best.after)}, at present {short(now)}; {needed:g} is needed{wrong}."
-        )
-    if alone:
-        return f"{best.sentence} Now: {why}" if why else best.sentence
-    return f"{best.sentence} The wrong one is then picked with {percent(best.after)}, at present {percent(now)}."
-
-
-def short(x: float) -> str:
-    """A separation or √λ in few digits."""
-    return f"{x:.0f}" if x >= 10.0 else f"{x:.1f}"
-
-
-def percent(separation: float) -> str:
-    """How often the wrong one is picked."""
-    part = 100.0 * wrong_pick(separation)
-    return "less than 0.1 %" if part < 0.1 else f"{part:.1f} %" if part < 10.0 else f"{part:.0f} %"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from pathlib import Path
 
+from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.services.render.failure_plots import (
     against_figure,
     left_figure,
@@ -13,17 +15,17 @@ from lacet.services.render.failure_plots import (
     spectrum_figure,
     surface_figure,
 )
+from lacet.services.render.failure_text import failure_sentences, follows_table, left_table, phase_table
 from lacet.services.render.html import details, page, picture, pre, section
-from lacet.services.workspace.failure import Where, follows_table, left_table, phase_table, says
 
 MOST_ROWS = 3
 """Rows whose pictures are shown; the others' numbers are in the tables."""
 
 
-def where_pieces(found: Where) -> list[str]:
+def where_pieces(found: FailureAnalysis) -> list[str]:
     """Everything found, the map first."""
     out = [
-        f'<p class="big">{html.escape(says(found))}</p>',
+        f'<p class="big">{html.escape(failure_sentences(found))}</p>',
         picture(map_figure(found.parts, found.phases)),
         f"<h3>By phase</h3>{picture(phase_figure(found.in_phase))}",
         details("the table", pre(phase_table(found))),
@@ -47,12 +49,12 @@ def where_pieces(found: Where) -> list[str]:
     return out
 
 
-def write_where(found: Where, file: Path, name: str) -> None:
-    """One self-contained HTML file."""
-    effects = ", ".join(found.version.effects) or "nothing"
+def write_where(found: FailureAnalysis, file: Path, name: str, number: int, effects: Sequence[str]) -> None:
+    """One self-contained HTML file on version `number` of the study `name`, with `effects` beyond the base model."""
+    added = ", ".join(effects) or "nothing"
     head = (
         f"<h1>{html.escape(name)}: where the model fails</h1>"
-        f'<p class="note">version {found.version.number}; added to the base model: {html.escape(effects)}</p>'
+        f'<p class="note">version {number}; added to the base model: {html.escape(added)}</p>'
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(

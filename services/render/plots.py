@@ -11,8 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from lacet.identify.validation.score import Comparison
-from lacet.services.workspace.session import overall
+from lacet.identify.validation.score import Comparison, pooled_ratio
 
 matplotlib.use("Agg")
 
@@ -61,7 +60,7 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
     x = np.arange(len(versions))
     width = 0.38
     for offset, kind, colour, label in ((-0.5, "used", ERROR, "runs used"), (0.5, "held", HELD, "runs held out")):
-        values = [overall(v.result["rows"][kind]) for v in versions]
+        values = [pooled_ratio(v.result["rows"][kind]) for v in versions]
         if np.all(np.isfinite(values)):
             bars = axes.bar(x + offset * width, values, width, color=colour, label=label)
             axes.bar_label(bars, fmt="%.2f", fontsize=9)

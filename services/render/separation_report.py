@@ -1,83 +1,36 @@
-"""``lacet diagnose --next``: its arguments, its part of the result, and the table."""
+"""Which run to drive next to separate effects, in sentences and a table."""
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
-from lacet.daq.formats.result import plain
-from lacet.identify.design.discrimination import NEEDED, SHOWS, Compared, wrong_pick
-from lacet.identify.progress import Progress
-from lacet.identify.selection.diagnose import Diagnosis
-from lacet.services.planning.separation import Recommendation, percent, recommend, short, tied
+from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
 from lacet.services.render import tables
-from lacet.services.workspace.session import Work
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of the next run."""
-    parser.add_argument(
-        "--next", metavar="EFFECT", nargs="*",
-        help="which run to drive next: to tell apart the best candidate and those tied with it, or the effects named; "
-        "of one effect named, to show it",
-    )  # fmt: skip
-    parser.add_argument(
-        "--without", metavar="NAMES", default="", help="with --next: manoeuvres that cannot be driven, by commas"
-    )
+class RecommendedRun(Protocol):
+    """A run that could be driven, as far as its sentence shows it."""
 
+    @property
+    def manoeuvre(self) -> str:
+        """Manoeuvre, speed and amplitude in words."""
+        ...
 
-def next_of(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
-    """What ``--next`` adds to the result, ready to print; nothing where it was not asked for."""
-    if args.next is None:
-        return {}
-    without = [word.strip() for word in args.without.split(",") if word.strip()]
-    found = recommend(work, diagnosis, args.next, without=without, progress=progress)
-    return {"next": next_result(found) if found else None}
+    @property
+    def after(self) -> float:
+        """Separation, or √λ of a single effect, after a run as long as allowed."""
+        ...
 
+    @property
+    def seconds(self) -> float | None:
+        """The shortest duration tried that is enough, or None."""
+        ...
 
-def next_result(found: Recommendation) -> dict[str, Any]:
-    """A recommendation as plain data (``docs/json.md``, ``diagnose``)."""
-
-    def smallest(stands: float, c: Compared) -> float | None:
-        single = found.alone and len(c.effect.parameters) == 1 and stands > 0.0
-        return c.effect.parameters[0].largest * SHOWS / stands if single else None
-
-    return plain(
-        {
-            "says": found.says,
-            "quantity": "size" if found.alone else "separation",
-            "needed": found.needed,
-            "now": found.now,
-            "effects": [
-                {
-                    "effect": c.effect.key,
-                    "shape": dict(c.effect.shape),
-                    "values": list(c.values),
-                    "largest": [q.largest for q in c.effect.parameters],
-                    "units": [q.unit for q in c.effect.parameters],
-                    "found": real,
-                    "size": size,
-                }
-                for c, real, size in zip(found.compared, found.found, found.each, strict=True)
-            ],
-            "runs": [
-                {
-                    "run": one.run.label,
-                    "manoeuvre": one.run.manoeuvre,
-                    "settings": {key: value for key, value in one.run.settings.items() if key != "duration"},
-                    "after": one.after,
-                    "seconds": one.seconds,
-                    "wrong_pick": None if found.alone else wrong_pick(one.after),
-                    "ordinary": one.ordinary,
-                    "smallest": smallest(one.after, found.compared[0]),
-                    "says": one.sentence,
-                }
-                for one in found.runs
-            ],
-            "warnings": list(found.warnings),
-        }
-    )
+    @property
+    def sentence(self) -> str:
+        """What the run would show."""
+        ...
 
 
 def next_text(result: Mapping[str, Any], most: int) -> str:
@@ -125,10 +78,69 @@ def _values(effect: Mapping[str, Any]) -> str:
     return ", ".join([*parts, *(f"{name} {value:g}" for name, value in effect["shape"].items())])
 
 
-def hint(diagnosis: Diagnosis, folder: object) -> str:
+def hint(tied: bool, untestable: bool, folder: object) -> str:
     """What to type when candidates are tied, or cannot be tested; or nothing."""
-    if tied(diagnosis):
+    if tied:
         return f"Which run tells them apart: lacet diagnose {folder} --next"
-    if any(c.answer == "not testable" for c in diagnosis.candidates):
+    if untestable:
         return f"Which run would show an effect that cannot be tested: lacet diagnose {folder} --next EFFECT"
     return ""
+
+
+def _names(keys: Sequence[str]) -> str:
+    return f"tell {keys[0]} from {' and '.join(keys[1:])}" if len(keys) > 1 else f"show {keys[0]}"
+
+
+def run_sentence(keys: Sequence[str], label: str, seconds: float, now: float, after: float, longest: float) -> str:
+    """What a run of `seconds` of a manoeuvre would show of the effects `keys`, `now` and `after` `longest` seconds."""
+    if len(keys) == 1:
+        return (
+            f"To {_names(keys)}: drive {label}, {seconds:g} s (at its largest plausible size it would stand out "
+            f"{short(after)} times its noise after {longest:g} s, at present {short(now)}; {SHOWS:g} are needed)."
+        )
+    return (
+        f"To {_names(keys)}: drive {label}, {seconds:g} s (separation {short(after)} after {longest:g} s, at "
+        f"present {short(now)}; {NEEDED:g} is needed)."
+    )
+
+
+def recommendation(keys: Sequence[str], now: float, best: RecommendedRun | None, tied_now: bool, why: str) -> str:
+    """What to drive, or that it is of no use; `why` a single effect cannot be tested at present."""
+    alone = len(keys) == 1
+    needed = SHOWS if alone else NEEDED
+    if now >= needed and alone and not why:
+        return (
+            f"To {_names(keys)} no further run is needed: at its largest plausible size it stands out "
+            f"{short(now)} times its noise now ({needed:g} are needed)."
+        )
+    if now >= needed and not alone and not tied_now:
+        return f"To {_names(keys)} no further run is needed (separation {short(now)} now; {needed:g} is needed)."
+    if best is None:
+        return "No manoeuvre of the library could be simulated."
+    if now >= needed and not alone:
+        return (
+            f"The runs at hand could {_names(keys)} (separation {short(now)}; {needed:g} is needed), yet the "
+            f"error falls alike with each: both may be missing, or neither. {best.manoeuvre} would tell most "
+            f"(separation {short(best.after)})."
+        )
+    if best.seconds is None:
+        what = "√λ" if alone else "separation"
+        wrong = "" if alone else f": the wrong one would still be picked with {percent(best.after)}"
+        return (
+            f"No manoeuvre of the library is enough to {_names(keys)}: the best is {best.manoeuvre}, {what} "
+            f"{short(best.after)}, at present {short(now)}; {needed:g} is needed{wrong}."
+        )
+    if alone:
+        return f"{best.sentence} Now: {why}" if why else best.sentence
+    return f"{best.sentence} The wrong one is then picked with {percent(best.after)}, at present {percent(now)}."
+
+
+def short(x: float) -> str:
+    """A separation or √λ in few digits."""
+    return f"{x:.0f}" if x >= 10.0 else f"{x:.1f}"
+
+
+def percent(separation: float) -> str:
+    """How often the wrong one is picked."""
+    part = 100.0 * wrong_pick(separation)
+    return "less than 0.1 %" if part < 0.1 else f"{part:.1f} %" if part < 10.0 else f"{part:.0f} %"

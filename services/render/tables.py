@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lacet.identify.validation.score import FAILS
-from lacet.services.workspace.session import overall
+from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
@@ -180,13 +179,7 @@ def _mark(score: Mapping[str, Any]) -> str:
     """Beside a ratio: failed, or not to be judged."""
     if not score.get("judged", True):
         return " ?"
-    return " !" if score["ratio"] > FAILS else "  "
-
-
-def worst(scored: Mapping[str, Mapping[str, Any]]) -> tuple[str, float]:
-    """The row farthest above its floor, as ``run: row``, and its ratio."""
-    found = [(f"{run}: {row}", s["ratio"]) for run, part in scored.items() for row, s in part.items()]
-    return max(found, key=lambda item: item[1], default=("none", 0.0))
+    return " !" if fails(score["ratio"]) else "  "
 
 
 def candidates(result: Mapping[str, Any], most: int = 12) -> str:
@@ -231,15 +224,6 @@ def fall_by_row(versions: Sequence[Any]) -> str:
     return table(["row", *(f"version {v.number}" for v in versions)], lines, left=1)
 
 
-def row_ratios(runs: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
-    """Row → root mean square of residual ÷ floor over runs."""
-    rows: dict[str, list[float]] = {}
-    for scores in runs.values():
-        for row, score in scores.items():
-            rows.setdefault(row, []).append(float(score["ratio"]) ** 2)
-    return {row: float(sum(squares) / len(squares)) ** 0.5 for row, squares in rows.items()}
-
-
 def history(versions: Sequence[Any]) -> str:
     """How the error fell, version by version."""
     lines: list[list[str]] = []
@@ -247,8 +231,8 @@ def history(versions: Sequence[Any]) -> str:
         used, held = v.result["rows"]["used"], v.result["rows"]["held"]
         lines.append(
             [
-                str(v.number), v.note, f"{overall(used):.2f}", f"{worst(used)[1]:.2f}",
-                f"{overall(held):.2f}" if held else "-", f"{worst(held)[1]:.2f}" if held else "-",
+                str(v.number), v.note, f"{pooled_ratio(used):.2f}", f"{worst_row(used)[1]:.2f}",
+                f"{pooled_ratio(held):.2f}" if held else "-", f"{worst_row(held)[1]:.2f}" if held else "-",
             ]
         )  # fmt: skip
     head = ["version", "what changed", "used", "worst row", "held out", "worst row"]

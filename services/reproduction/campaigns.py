@@ -6,9 +6,6 @@ reads the first alone. `services.reproduction.scores` alone reads both.
 
 from __future__ import annotations
 
-import argparse
-import contextlib
-import io
 import json
 import math
 import os
@@ -26,10 +23,11 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
-from lacet.services.commands import decode
 from lacet.services.reproduction.published_tables import LINES
+from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import Loaded, load
-from lacet.services.workspace.session import FLOOR_DRAWS, fit_result
+from lacet.services.workspace.results import fit_result
+from lacet.services.workspace.session import FLOOR_DRAWS
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
 from lacet.simulate import run as drive
 from lacet.simulate.vehicle_file import vehicle_text
@@ -166,8 +164,7 @@ def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, see
     frames, documents = encode_rig(blocks, rig)
     start = simulated_start(file.stem.removeprefix("part-"), motion, rig, vehicle, start_ns)
     write_capture(raw, frames, replace(start, documents=documents), overwrite=True)
-    with contextlib.redirect_stdout(io.StringIO()):
-        decode.run(argparse.Namespace(raw=raw, output=file, rig=None, dbc=[], force=True, json=None))
+    decode_log(raw, file)
     raw.unlink()
 
 

@@ -20,14 +20,15 @@ from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step
-from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares, shares_of
+from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
 from lacet.services.workbench.refusals import Busy, Needs
-from lacet.services.workspace.failure import Where, find_where, says, where_result
-from lacet.services.workspace.session import Work, scores
+from lacet.services.workspace.failure import analyse_version, failure_result
+from lacet.services.workspace.results import scores
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study, Version
 
 WAIT = 2.0
@@ -73,7 +74,7 @@ class Desk:
         self._compute = threading.Lock()
         self._works: OrderedDict[tuple[object, ...], Work] = OrderedDict()
         self._compared: OrderedDict[int, Compared] = OrderedDict()
-        self._where: OrderedDict[int, tuple[Stamp, Where, Mapping[str, Any]]] = OrderedDict()
+        self._where: OrderedDict[int, tuple[Stamp, FailureAnalysis, Mapping[str, Any]]] = OrderedDict()
         self._previews: OrderedDict[tuple[object, ...], Preview] = OrderedDict()
         self._diagnosed: OrderedDict[int, tuple[Stamp, Diagnosis]] = OrderedDict()
 
@@ -137,7 +138,7 @@ class Desk:
             work = self.work(study, progress)
             progress(Step(Stage.COMPARING, version=version.number))
             fitted = work.fitted(version)
-            pairs = pairs_of(work, version)
+            pairs = work.pairs(version)
             progress(Step(Stage.CONTRIBUTIONS))
             shares = tuple(shares_of(fitted, drive, part) for part, drive in pairs)
             progress(Step(Stage.MANOEUVRE_PHASES))
@@ -147,14 +148,14 @@ class Desk:
         _keep(self._compared, version.number, kept)
         return kept
 
-    def where(self, number: int | None, progress: Progress) -> Where:
+    def where(self, number: int | None, progress: Progress) -> FailureAnalysis:
         """Where a version fails: computed, and kept."""
         study, version = self.version(number)
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp:
-            found = find_where(self.work(study, progress), version, progress)
-            kept = stamp, found, plain({**where_result(found), "says": says(found)})
+            found = analyse_version(self.work(study, progress), version, progress)
+            kept = stamp, found, failure_result(version, found)
         _keep(self._where, version.number, kept)
         return kept[1]
 
@@ -183,7 +184,7 @@ class Desk:
             raise Needs("compare", f"version {version.number} has not been compared with its runs yet")
         return kept
 
-    def found_where(self, number: int) -> tuple[Where, Mapping[str, Any]]:
+    def found_where(self, number: int) -> tuple[FailureAnalysis, Mapping[str, Any]]:
         """What `where` found, and the same as ``lacet where --json`` has it. Raises Needs."""
         study, version = self.version(number)
         kept = self._where.get(version.number)
@@ -196,12 +197,6 @@ class Desk:
         study, version = self.version(number)
         kept = self._diagnosed.get(version.number)
         return kept[1] if kept and kept[0] == stamp_of(study) else None
-
-
-def pairs_of(work: Work, version: Version) -> list[tuple[Comparison, Drive]]:
-    """Every run of a version with its comparison, those used first."""
-    used = zip(work.comparisons(version, held=False), work.loaded.drives, strict=True)
-    return [*used, *zip(work.comparisons(version, held=True), work.held, strict=True)]
 
 
 def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work) -> dict[str, Any]:

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.daq.formats.result import FORMAT, plain
-from lacet.services.commands.study import study_result
+from lacet.identify.validation.score import pooled_ratio
 from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.refusals import Needs
 from lacet.services.workbench.tasks import REPORT
 from lacet.services.workbench.views import parameters_payload
-from lacet.services.workspace.session import overall
+from lacet.services.workspace.results import study_result
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
 """The report is one file with its styles and pictures inside, and nothing that runs."""
@@ -62,7 +62,7 @@ def versions(desk: Desk) -> File:
         for kind in ("used", "held"):
             parts = v.result["rows"][kind]
             if parts:
-                rows.append([*about, kind, "all", "all", "", "", "", overall(parts), "", "", ""])
+                rows.append([*about, kind, "all", "all", "", "", "", pooled_ratio(parts), "", "", ""])
             rows += [
                 [*about, kind, run, row, s["unit"], s["rms"], s["floor"], s["ratio"], s["nrmse"], s["vaf"],
                  s.get("judged", True)]

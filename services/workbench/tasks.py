@@ -10,17 +10,15 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
-from lacet.services.commands.diagnose import MOST_EFFECTS, fall
-from lacet.services.commands.study import study_result
-from lacet.services.planning.separation import recommend
-from lacet.services.render.report import write_report
-from lacet.services.render.separation_report import next_result
+from lacet.services.planning.separation import next_result, recommend
 from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.jobs import Do, Teller
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import find_rig, find_vehicle
-from lacet.services.workspace.session import LEAST_DRAWS, Work, diagnosis_result
+from lacet.services.workspace.report import write_report
+from lacet.services.workspace.results import change_result, diagnosis_result, study_result
+from lacet.services.workspace.session import LEAST_DRAWS, MOST_EFFECTS, Work
 from lacet.services.workspace.study import Study
 
 REPORT = "report.html"
@@ -110,9 +108,10 @@ class Tasks:
 
     def where(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
         """Where a version fails."""
-        found = self.desk.where(_number(args), teller.progress)
-        self.desk.compare(found.version.number, teller.progress)
-        return self.desk.found_where(found.version.number)[1]
+        number = self.desk.version(_number(args))[1].number
+        self.desk.where(number, teller.progress)
+        self.desk.compare(number, teller.progress)
+        return self.desk.found_where(number)[1]
 
     def diagnose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
         """Rank what is missing; with `auto` add the best until nothing is."""
@@ -121,19 +120,13 @@ class Tasks:
             raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
         work = self.desk.work(study, teller.progress)
         auto = bool(args.get("auto"))
-        steps: list[dict[str, Any]] = []
-        added: list[dict[str, Any]] = []
-        while True:
-            diagnosis = work.diagnose()
-            self.desk.keep_diagnosis(work.study.current, work.study, diagnosis)
-            steps.append(diagnosis_result(diagnosis))
-            if not auto or diagnosis.best is None or len(added) >= MOST_EFFECTS:
-                break
-            before = work.study.version()
-            after = work.add(diagnosis.best.key, diagnosis.best.shape)
-            added.append(fall(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+        found = work.add_missing(
+            MOST_EFFECTS if auto else 0,
+            lambda diagnosis: self.desk.keep_diagnosis(work.study.current, work.study, diagnosis),
+        )  # fmt: skip
+        steps = [diagnosis_result(diagnosis) for diagnosis in found.diagnoses]
         self.desk.compare(work.study.current, teller.progress)
-        return {**steps[-1], "version": work.study.current, "auto": auto, "added": added, "steps": steps}
+        return {**steps[-1], "version": work.study.current, "auto": auto, "added": found.changes, "steps": steps}
 
     def next(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
         """Which run to drive next."""
@@ -176,7 +169,7 @@ class Tasks:
         work = self.desk.work(study, teller.progress)
         before = study.version()
         after = change(work)
-        item = fall(key, before.result["rows"], after.result["rows"])
+        item = change_result(key, before.result["rows"], after.result["rows"])
         self._shown(work, after.number, teller)
         return {"version": after.number, **item}
 

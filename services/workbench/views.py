@@ -14,10 +14,10 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.validation.residual_map import BIN, residual_map
+from lacet.identify.validation.score import pooled_ratio
 from lacet.services.workbench.binary import packed
 from lacet.services.workbench.desk import Compared, Desk
 from lacet.services.workbench.refusals import NotThere
-from lacet.services.workspace.session import overall
 from lacet.services.workspace.study import Study, Version
 
 MOST_CELLS = 1200
@@ -62,7 +62,7 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
     used, held = study.runs_of(version)
     return {
         "version": version.number, "parent": version.parent, "note": version.note, "effects": version.effects,
-        "used_error": overall(rows["used"]), "held_error": overall(rows["held"]), "rows": rows, "used": used,
+        "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": rows, "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
     }  # fmt: skip

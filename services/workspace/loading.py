@@ -153,3 +153,15 @@ def _named_apart(run: Run, path: Path, places: Sequence[Path]) -> Run:
     """The run, with its folder in its name where another run has the same name."""
     alike = sum(place.stem == path.stem for place in places) > 1
     return replace(run, name=f"{path.resolve().parent.name}-{run.name}{path.suffix}") if alike else run
+
+
+def default_filters(cutoff: float | None) -> Filters:
+    """Filters with another cut-off of the fit [Hz]. Raises UsageError when it is out of range."""
+    if cutoff is None:
+        return Filters()
+    if not cutoff > 0.0:
+        raise UsageError(f"--cutoff {cutoff:g}: a frequency above 0 Hz (the paper says 3 to 7)")
+    try:
+        return Filters(fit_cutoff=cutoff, pre_cutoff=max(20.0, 3.0 * cutoff))
+    except ValueError as cause:
+        raise UsageError(str(cause)) from None

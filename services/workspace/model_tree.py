@@ -1,9 +1,8 @@
-"""``lacet info --model``: a car's tree, its parameters, and which of them its equations and its runs can tell."""
+"""The model of a car: its tree, its parameters, and which of them its equations and its runs identify."""
 
 from __future__ import annotations
 
-import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,22 +12,19 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.progress import Progress, Stage, Step
-from lacet.identify.properties.structural_identifiability import Structure, TreeJoint, car_tree, structure
+from lacet.identify.properties.structural_identifiability import Structure, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
-from lacet.services.render import tables
-from lacet.services.workspace.loading import Loaded, load
-from lacet.services.workspace.session import default_filters
+from lacet.services.workspace.loading import Loaded, default_filters, load
 from lacet.services.workspace.study import Study
 
 RUNS = (".mcap", ".parquet", ".csv", ".mf4", ".mdf")
-_WIDTH = 118
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What to tell of: a model on a vehicle, and the runs it is to be seen with, if any."""
+    """A model on a vehicle, and the runs it is to be identified with, if any."""
 
     vehicle: Vehicle
     reference: str
@@ -82,7 +78,7 @@ def _of_study(study: Study, progress: Progress) -> Asked:
 
 
 def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
-    """Print the tree and the parameters; the same as plain data (``docs/json.md``, ``info``)."""
+    """The tree and the parameters as plain data (``docs/json.md``, ``info``)."""
     progress(Step(Stage.STRUCTURE))
     found = structure(asked.vehicle, asked.reference, asked.model.physics, asked.brakes, asked.rig)
     by_name: dict[str, Estimate] = {}
@@ -90,9 +86,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
         progress(Step(Stage.FITTING))
         by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.drives))}
     tree = car_tree(asked.vehicle)
-    _print_tree(asked, tree)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]
-    _print_parameters(asked, found, lines)
     return {
         "model": {
             "vehicle": asked.vehicle.name,
@@ -126,65 +120,3 @@ def _parameter(found: Structure, i: int, by_name: dict[str, Estimate]) -> dict[s
         "name": name, "unit": found.units[i], "effect": found.effects[i], "in_principle": in_principle,
         "with_runs": with_runs, "group": group, "why": why,
     }  # fmt: skip
-
-
-def _print_tree(asked: Asked, tree: Sequence[TreeJoint]) -> None:
-    print(f"{asked.vehicle.name}: 42 bodies in a tree, {asked.reference} wheel loads\n")
-    rows = [
-        [str(k.number), str(k.antecedent), k.corner or "-", k.name, f"{k.kind} {k.axis}", k.body or "-", k.follows]
-        for k in tree
-    ]
-    print(tables.table(["joint", "on", "corner", "what it is", "moves", "carries", "follows"], rows, left=7))
-    print(
-        "\n  Axes at zero angles: x forward, y left, z up. Bodies without a name have no mass. Suspension springs and\n"
-        "  dampers act on damper clearance, tyres on tyre deflection."
-    )
-
-
-def _print_parameters(asked: Asked, found: Structure, lines: Sequence[dict[str, Any]]) -> None:
-    runs = asked.loaded.drives if asked.loaded else ()
-    print(
-        f"\nIn principle (any motion, brakes {asked.brakes}): {len(lines)} parameters, of which the equations can tell "
-        f"{found.base.rank}\n(smallest pivot kept ÷ largest dropped: {found.base.gap:.1e})."
-    )
-    if runs:
-        told = sum(line["with_runs"] not in (None, "no") for line in lines)
-        print(f"With {', '.join(drive.name for drive in runs)}: {told}.")
-    for why, rows in _alike(found.left_out).items():
-        print(_wrapped(f"  rows not formed: {', '.join(rows)}: {why}", 4))
-    if asked.reference == "hub":
-        print("  Axles and wheels are the parts inboard of the dynamometers: spin inertia of rim and tyre is not seen.")
-    head = ["parameter", "unit", "effect", "in principle", *(["with runs"] if runs else []), "stands for"]
-    body = [
-        [
-            line["name"], line["unit"], line["effect"], line["in_principle"], *([line["with_runs"]] if runs else []),
-            line["group"] if line["group"] != line["name"] else "",
-        ]
-        for line in lines
-    ]  # fmt: skip
-    room = _WIDTH - sum(max(len(row[k]) for row in (head, *body)) + 2 for k in range(len(head) - 1)) - 2
-    cut = [[*row[:-1], row[-1] if len(row[-1]) <= room else row[-1][: room - 2] + " …"] for row in body]
-    print("\n" + tables.table(head, cut, left=len(head)))
-    for title, asked_for in (
-        ("No value of their own, whatever the runs", lambda line: line["in_principle"] == "no"),
-        ("Not with these runs", lambda line: line["in_principle"] != "no" and line["with_runs"] == "no"),
-    ):
-        reasons = _alike({line["name"]: line["why"] for line in lines if asked_for(line)})
-        if reasons:
-            print(f"\n{title}:")
-        for why, names in reasons.items():
-            print(_wrapped(f"  {', '.join(names)}: {why}", 4))
-    for warning in asked.loaded.warnings if asked.loaded else ():
-        print(_wrapped(f"! {warning}", 2))
-
-
-def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """What has the same reason together."""
-    out: dict[str, list[str]] = {}
-    for name, why in reasons.items():
-        out.setdefault(why, []).append(name)
-    return out
-
-
-def _wrapped(text: str, indent: int) -> str:
-    return textwrap.fill(text, _WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)

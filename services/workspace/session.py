@@ -2,36 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
-from lacet.daq.formats.result import plain
 from lacet.identify.effects.catalogue import base_model, find_effect
-from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.properties.derived import damper_curves, derived_values, ranges
-from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
+from lacet.identify.progress import Stage, Step, silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.diagnose import Candidate, Diagnosis, diagnose
-from lacet.identify.signals.filters import Filters
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
-from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
 from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
 from lacet.services.workspace.study import Study, Version
 
 LEAST_DRAWS = 19
 """Noise-floor simulations a diagnosis needs: with fewer, no p can be as low as 0.05."""
+MOST_EFFECTS = 10
+"""Effects that a search for missing ones adds at most."""
 FLOOR_DRAWS = 20
 """Noise-floor simulations behind the floor of a score: its RMS is then known to about 1 %."""
 
@@ -50,86 +46,23 @@ def _fit_run(path: str | Path) -> dict[str, Any]:
     return fit_result(fitted, loaded, parts, drawn=fitted.bootstrap())
 
 
-def fit_result(
-    fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = (),
-    knowledge: Knowledge | None = None, drawn: Array | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """A fit as plain data (``docs/json.md``, ``identify``); `drawn` as `Fit.bootstrap` gives it."""
-    knowledge = knowledge or Knowledge.of(fitted)
-    found = estimates(fitted, drawn)
-    whole = whole_vehicle(fitted, loaded.vehicle)
-    left_out: dict[str, str] = {}
-    for drive in fitted.drives:
-        left_out |= {f"{drive.name}: {row}": why for row, why in drive.motion.left_out.items()}
-    return plain(
-        {
-            "vehicle": loaded.vehicle.name,
-            "rig": loaded.rig.name,
-            "wheel_reference": loaded.reference,
-            "effects": [effect.key for effect in fitted.model.effects],
-            "parameters": [
-                {
-                    "name": e.name,
-                    "effect": e.effect,
-                    "value": e.value,
-                    "unit": e.unit,
-                    "interval95": [e.value - e.half, e.value + e.half],
-                    "half95": e.half,
-                    "half95_sheet": e.half_sheet,
-                    "half95_bootstrap": e.half_bootstrap,
-                    "sxr_percent": e.sxr,
-                    "group": e.group,
-                }
-                for e in found
-                if e.identifiable
-            ],
-            "not_identifiable": [
-                {"name": e.name, "effect": e.effect, "why": e.why} for e in found if not e.identifiable
-            ],
-            "whole_vehicle": None
-            if whole is None
-            else [
-                {"name": n, "value": v, "unit": u, "half95": h, "half95_sheet": s, "identifiable": d}
-                for n, v, u, h, s, d in zip(
-                    NAMES, whole.values, UNITS, whole.interval, whole.interval_sheet, whole.determined, strict=True
-                )
-            ],
-            "derived": [
-                {
-                    "name": d.name,
-                    "value": d.value,
-                    "unit": d.unit,
-                    "half95": d.half,
-                    "identifiable": d.determined,
-                    "why": d.why,
-                }
-                for d in derived_values(fitted, loaded.vehicle, knowledge)
-            ],
-            "damper_curves": {
-                corner: {"travel": c.travel, "rate": c.rate, "force": c.force, "half95": c.half}
-                for corner, c in damper_curves(fitted, knowledge).items()
-            },
-            "ranges": {r.name: {"low": r.low, "high": r.high, "unit": r.unit} for r in ranges(fitted)},
-            "rows": {"used": scores(used), "held": scores(held)},
-            "not_judged": [line for part in held for line in part.not_judged],
-            "rows_left_out": left_out,
-            "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
-            "base_rank": fitted.base.rank,
-            "singular_gap": fitted.base.gap,
-            "warnings": list(loaded.warnings),
-        }
-    )
+@dataclass(frozen=True)
+class Search:
+    """A search for missing effects.
 
+    Attributes
+    ----------
+    diagnoses : every ranking, the first first.
+    changes : of each effect that was added, error ÷ noise floor before and after, as plain data.
+    """
 
-def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:
-    """Scores by run and row."""
-    return {c.name: {row: asdict(score) for row, score in c.scores.items()} for c in comparisons}
+    diagnoses: tuple[Diagnosis, ...]
+    changes: tuple[Mapping[str, Any], ...]
 
-
-def overall(rows: Mapping[str, Mapping[str, Any]]) -> float:
-    """Root mean square of residual ÷ floor over the rows of all runs: 1 is the noise floor."""
-    ratios = [score["ratio"] for run in rows.values() for score in run.values()]
-    return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
+    @property
+    def last(self) -> Diagnosis:
+        """The ranking of the model that the search ended with."""
+        return self.diagnoses[-1]
 
 
 class Work:
@@ -227,6 +160,11 @@ class Work:
             self._compared[key] = parts
         return self._compared[key]
 
+    def pairs(self, version: Version) -> list[tuple[Comparison, Drive]]:
+        """Every run of a version with its comparison, those used first."""
+        used = zip(self.comparisons(version, held=False), self.loaded.drives, strict=True)
+        return [*used, *zip(self.comparisons(version, held=True), self.held, strict=True)]
+
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
         """The noise floor of a version's fit on the runs used, simulated once and kept in the study."""
         if version.number not in self._floors:
@@ -256,6 +194,31 @@ class Work:
     def _in_selection(self, text: str) -> None:
         self.progress(Step(Stage.SELECTION, subject=text))
 
+    def add_missing(
+        self, most: int = MOST_EFFECTS,
+        diagnosed: Callable[[Diagnosis], None] = lambda _: None,
+        added: Callable[[Mapping[str, Any]], None] = lambda _: None,
+    ) -> Search:  # fmt: skip
+        """Rank what is missing and add the best, again and again until nothing is missing.
+
+        Parameters
+        ----------
+        most : effects added at most; 0 ranks once and adds nothing.
+        diagnosed, added : called after each ranking, and after each effect with the change of the error as plain data.
+        """
+        diagnoses: list[Diagnosis] = []
+        changes: list[dict[str, Any]] = []
+        while True:
+            diagnosis = self.diagnose()
+            diagnoses.append(diagnosis)
+            diagnosed(diagnosis)
+            if diagnosis.best is None or len(changes) >= most:
+                return Search(tuple(diagnoses), tuple(changes))
+            before = self.study.version()
+            after = self.add(diagnosis.best.key, diagnosis.best.shape)
+            changes.append(change_result(diagnosis.best.key, before.result["rows"], after.result["rows"]))
+            added(changes[-1])
+
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
         """Add an effect to the current version, with the shape constants the last diagnosis found unless given."""
         version = self.study.version()
@@ -273,56 +236,3 @@ class Work:
         if key not in version.effects:
             raise UsageError(f"{key} was not added to version {version.number}")
         return self.record({k: s for k, s in version.effects.items() if k != key}, f"removed {key}")
-
-
-def candidate_result(c: Candidate) -> dict[str, Any]:
-    """A candidate as plain data."""
-    return {
-        "effect": c.key,
-        "answer": c.answer,
-        "why": c.why,
-        "gain": c.gain,
-        "gain_rms": c.gain_rms,
-        "p": c.p,
-        "coverage": c.coverage,
-        "size": c.size,
-        "shape": dict(c.shape),
-        "values": list(c.values),
-        "half95": list(c.interval),
-        "rows": list(c.rows),
-        "drop": c.drop,
-        "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
-        "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
-    }
-
-
-def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
-    """A diagnosis as plain data (``docs/json.md``, ``diagnose``)."""
-    return plain(
-        {
-            "verdict": d.verdict,
-            "says": d.says,
-            "best": d.best.key if d.best else None,
-            "candidates": [candidate_result(c) for c in d.candidates],
-            "rows": dict(d.ratios),
-            "excess": d.excess,
-            "explained": d.explained,
-            "draws": d.draws,
-            "louder": dict(d.louder),
-            "failing": list(d.failing),
-            "together": list(d.together),
-            "formulas": [asdict(formula) for formula in d.formulas],
-        }
-    )
-
-
-def default_filters(cutoff: float | None) -> Filters:
-    """Filters with another cut-off of the fit [Hz]. Raises UsageError when it is out of range."""
-    if cutoff is None:
-        return Filters()
-    if not cutoff > 0.0:
-        raise UsageError(f"--cutoff {cutoff:g}: a frequency above 0 Hz (the paper says 3 to 7)")
-    try:
-        return Filters(fit_cutoff=cutoff, pre_cutoff=max(20.0, 3.0 * cutoff))
-    except ValueError as cause:
-        raise UsageError(str(cause)) from None

@@ -227,9 +227,12 @@ class Study:
         """Keep what was found missing in the current version."""
         _write(self.folder / "diagnoses" / f"{self.current:03d}.json", {"format": FORMAT, **result})
 
-    def diagnosis(self) -> Mapping[str, Any] | None:
-        """The last diagnosis of the current version, or None. Raises UsageError when its file cannot be read."""
-        file = self.folder / "diagnoses" / f"{self.current:03d}.json"
+    def diagnosis(self, number: int | None = None) -> Mapping[str, Any] | None:
+        """The last diagnosis of a version, by default the current one, or None.
+
+        Raises UsageError when its file cannot be read.
+        """
+        file = self.folder / "diagnoses" / f"{self.current if number is None else number:03d}.json"
         if not file.is_file():
             return None
         try:

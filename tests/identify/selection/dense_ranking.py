@@ -174,7 +174,7 @@ class Dense:
         x = np.linalg.lstsq(big / lengths, side, rcond=1e-13)[0] / lengths
         return float(np.sum((side - big @ x) ** 2)), x, right - A @ x
 
-    def fall(self, more: Array) -> float:
+    def change_result(self, more: Array) -> float:
         """Blocked cross-validation: fitted outside each fold, with and without `more`, and compared inside."""
         A, right, out = self.base[0], self.base[2], 0.0
         for fold in range(FOLDS):

@@ -70,7 +70,7 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     shared_prior = scipy.linalg.block_diag(prior, np.diag([s**-2.0 for s in sigma]))
     pull = np.r_[same.partialled.pull[kept], np.zeros(len(sigma))]
 
-    def fall(groups: list[list[int]]) -> tuple[float, np.ndarray]:
+    def change_result(groups: list[list[int]]) -> tuple[float, np.ndarray]:
         """Fall of the squares with the law's columns once for each group of runs, and its parameters."""
         zeros = [next(b for b in same.sums.blocks if b.run == r).zeros.shape[1] for r in (0, 1)]
         start = np.cumsum([0, *zeros, len(shared)])
@@ -94,9 +94,9 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
         found = np.linalg.lstsq((normal + known) / np.outer(scale, scale), right / scale, rcond=1e-13)[0] / scale
         return float(right @ found) - squares, found[start[3] :]
 
-    nothing, _ = fall([])
-    common, _ = fall([[0, 1]])
-    each, values = fall([[0], [1]])
+    nothing, _ = change_result([])
+    common, _ = change_result([[0, 1]])
+    each, values = change_result([[0], [1]])
     assert told.common == pytest.approx(common - nothing, rel=1e-3)
     assert told.further == pytest.approx(each - common, rel=1e-2, abs=1e-3)
     np.testing.assert_allclose([told.values[r][0] for r in ("run 1", "run 2")], values, rtol=1e-3)

@@ -26,11 +26,11 @@ from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.validation.noise_floor import floor_of
-from lacet.identify.validation.score import compare
+from lacet.identify.validation.score import compare, pooled_ratio
 from lacet.services.acquisition.stream_decoder import Decoder, decode_frames
 from lacet.services.commands.__main__ import main
 from lacet.services.workspace.loading import load
-from lacet.services.workspace.session import overall, scores
+from lacet.services.workspace.results import scores
 from tests.support.places import HOME
 
 LOGS = HOME / "replay_logs"
@@ -171,9 +171,9 @@ def test_the_expected_model_fits_and_predicts(campaign: str, decoded: dict[Path,
     for comparison in comparisons:
         for row, score in comparison.scores.items():
             assert score.ratio < bounds["held_at_most"], f"{comparison.name} {row}"
-    assert overall(scores(comparisons)) < bounds["overall_at_most"]
+    assert pooled_ratio(scores(comparisons)) < bounds["overall_at_most"]
     if told["added"]:
-        before = overall(scores([compare(fit(base, used), drive, 4) for drive in held]))
+        before = pooled_ratio(scores([compare(fit(base, used), drive, 4) for drive in held]))
         assert before > bounds["base_model_held_overall_at_least"]
 
 

@@ -14,8 +14,8 @@ from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
 from lacet.identify.selection.score_tests import Candidate
 from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, Limits
-from lacet.services.planning.separation import ORDINARY, recommend, tied
-from lacet.services.render.separation_report import hint, next_result, next_text
+from lacet.services.planning.separation import ORDINARY, next_result, recommend, tied, untestable
+from lacet.services.render.separation_report import hint, next_text
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
@@ -29,14 +29,19 @@ def diagnosis(best: Candidate | None, *others: Candidate) -> Any:
     return SimpleNamespace(best=best, candidates=(*((best,) if best else ()), *others))
 
 
+def hint_of(found: Any) -> str:
+    """The hint after a diagnosis."""
+    return hint(bool(tied(found)), bool(untestable(found)), "DIR")
+
+
 def test_the_hint_says_what_can_be_asked():
     lone = Candidate("a", {}, "missing")
     assert tied(diagnosis(None)) == tied(diagnosis(lone)) == []
-    assert hint(diagnosis(lone), "DIR") == ""
+    assert hint_of(diagnosis(lone)) == ""
     both = replace(lone, ties=(("b", 0.9), ("c", 0.8)))
     assert tied(diagnosis(both)) == ["a", "b", "c"]
-    assert "lacet diagnose DIR --next" in hint(diagnosis(both), "DIR")
-    assert "EFFECT" in hint(diagnosis(lone, Candidate("x", {}, "not testable")), "DIR")
+    assert "lacet diagnose DIR --next" in hint_of(diagnosis(both))
+    assert "EFFECT" in hint_of(diagnosis(lone, Candidate("x", {}, "not testable")))
 
 
 def test_nothing_is_said_unless_it_was_asked():

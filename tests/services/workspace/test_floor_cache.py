@@ -21,7 +21,8 @@ from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.regressor_noise import ColumnNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
-from lacet.services.workspace.session import Work, diagnosis_result
+from lacet.services.workspace.results import diagnosis_result
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study, Version
 from tests.identify import cars
 

@@ -1,0 +1,83 @@
+"""Where a model fails, in sentences and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from lacet.identify.validation.failure_analysis import FailureAnalysis
+from lacet.identify.validation.residual_map import InPhase
+from lacet.identify.validation.score import fails
+from lacet.services.render.tables import table
+
+
+def failure_sentences(found: FailureAnalysis) -> str:
+    """Where the model fails, in a few sentences."""
+    row = found.worst[0]
+    ratio = found.ratios.get(row, float("nan"))
+    if found.failing:
+        count = sum(fails(r) for r in found.ratios.values())
+        out = f"{count} of {len(found.ratios)} rows fail; {row} most, {ratio:.1f} times its noise floor"
+        when = max(found.in_phase, key=lambda phase: _ratio(found.in_phase[phase], row))
+        out += f" ({_ratio(found.in_phase[when], row):.1f} times in the phase '{when}')."
+    else:
+        out = f"No row fails; {row} is farthest from its noise floor, {ratio:.2f} times."
+    strongest = [f for f in found.follows.get(row, []) if f.p <= 0.05]
+    if strongest:
+        f = strongest[0]
+        out += f" Its residual follows {f.state}: {100 * f.part:.0f} % ({f.rms:.3g} {f.row_unit} RMS)."
+    rows = [r for r, x in found.left.items() if x.something or x.depends_on_history]
+    if not found.left:
+        out += " The runs are too short to say how much is left to explain."
+    elif rows:
+        total = {r: max(found.left[r].part_rms, found.left[r].history_rms) for r in rows}
+        out += f" Left to explain in {', '.join(f'{r} ({total[r]:.3g} {found.left[r].unit})' for r in rows)}."
+    else:
+        out += " Nothing is left to find that follows the measured states."
+    hidden = [r for r in rows if found.left[r].depends_on_history]
+    if hidden:
+        out += f" Something that is not measured moves too: {', '.join(hidden)} depends on history."
+    return out
+
+
+def _ratio(rows: Mapping[str, InPhase], row: str) -> float:
+    return rows[row].ratio if row in rows else 0.0
+
+
+def phase_table(found: FailureAnalysis, most: int = 6) -> str:
+    """Residual ÷ floor of the worst rows in each phase."""
+    rows = sorted(found.ratios, key=lambda r: -found.ratios[r])
+    rows = [*found.worst[:most], *(r for r in rows if r not in found.worst)][:most]
+    lines = [
+        [
+            phase,
+            f"{max(x.seconds for x in own.values()):.1f}",
+            *(f"{own[r].ratio:.2f}" if r in own else "-" for r in rows),
+        ]
+        for phase, own in found.in_phase.items()
+    ]
+    lines.append(["all phases", "", *(f"{found.ratios[r]:.2f}" for r in rows)])
+    return table(["phase", "seconds", *rows], lines)
+
+
+def follows_table(found: FailureAnalysis, most: int = 3) -> str:
+    """The states that each of the worst rows follows."""
+    lines = [
+        [row if k == 0 else "", f.state, f"{100 * f.part:.0f} %", f"{f.rms:.3g} {f.row_unit}", f"{f.p:.2g}"]
+        for row in found.worst
+        for k, f in enumerate(found.follows.get(row, [])[:most])
+    ]
+    return table(["row", "state", "part", "RMS", "p"], lines, left=2) if lines else "  (runs too short to tell)"
+
+
+def left_table(found: FailureAnalysis) -> str:
+    """How much is left to explain, row by row."""
+    lines = [
+        [
+            row, f"{x.rms:.3g}", f"{x.floor:.3g}", x.unit, f"{100 * x.part:.0f} %",
+            f"{100 * x.low:.0f} to {100 * x.high:.0f}", f"{x.part_rms:.3g}", f"{x.p_all:.2g}",
+            f"{100 * x.history:.0f} %", f"{x.history_p_all:.2g}",
+        ]
+        for row, x in found.left.items()
+    ]  # fmt: skip
+    head = ["row", "residual", "floor", "", "follows states", "95 %", "RMS", "p", "history", "p"]
+    return table(head, lines) if lines else "  (runs too short to tell)"

@@ -1,0 +1,110 @@
+"""Sensors checked against the rig file, in tables and sentences: noise, latencies, bias by noise."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from lacet.identify.regression.latency import Timings
+from lacet.services.render.tables import number, table
+
+LEVEL = 0.01
+"""Significance of the two tests of bias: an alarm one set of runs in a hundred gives by chance."""
+
+CLEAR = 3.0
+"""Differences of this many of their σ are shown."""
+
+_WORDS = {
+    "as the sheet": "as the sheet",
+    "larger": "larger than the sheet",
+    "smaller": "smaller than the sheet",
+    "not white": "not white: samples depend on their neighbours, or motion reaches this far up",
+    "unknown": "cannot be told",
+}
+
+
+def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
+    """Measured noise by sensor and family, from the check's result."""
+    rows: list[list[str]] = []
+    for n in levels:
+        measured = ["-", "-"] if n["sigma"] is None else [f"{n['sigma']:.3g}", f"± {n['half95']:.1g}"]
+        verdict = f"{_WORDS[n['verdict']]}{': ' + n['why'] if n['why'] else ''}"
+        rows.append([n["sensor"], n["family"], *measured, f"{n['sheet']:.3g}", n["unit"], verdict])
+    text = _with_verdicts(["sensor", "family", "noise", "95 %", "sheet", "unit", "verdict"], rows, left=2)
+    odd = [f"  {name}: {s:.3g}, others of its kind {statistics.median(n['columns'].values()):.3g}"
+           for n in levels for name, s in n["odd_columns"].items()]  # fmt: skip
+    return text + ("\nUnlike their kind:\n" + "\n".join(odd) if odd else "")
+
+
+def latency_table(timings: Timings) -> str:
+    """Latencies by sensor [ms]."""
+    base = next(s for s in timings.rig.sensors if s.name == timings.base)
+    rows = [[base.name, f"{1e3 * base.latency:.1f}", "", "", "time base"]]
+    for s in timings.sensors:
+        if not s.testable:
+            rows.append([s.sensor, f"{1e3 * s.rig:.1f}", "-", "-", f"not testable with these runs: {s.why}"])
+            continue
+        digits = max(1, 1 - math.floor(math.log10(1e3 * s.half))) if s.half > 0 else 2
+        says = "agrees" if s.agrees else f"differs from the rig by {1e3 * (s.found - s.rig):+.{digits}f} ms"
+        rows.append(
+            [s.sensor, f"{1e3 * s.rig:.1f}", f"{1e3 * s.found:.{digits}f}", f"± {1e3 * s.half:.{digits}f}", says]
+        )
+    return _with_verdicts(["sensor", "rig ms", "found ms", "95 %", "verdict"], rows)
+
+
+def _with_verdicts(head: list[str], rows: list[list[str]], left: int = 1) -> str:
+    """A table whose last column is text, to the left."""
+    width = max(len(row[-1]) for row in (head, *rows))
+    lines = table([*head[:-1], head[-1].ljust(width)], [[*row[:-1], row[-1].ljust(width)] for row in rows], left)
+    return "\n".join(line.rstrip() for line in lines.splitlines())
+
+
+def bias_text(found: Mapping[str, Any], most: int = 12) -> str:
+    """Both tests in words, and the values that noise moves, from the check's result."""
+    values = found["values"]
+    lines: list[str] = []
+    p_plain, p_corrected = found["plain"]["p"], found["corrected"]["p"]
+    biased, wrong = p_plain < LEVEL, p_corrected < LEVEL
+    if not biased:
+        lines.append(f"Noise in the regressors does not bias plain least squares visibly (p = {p_plain:.2g}).")
+    else:
+        lines.append(f"Noise in the regressors biases plain least squares (p = {p_plain:.2g}).")
+    if wrong:
+        lines.append(
+            f"The correction by the sheet's noise does not remove it (p = {p_corrected:.2g}): the noise in these "
+            "runs is not the sheet's.\nPut the measured noise into the rig file, and look for noise that is not white."
+        )
+    elif biased:
+        lines.append(f"The fit, corrected by the sheet's noise, agrees with the instruments (p = {p_corrected:.2g}).")
+    moved = [d for d in values if abs(d["fit_z"] if wrong else d["plain_z"]) > CLEAR]
+    moved.sort(key=lambda d: -abs((d["fit"] if wrong else d["plain"]) - d["instruments"]) / d["half95"])
+    if moved and (biased or wrong):
+        rows = [
+            [
+                d["name"], *(number(d[key], d["half95"]) for key in ("plain", "fit", "instruments")),
+                f"± {number(d['half95'], d['half95'])}", d["unit"], _percent(d["plain"], d), _percent(d["fit"], d),
+            ]
+            for d in moved[:most]
+        ]  # fmt: skip
+        head = ["value", "plain", "corrected", "instruments", "95 %", "unit", "plain off", "corrected off"]
+        lines.append(table(head, rows))
+        if len(moved) > most:
+            lines.append(f"  and {len(moved) - most} more, less in proportion to their intervals (--json has them all)")
+    if weak := found["without_instruments"]:
+        lines.append(f"Directions of the parameters that are mostly noise, of which nothing is said: {weak}.")
+    return "\n".join(lines)
+
+
+def _percent(value: float, d: Mapping[str, Any]) -> str:
+    true = d["instruments"]
+    return "-" if abs(true) <= d["half95"] else f"{100.0 * (value - true) / abs(true):+.2f} %"
+
+
+def distrusted(trust: tuple[str, float]) -> str:
+    """What to say of latencies when the model lacks something."""
+    return (
+        f"The model leaves {trust[1]:.1f} times the noise floor in {trust[0]}: something is missing in it, and "
+        "latencies follow what is missing. Distrust them until lacet diagnose has found it."
+    )

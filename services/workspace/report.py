@@ -1,0 +1,49 @@
+"""A study's report as one HTML file: its history, analyses and comparisons, computed and put together."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.properties.derived import damper_curves
+from lacet.services.render import study_sections as sections
+from lacet.services.render.html import page
+from lacet.services.workspace.failure import analyse_version
+from lacet.services.workspace.session import Work
+
+
+def write_report(work: Work, file: Path, progress: Progress = silent) -> None:
+    """Write the report of a study: how the error fell, where the model failed, what was missing, the parameters."""
+    study = work.study
+    versions = study.versions()
+    now, first = study.version(), versions[0]
+    progress(Step(Stage.COMPARING_FOR_REPORT))
+    after = {kind: work.comparisons(now, held=kind == "held") for kind in ("used", "held")}
+    before = after if first.number == now.number else {
+        kind: work.comparisons(first, held=kind == "held") for kind in ("used", "held")
+    }  # fmt: skip
+    progress(Step(Stage.DRAWING_REPORT))
+    diagnosis = study.diagnosis()
+    parts = [
+        sections.head(versions[0], now, len(study.used), len(study.held), diagnosis),
+        sections.error_falls(versions),
+    ]
+    failing = analyse_version(work, first, progress)
+    progress(Step(Stage.DRAWING_FIRST_FAILURE))
+    pieces = sections.base_model_fails(failing)
+    if now.number != first.number:
+        later = analyse_version(work, now, progress)
+        progress(Step(Stage.DRAWING_PRESENT_FAILURE))
+        pieces += sections.present_model_fails(now, failing.worst[0], before["used"], after["used"], later)
+    curves = damper_curves(work.fitted(now), work.knowledge(now)) if now.result.get("derived") else {}
+    found = {v.number: study.diagnosis(v.number) for v in versions}
+    parts += [
+        sections.where_it_fails(pieces),
+        sections.findings(versions, found),
+        sections.against_measurement(after, progress),
+        sections.derived_values(now, curves),
+        sections.parameters(now),
+        sections.rows(now),
+    ]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(page(f"lacet: {study.folder.name}", "\n".join(parts)), encoding="utf-8")

@@ -1,0 +1,192 @@
+"""Results as plain data: what the commands write as JSON and the workbench sends (``docs/json.md``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from lacet.daq.formats.result import plain
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
+from lacet.identify.properties.derived import damper_curves, derived_values, ranges
+from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.diagnose import Candidate, Diagnosis
+from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.score import Comparison, pooled_ratio
+from lacet.services.workspace.loading import Loaded
+from lacet.services.workspace.study import Study
+
+
+def fit_result(
+    fitted: Fit, loaded: Loaded, used: Sequence[Comparison], held: Sequence[Comparison] = (),
+    knowledge: Knowledge | None = None, drawn: Array | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """A fit as plain data (``docs/json.md``, ``identify``); `drawn` as `Fit.bootstrap` gives it."""
+    knowledge = knowledge or Knowledge.of(fitted)
+    found = estimates(fitted, drawn)
+    whole = whole_vehicle(fitted, loaded.vehicle)
+    left_out: dict[str, str] = {}
+    for drive in fitted.drives:
+        left_out |= {f"{drive.name}: {row}": why for row, why in drive.motion.left_out.items()}
+    return plain(
+        {
+            "vehicle": loaded.vehicle.name,
+            "rig": loaded.rig.name,
+            "wheel_reference": loaded.reference,
+            "effects": [effect.key for effect in fitted.model.effects],
+            "parameters": [
+                {
+                    "name": e.name,
+                    "effect": e.effect,
+                    "value": e.value,
+                    "unit": e.unit,
+                    "interval95": [e.value - e.half, e.value + e.half],
+                    "half95": e.half,
+                    "half95_sheet": e.half_sheet,
+                    "half95_bootstrap": e.half_bootstrap,
+                    "sxr_percent": e.sxr,
+                    "group": e.group,
+                }
+                for e in found
+                if e.identifiable
+            ],
+            "not_identifiable": [
+                {"name": e.name, "effect": e.effect, "why": e.why} for e in found if not e.identifiable
+            ],
+            "whole_vehicle": None
+            if whole is None
+            else [
+                {"name": n, "value": v, "unit": u, "half95": h, "half95_sheet": s, "identifiable": d}
+                for n, v, u, h, s, d in zip(
+                    NAMES, whole.values, UNITS, whole.interval, whole.interval_sheet, whole.determined, strict=True
+                )
+            ],
+            "derived": [
+                {
+                    "name": d.name,
+                    "value": d.value,
+                    "unit": d.unit,
+                    "half95": d.half,
+                    "identifiable": d.determined,
+                    "why": d.why,
+                }
+                for d in derived_values(fitted, loaded.vehicle, knowledge)
+            ],
+            "damper_curves": {
+                corner: {"travel": c.travel, "rate": c.rate, "force": c.force, "half95": c.half}
+                for corner, c in damper_curves(fitted, knowledge).items()
+            },
+            "ranges": {r.name: {"low": r.low, "high": r.high, "unit": r.unit} for r in ranges(fitted)},
+            "rows": {"used": scores(used), "held": scores(held)},
+            "not_judged": [line for part in held for line in part.not_judged],
+            "rows_left_out": left_out,
+            "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
+            "base_rank": fitted.base.rank,
+            "singular_gap": fitted.base.gap,
+            "warnings": list(loaded.warnings),
+        }
+    )
+
+
+def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:
+    """Scores by run and row."""
+    return {c.name: {row: asdict(score) for row, score in c.scores.items()} for c in comparisons}
+
+
+def candidate_result(c: Candidate) -> dict[str, Any]:
+    """A candidate as plain data."""
+    return {
+        "effect": c.key,
+        "answer": c.answer,
+        "why": c.why,
+        "gain": c.gain,
+        "gain_rms": c.gain_rms,
+        "p": c.p,
+        "coverage": c.coverage,
+        "size": c.size,
+        "shape": dict(c.shape),
+        "values": list(c.values),
+        "half95": list(c.interval),
+        "rows": list(c.rows),
+        "drop": c.drop,
+        "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
+        "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
+    }
+
+
+def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
+    """A diagnosis as plain data (``docs/json.md``, ``diagnose``)."""
+    return plain(
+        {
+            "verdict": d.verdict,
+            "says": d.says,
+            "best": d.best.key if d.best else None,
+            "candidates": [candidate_result(c) for c in d.candidates],
+            "rows": dict(d.ratios),
+            "excess": d.excess,
+            "explained": d.explained,
+            "draws": d.draws,
+            "louder": dict(d.louder),
+            "failing": list(d.failing),
+            "together": list(d.together),
+            "formulas": [asdict(formula) for formula in d.formulas],
+        }
+    )
+
+
+def change_result(key: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Error ÷ floor before and after an effect was added or removed, on the runs used and held out."""
+    return {
+        "effect": key,
+        "used": {"before": pooled_ratio(before["used"]), "after": pooled_ratio(after["used"])},
+        "held": {"before": pooled_ratio(before["held"]), "after": pooled_ratio(after["held"])},
+        "rows": {"before": before, "after": after},
+    }
+
+
+def consistency_result(found: Consistency, mended: ConsistentFit) -> dict[str, Any]:
+    """Physical consistency of a fit, and of the nearest consistent one, as plain data."""
+    price = mended.price
+    return plain(
+        {
+            "consistent": found.consistent,
+            "says": found.says,
+            "distance_sigma": found.distance,
+            "p": found.p,
+            "bodies": [
+                {
+                    "name": body.name,
+                    "separable": body.separable,
+                    "shared": list(body.shared),
+                    "possible": body.possible if body.separable else None,
+                    "fault": body.fault if body.separable else "",
+                }
+                for body in found.bodies
+            ],
+            "alone_sigma": dict(found.alone),
+            "wrong_sign_sigma": dict(found.wrong_sign),
+            "price": {
+                "quadratic": price.quadratic,
+                "residual_percent": price.percent,
+                "rows_percent": dict(price.rows),
+                "largest_change": {"name": price.largest[0], "sigma": price.largest[1]},
+            },
+        }
+    )
+
+
+def study_result(study: Study) -> dict[str, object]:
+    """A study as plain data."""
+    return {
+        "folder": study.folder,
+        "used": study.used,
+        "held": study.held,
+        "current": study.current,
+        "versions": [
+            {"version": v.number, "parent": v.parent, "note": v.note, "effects": v.effects, "rows": v.result["rows"]}
+            for v in study.versions()
+        ],
+    }
