@@ -22,7 +22,7 @@ help:
 	@echo 'make test          lint and tests'
 	@echo 'make lint          ruff, import contracts, pyright'
 	@echo 'make format        format the sources'
-	@echo 'make test-slow     the studies that are too long for make test'
+	@echo 'make test-slow     the studies that are too long for make test, and the property tests with new examples'
 	@echo 'make test-vcan     replay and record on real SocketCAN, in a User-Mode-Linux guest'
 	@echo 'make benchmark     measure decoding, log, bus and fit'
 	@echo 'make captures      replay_logs/ anew from the simulator'
@@ -57,7 +57,7 @@ format: .venv/.dev
 	@$(PY) -m ruff check --fix . ; $(PY) -m ruff format .
 
 test-slow: .venv/.dev
-	@$(PY) -m pytest -m slow $(ARGS)
+	@$(PY) -m pytest -m 'slow or hypothesis' --hypothesis-profile=fresh $(ARGS)
 
 test-vcan: .venv/.dev
 	@$(PY) -m pytest -m slow tests/services/acquisition/test_vcan.py $(ARGS)

@@ -6,6 +6,7 @@ import json
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import catalogue
@@ -13,6 +14,11 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
+
+# The same examples in every run of `make test` and CI; `make test-slow` draws new ones (--hypothesis-profile=fresh).
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("fresh", derandomize=False, deadline=None, print_blob=True)
+settings.load_profile("repeatable")
 
 VEHICLE, RIG = cars.reference_car()
 

@@ -5,11 +5,8 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
-import zipfile
 
 import jsonschema
-import pytest
 
 from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
@@ -91,30 +88,3 @@ def test_what_the_dockerfile_copies_is_there_and_gets_past_dockerignore():
     for source in sources:
         assert (HOME / source).exists(), source
         assert source not in ignored
-
-
-@pytest.fixture(scope="module")
-def wheel(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("wheel")
-    build = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)]
-    done = subprocess.run(build, cwd=HOME, capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    (path,) = folder.glob("*.whl")
-    return path
-
-
-def test_the_wheel_that_the_dockerfile_installs_runs_alone(wheel, tmp_path):
-    zipfile.ZipFile(wheel).extractall(tmp_path)
-    for wanted in ("daq/rigs/peugeot-406.toml", "daq/vehicles/peugeot-406.toml", "drivers/dbc/igel.dbc", "py.typed"):
-        assert (tmp_path / "lacet" / wanted).is_file()
-    assert not {"daq", "drivers", "identify", "services", "simulate"} & {one.name for one in tmp_path.iterdir()}
-    code = (
-        f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.argv = ['lacet', '--help']\n"
-        "import lacet; print(lacet.__path__[0]); from lacet.__main__ import main; sys.exit(main())"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
-    )
-    assert str(tmp_path) in done.stdout.splitlines()[0]
-    assert done.returncode == 0, done.stderr
-    assert "record" in done.stdout

@@ -1,0 +1,90 @@
+"""The wheel: one top-level package, which an environment with nothing of the checkout in it can work with."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.support.places import HOME
+
+CAPTURE = HOME / "replay_logs" / "anti-roll-bars" / "sinus.mcap"
+PRE_COMMITS_IDENTIFY = """\
+def tags_from_path(path):
+    return {"file"}
+"""
+
+
+def run(*command: object, cwd: Path, **variables: str) -> str:
+    """What a command prints, which must succeed; nothing of the checkout is on its path."""
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    done = subprocess.run(
+        [*map(str, command)], cwd=cwd, env={**environment, **variables}, capture_output=True, text=True, timeout=240,
+        check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Built as the Dockerfile builds it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    run(sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", folder, cwd=HOME)
+    (path,) = folder.glob("*.whl")
+    return path
+
+
+@pytest.fixture(scope="module")
+def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment with the wheel in it, and beside it the locked packages that it depends on.
+
+    These are reached by their folder, in which no ``.pth`` file is followed: the editable lacet is not among them.
+    """
+    folder = tmp_path_factory.mktemp("environment")
+    uv = (sys.executable, "-m", "uv", "--quiet", "--offline", "--no-cache")
+    run(*uv, "venv", "--python", sys.executable, folder / "venv", cwd=folder)
+    python = folder / "venv" / "bin" / "python"
+    run(*uv, "pip", "install", "--python", python, "--no-deps", wheel, cwd=folder)
+    (packages,) = folder.glob("venv/lib/python*/site-packages")
+    (packages / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    return folder / "venv"
+
+
+def test_the_wheel_holds_lacet_alone(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    assert {name.split("/")[0].partition("-")[0] for name in names} == {"lacet"}
+    assert {name.split("/")[0] for name in names if not name.split("/")[0].endswith(".dist-info")} == {"lacet"}
+    for wanted in ("daq/rigs/peugeot-406.toml", "daq/vehicles/peugeot-406.toml", "drivers/dbc/igel.dbc", "py.typed"):
+        assert f"lacet/{wanted}" in names
+
+
+def test_the_installed_wheel_runs_the_first_fit_of_the_demonstration(environment: Path, tmp_path: Path) -> None:
+    """Decode a capture of the demo and fit the base model to it, in a folder that has nothing to do with lacet."""
+    lacet = environment / "bin" / "lacet"
+    assert "record" in run(lacet, "--help", cwd=tmp_path)
+    run(lacet, "decode", CAPTURE, "-o", "sinus.mcap", cwd=tmp_path)
+    run(lacet, "identify", "sinus.mcap", "--json", "fit.json", cwd=tmp_path)
+    found = json.loads((tmp_path / "fit.json").read_text(encoding="utf-8"))
+    assert found["format"] == "lacet-result 1"
+
+
+def test_lacet_and_the_identify_of_pre_commit_live_side_by_side(environment: Path, tmp_path: Path) -> None:
+    (packages,) = environment.glob("lib/python*/site-packages")
+    (packages / "identify").mkdir()
+    (packages / "identify" / "__init__.py").touch()
+    (packages / "identify" / "identify.py").write_text(PRE_COMMITS_IDENTIFY, encoding="utf-8")
+    code = (
+        "from identify import identify; import lacet, lacet.identify.progress as ours\n"
+        "print(identify.tags_from_path('x')); print(lacet.__file__); print(ours.__file__)"
+    )
+    tags, package, module = run(environment / "bin" / "python", "-c", code, cwd=tmp_path).splitlines()
+    assert tags == "{'file'}"
+    assert Path(package).parent == packages / "lacet"
+    assert Path(module).parent == packages / "lacet" / "identify"
