@@ -37,9 +37,9 @@ model lacks it, and a picture of that. Written by `python -m benchmarks.catalogu
 edit by hand. An effect of your own: [effects.md](effects.md). What a row is: [rows.md](rows.md).
 
 How to read the pictures. The base model, which lacks the effect, is fitted to two runs of a simulated car that has it
-({car}, ordinary noise and zeros). Left: what is left over in one row of the first run, in units of the noise floor,
+({car}, ordinary noise and zeros). Left: the residual of one row of the first run, in units of the noise floor,
 which is what the sensors' noise alone leaves there (root mean square); the grey band is ± 2. Right: the same against
-the state that tells, with its mean in red. The base model takes over what part it can, so that a residual is seldom the
+the state it follows, its mean in red. The base model takes over what part it can, so that a residual is seldom the
 law itself: of friction, say, the damper takes the slope. A mean that leaves the band, in the form a law would have,
 points to that law; a residual that stays in the band says that nothing is missing. The sizes are such that the form is
 plain to see, not the least that can be found. The command below a picture makes a run like its first.
@@ -195,7 +195,7 @@ def _how(case: Case) -> str:
             "added to a plain run's, less what the base model takes of it."
         )
     if not case.hidden:
-        return f"Every simulated car has it, and nothing is left over: {run}{also}."
+        return f"Every simulated car has it, and nothing remains: {run}{also}."
     of = ", of a car without it" if case.only_there else ""
     return f"`{case.option}` in {run}{also}{of}."
 

@@ -113,7 +113,7 @@ def rooms() -> dict[str, list[Path]]:
 
 
 def pages() -> dict[str, str]:
-    """Every page by its file name, the list of them as ``README.md``."""
+    """Every page by its file name, the list of them as ``index.md``."""
     out: dict[str, str] = {}
     listed: list[str] = []
     for room, files in rooms().items():
@@ -127,7 +127,7 @@ def pages() -> dict[str, str]:
     head = (
         f"{NOTE}\n# Reference\nEvery public class and function, by room: its signature and the first sentence about it."
     )
-    out["README.md"] = "\n".join([f"{head} Terms: [glossary](../glossary.md).\n", *listed]) + "\n"
+    out["index.md"] = "\n".join([f"{head} Terms: [glossary](../glossary.md).\n", *listed]) + "\n"
     return out
 
 

@@ -31,7 +31,7 @@ PAGES = sorted(
 PENDING = (
     "identify/regression/", "identify/validation/", "identify/properties/", "identify/selection/", "identify/design/",
     "identify/progress.py", "identify/effects/base.py", "identify/multibody/regrouping_formulas.py",
-    "daq/bus/publisher.py", "services/", "docs/",
+    "daq/bus/publisher.py", "services/", "docs/reference/",
 )  # fmt: skip
 """Still to be gone through, from the top of the checkout."""
 
@@ -60,6 +60,7 @@ TEXT: dict[str, str] = {
 ALLOWED: dict[str, str] = {
     r"\b(tells?|telling|told) (?:\S+ ){0,5}?(apart|from)\b": "plain English for: to distinguish",
     r"\bstrain gauges?\b": "the instrument",
+    r"\b(nothing (is )?)?left to (explain|find)\b": "a sentence of machine-readable results and of `lacet where`",
     r"too short to tell": "a value of `colour` in machine-readable results (docs/json.md)",
 }
 """Phrases in which such a word means something else, with the reason."""
@@ -116,7 +117,7 @@ def bad_name(name: str, around: str) -> bool:
 
 def bad_words(text: str) -> list[str]:
     """What of the old vocabulary stands in a sentence."""
-    flat = " ".join(text.split())
+    flat = re.sub(r"`[^`\s]+`", "…", " ".join(text.split()))  # names are judged where they are made
     for phrase in ALLOWED:
         flat = re.sub(phrase, "…", flat, flags=re.IGNORECASE)
     return [found[0] for pattern in TEXT for found in re.finditer(pattern, flat, re.IGNORECASE)]
