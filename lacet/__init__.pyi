@@ -9,6 +9,7 @@ from lacet.identify.car.motion import CornerMotion as CornerMotion
 from lacet.identify.car.motion import Motion as Motion
 from lacet.identify.effects.base import Effect as Effect
 from lacet.identify.effects.base import Parameter as Parameter
+from lacet.identify.effects.base import PhysicalEffect as PhysicalEffect
 from lacet.identify.effects.base import SensorFault as SensorFault
 from lacet.identify.effects.base import SuspensionForce as SuspensionForce
 from lacet.identify.effects.base import TyreForce as TyreForce
@@ -47,6 +48,7 @@ __all__ = [
     "Motion",
     "NotIdentifiable",
     "Parameter",
+    "PhysicalEffect",
     "Ranking",
     "Recording",
     "Rig",

@@ -23,7 +23,7 @@ from benchmarks.blind.cases import BANDS, CAUSE_BANDS, CAUSES, SINGLES, SIZES, T
 from benchmarks.blind.identifying import Tables, floor, tables
 from benchmarks.blind.making import BUILD, forget, write_trial
 from lacet.daq.errors import LacetError
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit, fit
@@ -55,7 +55,7 @@ class Oracle:
             )
             priors += zeros.sigma.tolist()
         responses = [sheet_responses(d, s) for d, s in zip(fitted.drives, sensitivities, strict=True)]
-        ours = {(own.tolerance, channel) for channel in own.channels()} if isinstance(own, SensorFault) else set()
+        ours = own.sheet_entries if own else frozenset[tuple[str, str]]()
         for entry in dict.fromkeys(entry for part in responses for entry in part):
             if entry[:2] not in ours:
                 parts = [{row: a[:, None] for row, a in part.get(entry, {}).items()} for part in responses]
@@ -77,12 +77,8 @@ class Oracle:
     def columns(self, effect: Effect) -> Array:
         """(n, p) of an effect or a fault."""
         drives = self.fitted.drives
-        if isinstance(effect, SensorFault):
-            found = [d.decimated(s.fault(effect)) for d, s in zip(drives, self.fitted.sensitivities, strict=True)]
-            return self.stacked([{row: a[:, None] for row, a in part.items()} for part in found], 1)
-        return self.stacked(
-            [{row: a.T for row, a in drive.columns(effect).items()} for drive in drives], len(effect.parameters)
-        )
+        found = [d.effect_columns(effect, s) for d, s in zip(drives, self.fitted.sensitivities, strict=True)]
+        return self.stacked([{row: a.T for row, a in part.items()} for part in found], len(effect.parameters))
 
     def left(self, series: Array) -> float:
         """Length of a weighted series (n,) after partialling."""
@@ -184,9 +180,7 @@ def guess(part: Part, goal: float) -> float:
 def tolerated(part: Part, found: Tables) -> float:
     """What the sensor sheet allows of a fault [unit of its size]; 0 for physics."""
     effect = found.known.get(part.key)
-    if not isinstance(effect, SensorFault):
-        return 0.0
-    return max(found.rig.tolerance(channel, effect.tolerance) for channel in effect.channels())
+    return effect.sheet_bound(found.rig) if effect else 0.0
 
 
 def _beyond(part: Part, size: float) -> bool:

@@ -14,8 +14,9 @@ from typing import Any
 from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effects.base import AlreadyMeasured, Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.catalogue import catalogue, effect_classes
+from lacet.identify.effects.excluded import EXCLUDED, ExcludedEffect
 
 PAGE = Path(__file__).parents[2] / "docs" / "catalogue.md"
 PICTURES = PAGE.parent / "images" / "effects"
@@ -23,6 +24,8 @@ PICTURED = Path(__file__).with_name("pictured.json")
 GROUPS = (
     "Suspension", "Tyres", "Aerodynamics", "Body", "Kinematics", "Sensors", "Already measured", "Base model",
 )  # fmt: skip
+MEASURED = "Already measured"
+"""The group of what the measurements hold."""
 KINEMATICS = ("anti_dive", "jacking", "wheel_turn")
 """Modules of effects that correct the bench table's kinematics."""
 SIGNS = {"positive": "usually positive", "negative": "usually negative", "any": "either sign"}
@@ -51,21 +54,28 @@ something else is at work. Constants that are not linear are tried at the values
 
 def page() -> str:
     """The whole page."""
-    grouped: dict[str, list[type[Effect]]] = {group: [] for group in GROUPS}
+    grouped: dict[str, list[type[Effect]]] = {group: [] for group in GROUPS if group != MEASURED}
     for cls in effect_classes().values():
         grouped[group_of(cls)].append(cls)
     found = variants()
+    contents = {
+        group: [(cls.name, cls.about, rows_of(cls), cls.shown_by) for cls in classes]
+        for group, classes in grouped.items()
+    } | {MEASURED: [(one.name, one.about, "none", one.shown_by) for one in EXCLUDED]}
+    entries = {
+        group: [entry(cls, found.get(cls.name, [])) for cls in classes] for group, classes in grouped.items()
+    } | {MEASURED: [excluded_entry(one) for one in EXCLUDED]}
     lines = [HEAD.format(car=CAR), "| family | what it is | rows | shown by |", "|---|---|---|---|"]
-    for group, classes in grouped.items():
+    for group in GROUPS:
         lines.append(f"| **[{group}](#{group.lower().replace(' ', '-')})** | | | |")
         lines += [
-            f"| [{cls.name}](#{cls.name}) | {_cell(cls.about)} | {_cell(rows_of(cls))} | {_cell(cls.shown_by)} |"
-            for cls in classes
+            f"| [{name}](#{name}) | {_cell(about)} | {_cell(rows)} | {_cell(shown_by)} |"
+            for name, about, rows, shown_by in contents[group]
         ]
-    for group, classes in grouped.items():
+    for group in GROUPS:
         lines += ["", f"## {group}"]
-        for cls in classes:
-            lines += ["", *entry(cls, found.get(cls.name, []))]
+        for one in entries[group]:
+            lines += ["", *one]
     return "\n".join(lines) + "\n"
 
 
@@ -73,9 +83,7 @@ def group_of(cls: type[Effect]) -> str:
     """The group an effect is listed in."""
     if cls.base:
         return "Base model"
-    if issubclass(cls, AlreadyMeasured):
-        return "Already measured"
-    if issubclass(cls, SensorFault):
+    if is_sensor_fault(cls):
         return "Sensors"
     if cls.name.startswith("aero_"):
         return "Aerodynamics"
@@ -99,27 +107,32 @@ def variants() -> dict[str, list[Effect]]:
 
 def rows_of(cls: type[Effect]) -> str:
     """The rows an effect acts on, in words."""
-    if cls.rows:
-        return ", ".join(cls.rows)
-    return "none" if issubclass(cls, AlreadyMeasured) else "those its channels enter"
+    return ", ".join(cls.rows) or "those its channels enter"
 
 
 def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
     """Everything about one family."""
     case = CASES.get(cls.name)
     lines = [f"### {cls.name}", "", f"{_sentence(cls.about)}", "", *prose(cls), ""]
-    if cls.measured_by:
-        lines.append(f"- **cannot be missing**: {cls.measured_by}")
-    else:
-        lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
-        lines += [f"- **{name} tried**: {_values(values)} (SI)" for name, values in cls.grids.items()]
+    lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
+    lines += [f"- **{name} tried**: {_values(values)} (SI)" for name, values in cls.grids.items()]
     if cls.needs:
         lines.append(f"- **needs**: {', '.join(f'`{channel}`' for channel in cls.needs)}")
     lines += [f"- **in the residual**: {cls.signature}", f"- **shown by**: {cls.shown_by}"]
     if cls.looks_like:
         lines.append(f"- **looks alike**: {', '.join(_link(name) for name in cls.looks_like)}")
-    lines += [f"- **source**: {cls.source}", "", *picture(cls, case)]
+    lines += [f"- **source**: {cls.source}", "", *picture(cls.name, case)]
     return lines
+
+
+def excluded_entry(one: ExcludedEffect) -> list[str]:
+    """Everything about an effect that the measurements hold."""
+    return [
+        f"### {one.name}", "", _sentence(one.about), "", one.law, "",
+        f"- **cannot be missing**: {one.measured_by}",
+        f"- **in the residual**: {one.signature}", f"- **shown by**: {one.shown_by}",
+        f"- **source**: {one.source}", "", *picture(one.name, CASES.get(one.name)),
+    ]  # fmt: skip
 
 
 def prose(cls: type[Effect]) -> list[str]:
@@ -171,17 +184,17 @@ def _short(q: Parameter, effect: Effect) -> str:
     return q.name.removeprefix(f"{effect.key}.")
 
 
-def picture(cls: type[Effect], case: Case | None) -> list[str]:
+def picture(name: str, case: Case | None) -> list[str]:
     """The picture with what it shows, or why there is none."""
     if case is None:
         return ["No picture: nobody has said yet how to hide it (`benchmarks/catalogue_page/cases.py`)."]
     if case.how == "none":
         return [f"No picture. {case.why}"]
-    facts = pictured().get(cls.name)
+    facts = pictured().get(name)
     if facts is None:
         return ["No picture yet: `python -m benchmarks.catalogue_page`."]
     row, ratio, state = facts["row"], facts["ratio"], facts["state"]
-    shown = f"![{row} of a car with {cls.name}, over time and against {state}](images/effects/{cls.name}.png)"
+    shown = f"![{row} of a car with {name}, over time and against {state}](images/effects/{name}.png)"
     return [shown, "", f"`{row}` is {ratio:g} × its floor. {_how(case)}", *_command(case)]
 
 

@@ -215,7 +215,7 @@ def _left_of_law(fitted: Fit, case: Case) -> dict[str, Array]:
     effect = replace(effect, shape={**effect.shape, **case.shape})
     pieces: list[tuple[int, str, Array, Array]] = []
     for number, drive in enumerate(fitted.drives):
-        force = {row: case.size * columns[0] for row, columns in drive.columns(effect).items()}
+        force = {row: case.size * columns[0] for row, columns in drive.effect_columns(effect, None).items()}
         pieces += [
             (number, row, drive.matrix(fitted.model.physics, row), force.get(row, np.zeros(len(drive.index[row]))))
             for row in drive.rows

@@ -103,9 +103,8 @@ class Question:
     def own(self, *which: int) -> list[int]:
         """Places of the tolerances that stand for the compared effects themselves: a fault is tried free of its own."""
         effects = [self.compared[i].effect for i in which]
-        faults = [effect for effect in effects if isinstance(effect, SensorFault)]
-        entries = {(fault.tolerance, channel) for fault in faults for channel in fault.channels()}
-        keys = {fault.key for fault in faults}
+        entries = frozenset[tuple[str, str]]().union(*(effect.sheet_entries for effect in effects))
+        keys = {effect.key for effect in effects if effect.as_fault is not None}
         out = [self.parameters + i for i, entry in enumerate(self.sheet) if entry[:2] in entries]
         start = self.parameters + len(self.sheet)
         return out + [start + i for i, (fault, _) in enumerate(self.tolerances) if fault.key in keys]
@@ -121,11 +120,7 @@ class Question:
         tried: list[tuple[slice, dict[str, Array]]] = []
         for effects, places in zip(self.shapes, self.places, strict=True):
             for effect, place in zip(effects, places, strict=True):
-                if isinstance(effect, SensorFault):
-                    found = {row: a[None] for row, a in drive.decimated(sensitivity.fault(effect)).items()}
-                else:
-                    found = drive.columns(effect)
-                tried.append((place, found))
+                tried.append((place, drive.effect_columns(effect, sensitivity)))
         for row, block in piece.blocks.items():
             out = np.zeros((len(block), z + self.width))
             out[:, :z] = block[:, :z]

@@ -1,4 +1,4 @@
-"""What a physical effect is: named parameters and, for a motion, the columns they multiply.
+"""Effects, the parts that a model is the sum of: physics with columns of its own, and faults of the instruments.
 
 A model is a sum of effects and nothing else; a rigid body is an effect too. To add one, write one class in one file in
 ``identify/effects/`` (or in a folder named in a study): it is found by walking.
@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
@@ -60,7 +61,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """A physical effect, or a fault of the instruments, at one place.
+    """What may be added to a model, at one place: physics (`PhysicalEffect`) or a fault of the instruments
+    (`SensorFault`).
 
     Attributes
     ----------
@@ -72,8 +74,6 @@ class Effect(ABC):
     >>> bar = lacet.catalogue(runs)["anti_roll_bar.front"]
     >>> [parameter.unit for parameter in bar.parameters]
     ['N/m']
-    >>> sorted(bar.columns(runs.prepared[0].motion))
-    ['suspension.fl', 'suspension.fr']
     """
 
     where: str = ""
@@ -93,10 +93,6 @@ class Effect(ABC):
     """Rows it acts on: kinds (``suspension``, ``tyre``, ``spin``, ``chassis``) or single rows (``chassis.fx``)."""
     looks_like: ClassVar[tuple[str, ...]] = ()
     """Families it cannot be told from by construction, whatever the runs or nearly so; the docstring says why."""
-    measured_by: ClassVar[str] = ""
-    """Why it cannot be missing here, where the measurements already hold it (`AlreadyMeasured`)."""
-    instantaneous: ClassVar[bool] = True
-    """Whether its columns at an instant follow from the motion at that instant alone, without memory or derivatives."""
     base: ClassVar[bool] = False
     """Whether it belongs to the base model."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -114,6 +110,30 @@ class Effect(ABC):
     def parameters(self) -> tuple[Parameter, ...]:
         """The effect's linear parameters."""
 
+    @property
+    def as_physics(self) -> PhysicalEffect | None:
+        """This effect if it is physics, which has columns of its own."""
+        return None
+
+    @property
+    def as_fault(self) -> SensorFault | None:
+        """This effect if it is a fault of the instruments."""
+        return None
+
+    @property
+    def sheet_kind(self) -> str:
+        """Entry of the rig's sensor sheet that bounds it: ``gain``, ``latency`` …; empty for physics."""
+        return ""
+
+    @property
+    def sheet_entries(self) -> frozenset[tuple[str, str]]:
+        """Entries of the sensor sheet, kind and channel, that stand for the same as this effect; none for physics."""
+        return frozenset()
+
+    def sheet_bound(self, rig: Rig) -> float:
+        """What the sensor sheet allows of it, 1 σ in the parameter's unit; 0 for physics, which it does not bound."""
+        return 0.0
+
     @classmethod
     @abstractmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -124,17 +144,9 @@ class Effect(ABC):
         """Variants that differ from run to run, one a run, by the runs' names; none for what belongs to the car."""
         return ()
 
-    @abstractmethod
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
-
     def lacks(self, motion: Motion) -> tuple[str, ...]:
         """Channels that it needs and a run has not."""
         return tuple(channel for channel in self.needs if channel not in motion.channels)
-
-    def force(self, motion: Motion, values: Array) -> dict[str, Array]:
-        """Right-hand side for parameter values (p,): row → (N,)."""
-        return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
 
     def shapes(self) -> list[Self]:
         """This effect with each combination of its shape constants tried by the search (itself when it has none)."""
@@ -152,7 +164,34 @@ class Effect(ABC):
         return Parameter(f"{self.key}.{parameter}", unit, low, high, expect)
 
 
-class SuspensionForce(Effect):
+class PhysicalEffect(Effect):
+    """A physical effect: a force or moment in rows of the equations, linear in its parameters.
+
+    Examples
+    --------
+    >>> bar = lacet.catalogue(runs)["anti_roll_bar.front"]
+    >>> sorted(bar.columns(runs.prepared[0].motion))
+    ['suspension.fl', 'suspension.fr']
+    """
+
+    instantaneous: ClassVar[bool] = True
+    """Whether its columns at an instant follow from the motion at that instant alone, without memory or derivatives."""
+
+    @property
+    def as_physics(self) -> PhysicalEffect:
+        """Itself."""
+        return self
+
+    @abstractmethod
+    def columns(self, motion: Motion) -> dict[str, Array]:
+        """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
+
+    def force(self, motion: Motion, values: Array) -> dict[str, Array]:
+        """Right-hand side for parameter values (p,): row → (N,)."""
+        return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
+
+
+class SuspensionForce(PhysicalEffect):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
     A subclass gives `law` and one parameter; front and rear axle and each single corner are its variants.
@@ -193,7 +232,7 @@ class SuspensionForce(Effect):
         return {f"suspension.{c}": self.law(part.travel, part.rate)[None] for c, part in parts.items()}
 
 
-class TyreForce(Effect):
+class TyreForce(PhysicalEffect):
     """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter.
 
     Examples
@@ -227,30 +266,11 @@ class TyreForce(Effect):
         return {f"tyre.{c}": self.law(motion.corners[c])[None] for c in self.corners()}
 
 
-class AlreadyMeasured(Effect):
-    """A physical effect that cannot be missing here, because the measurements or the base model already hold it.
-
-    It stands in the catalogue so that nobody looks for it; it has no variants. `measured_by` says where it is.
-    """
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """None."""
-        return ()
-
-    @classmethod
-    def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """None."""
-        return ()
-
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """None."""
-        return {}
-
-
 class SensorFault(Effect):
-    """A fault of the instruments, of one parameter. It competes with the physics: its column is the change of Y − W θ̂
-    per unit. It acts on whatever rows its channels enter, so that `rows` is empty.
+    """A fault of the instruments, of one parameter, in some of the measured channels.
+
+    It competes with the physics. It has no columns of its own: they follow from the model it is seen through, as the
+    change of Y − W θ̂ per unit of its parameter. It acts on whatever rows its channels enter, so that `rows` is empty.
 
     Examples
     --------
@@ -259,9 +279,24 @@ class SensorFault(Effect):
     (('laser.fl.hub',), 'gain')
     """
 
-    def columns(self, motion: Motion) -> dict[str, Array]:
-        """A fault has no columns of its own: they follow from the model it is seen through."""
-        return {}
+    @property
+    def as_fault(self) -> SensorFault:
+        """Itself."""
+        return self
+
+    @property
+    def sheet_kind(self) -> str:
+        """`tolerance`."""
+        return self.tolerance
+
+    @property
+    def sheet_entries(self) -> frozenset[tuple[str, str]]:
+        """Its kind of tolerance in each of its channels."""
+        return frozenset((self.tolerance, channel) for channel in self.channels())
+
+    def sheet_bound(self, rig: Rig) -> float:
+        """The largest tolerance of its kind among its channels; 0 when the sheet has none."""
+        return max((rig.tolerance(channel, self.tolerance) for channel in self.channels()), default=0.0)
 
     @abstractmethod
     def channels(self) -> tuple[str, ...]:
@@ -287,3 +322,8 @@ class SensorFault(Effect):
     def correct(self, channel: str, recording: Recording, p: float) -> Array:
         """A channel of a recording (k, N) with a fault of size `p` taken out: here to first order."""
         return recording.signals.value[channel] - p * self.perturb(channel, recording)
+
+
+def is_sensor_fault(family: type[Effect]) -> bool:
+    """Whether a family of effects is of faults of the instruments."""
+    return issubclass(family, SensorFault)

@@ -11,7 +11,9 @@ from types import ModuleType
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify import effects
+from lacet.identify.effects import excluded
 from lacet.identify.effects.base import Effect
+from lacet.identify.effects.excluded import EXCLUDED_NAMES
 from lacet.identify.effects.user_files import own_variants, vetted
 
 
@@ -23,8 +25,9 @@ def effect_classes(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
     modules = [importlib.import_module(name) for name in sorted(_files(), key=lambda name: name.rpartition(".")[2])]
     out: dict[str, type[Effect]] = {}
     for cls in [*(cls for module in modules for cls in classes_of(module)), *own]:
-        if cls.name in out and out[cls.name] is not cls:
-            raise UsageError(f"two effects are called '{cls.name}': {out[cls.name].__module__} and {cls.__module__}")
+        others = {name: one.__module__ for name, one in out.items() if one is not cls}
+        if other := ({**dict.fromkeys(EXCLUDED_NAMES, excluded.__name__), **others}).get(cls.name):
+            raise UsageError(f"two effects are called '{cls.name}': {other} and {cls.__module__}")
         out[cls.name] = cls
     return out
 

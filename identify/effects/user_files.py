@@ -15,7 +15,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import ROWS
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 
 OWN_MODULES = "lacet_user_effects."
@@ -34,6 +34,8 @@ def vetted(cls: type[Effect]) -> None:
     """Check of a user's effect class. Raises UsageError when one that has a name is incomplete."""
     if not is_own(cls) or "name" not in vars(cls):
         return
+    if not issubclass(cls, PhysicalEffect | SensorFault):
+        raise UsageError(f"{_place(cls)} must derive from PhysicalEffect (SuspensionForce, TyreForce) or SensorFault")
     if inspect.isabstract(cls):
         missing = ", ".join(sorted(cls.__abstractmethods__))
         raise UsageError(f"{_place(cls)} must also define {missing}")
@@ -48,7 +50,7 @@ def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequ
         return [*cls.variants(vehicle, reference), *cls.for_runs(runs)]
     found: Any = _call(cls, "variants", lambda: [*cls.variants(vehicle, reference), *cls.for_runs(runs)])
     for one in found:
-        if not isinstance(one, Effect):
+        if not isinstance(one, cls):
             raise UsageError(f"{_place(cls)}.variants must give effects, found {type(one).__name__}")
         parameters: Any = _call(cls, "parameters", lambda one=one: tuple(one.parameters))
         if not parameters or not all(isinstance(p, Parameter) for p in parameters):
@@ -59,7 +61,7 @@ def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequ
     return found
 
 
-def checked_columns(effect: Effect, motion: Motion) -> dict[str, Array]:
+def checked_columns(effect: PhysicalEffect, motion: Motion) -> dict[str, Array]:
     """Regressor columns of an effect, row → (p, N). Raises UsageError for faults in a user's class."""
     cls = type(effect)
     if not is_own(cls):

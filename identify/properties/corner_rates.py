@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, SuspensionForce
+from lacet.identify.effects.base import PhysicalEffect, SuspensionForce
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
@@ -98,7 +98,7 @@ def rows_unseen(fitted: Fit) -> tuple[str, ...]:
 
 
 def suspension_laws(
-    effect: Effect, motion: Motion, travel: Mapping[str, Array], rate: Mapping[str, Array]
+    effect: PhysicalEffect, motion: Motion, travel: Mapping[str, Array], rate: Mapping[str, Array]
 ) -> dict[str, Array]:
     """Corner → (p, n) of a suspension force per unit of its parameters at other travels and rates (n,)."""
     corners = {
@@ -108,7 +108,7 @@ def suspension_laws(
     return {row.split(".")[1]: a for row, a in columns.items() if row.startswith("suspension.")}
 
 
-def _body(effect: Effect, chassis: Array, unsprung: Array) -> None:
+def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:
     kind, _, corner = effect.where.partition(".")
     names = [q.name.rstrip("0123456789") for q in effect.parameters]
     if kind == "chassis":
@@ -139,7 +139,7 @@ def _own(drives: tuple[Drive, ...], effect: SuspensionForce) -> tuple[Array, Arr
     return slopes[:, 1], slopes[:, 2], f0
 
 
-def _slopes(drives: tuple[Drive, ...], effect: Effect, name: str, kind: str) -> Array:
+def _slopes(drives: tuple[Drive, ...], effect: PhysicalEffect, name: str, kind: str) -> Array:
     """(4, 4, p) mean slope of the force at corner i by a quantity of corner j over all samples seen."""
     out = np.zeros((4, 4, len(effect.parameters)))
     counts = np.zeros(4)

@@ -12,7 +12,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters
@@ -123,7 +123,7 @@ def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
 def structure(
     vehicle: Vehicle,
     reference: str,
-    effects: Sequence[Effect],
+    effects: Sequence[PhysicalEffect],
     brakes: str = "off",
     rig: Rig | None = None,
     seed: int = 0,

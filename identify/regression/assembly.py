@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -63,7 +63,7 @@ class Assembly:
     """
 
     def __init__(
-        self, physics: Sequence[Effect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
+        self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
         drives: Sequence[Drive], at: Array | None, zeros: bool, known: Known | None = None,
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.qr_accumulation import scaled_triangle
@@ -48,7 +48,7 @@ class NoiseMoments:
         return NoiseMoments(self.slopes[which], self.constants[which])
 
     def add(
-        self, piece: Piece, effects: Sequence[Effect], keep: NDArray[np.int64], sigma: Mapping[str, float],
+        self, piece: Piece, effects: Sequence[PhysicalEffect], keep: NDArray[np.int64], sigma: Mapping[str, float],
         zeros: tuple[Array, Array],
     ) -> None:  # fmt: skip
         """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = offset − gain x."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effects.base import Effect, SuspensionForce
+from lacet.identify.effects.base import Effect, PhysicalEffect, SuspensionForce
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.base_parameters import BaseParameters
 from lacet.identify.multibody.vectors import Array
@@ -119,7 +119,7 @@ def explain_grouping(base: BaseParameters, model: Model, drives: Sequence[Drive]
     return out
 
 
-def not_finite(effects: Sequence[Effect], drives: Sequence[Drive]) -> list[str]:
+def not_finite(effects: Sequence[PhysicalEffect], drives: Sequence[Drive]) -> list[str]:
     """Where equations have entries that are not finite: the measurement or effect, run, row and first instant."""
     out: list[str] = []
     for drive in drives:
@@ -136,7 +136,7 @@ def not_finite(effects: Sequence[Effect], drives: Sequence[Drive]) -> list[str]:
     return out
 
 
-def refuse_not_finite(effects: Sequence[Effect], drives: Sequence[Drive]) -> None:
+def refuse_not_finite(effects: Sequence[PhysicalEffect], drives: Sequence[Drive]) -> None:
     """Raise UsageError with every place of `not_finite`, if there is one."""
     if found := not_finite(effects, drives):
         raise UsageError(
@@ -176,11 +176,11 @@ def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
         corners = sorted({c for one in laws for c in one.corners()} & {c for d in drives for c in d.motion.corners})
         travel, rate = (_spread(drives, corners, what) for what in ("travel", "rate"))
         return f": travel at {', '.join(corners)} moves by ± {_plain(travel)} mm, at ± {_plain(rate)} mm/s"
-    if any(owners[name] not in model.physics for name in members):
-        return ""
+    physics = [owners[name].as_physics for name in members]
     size, row = 0.0, ""
-    for name in members:
-        effect = owners[name]
+    for name, effect in zip(members, physics, strict=True):
+        if effect is None:
+            return ""
         place = [q.name for q in effect.parameters].index(name)
         for drive in drives:
             for key, table in drive.columns(effect).items():

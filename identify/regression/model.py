@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 
 
@@ -40,14 +40,14 @@ class Model:
         return cls(out)
 
     @cached_property
-    def physics(self) -> tuple[Effect, ...]:
+    def physics(self) -> tuple[PhysicalEffect, ...]:
         """The effects with columns of their own."""
-        return tuple(effect for effect in self.effects if not isinstance(effect, SensorFault))
+        return tuple(one for effect in self.effects if (one := effect.as_physics) is not None)
 
     @cached_property
     def faults(self) -> tuple[SensorFault, ...]:
         """The sensor faults in the model."""
-        return tuple(effect for effect in self.effects if isinstance(effect, SensorFault))
+        return tuple(one for effect in self.effects if (one := effect.as_fault) is not None)
 
     @cached_property
     def parameters(self) -> tuple[Parameter, ...]:

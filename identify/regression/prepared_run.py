@@ -14,9 +14,10 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.filters import Filters, zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
@@ -75,12 +76,20 @@ class Drive:
         """Left sides after the parallel filter, at the kept samples: row → (n,)."""
         return self.decimated({row: self.motion.measured(row) for row in self.rows})
 
-    def columns(self, effect: Effect) -> dict[str, Array]:
+    def columns(self, effect: PhysicalEffect) -> dict[str, Array]:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
         key = (effect.key, tuple(sorted(effect.shape.items())))
         if key not in self._columns:
             self._columns[key] = self.decimated(checked_columns(effect, self.motion))
         return self._columns[key]
+
+    def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[str, Array]:
+        """The same of physics, or of a sensor fault as `sensitivity` shows it: none without."""
+        if (physics := effect.as_physics) is not None:
+            return self.columns(physics)
+        if (fault := effect.as_fault) is None or sensitivity is None:
+            return {}
+        return {row: series[None] for row, series in self.decimated(sensitivity.fault(fault)).items()}
 
     def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
         """Filter (…, N) series of rows and keep their samples; rows this drive lacks are left out."""
@@ -112,7 +121,7 @@ class Drive:
             place[row] = flat[start:stop, keep].reshape(*series.shape[:-1], len(keep))
             start = stop
 
-    def matrix(self, effects: Sequence[Effect], row: str) -> Array:
+    def matrix(self, effects: Sequence[PhysicalEffect], row: str) -> Array:
         """(n, p) observation matrix of a row, all effects side by side, zero where an effect does not act."""
         n = len(self.index[row])
         self.prepare(effects)
@@ -122,7 +131,7 @@ class Drive:
         ]
         return np.concatenate(parts).T if parts else np.zeros((n, 0))
 
-    def prepare(self, effects: Sequence[Effect]) -> None:
+    def prepare(self, effects: Sequence[PhysicalEffect]) -> None:
         """Make the columns of all effects that are not there yet, through the filter together."""
         keys = [(effect.key, tuple(sorted(effect.shape.items()))) for effect in effects]
         fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
@@ -31,7 +31,7 @@ _COARSE = 0.04
 """Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
 
 
-def residual(motion: Motion, effects: Sequence[Effect], values: Array) -> dict[str, Array]:
+def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[str, Array]:
     """Y − W θ at full rate, row → (N,), by each effect's own force law."""
     out = {row: motion.measured(row).copy() for row in motion.rows}
     start = 0
@@ -73,7 +73,7 @@ class Sensitivity:
         self.__dict__.pop("slopes", None)
 
     @classmethod
-    def of(cls, recording: Recording, effects: Sequence[Effect], values: Array) -> Sensitivity:
+    def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
         """Take the derivatives at parameter values θ."""
         every = max(1, round(_COARSE * recording.filters.rate))
         comb = np.arange(0, recording.t.size, every)
@@ -136,16 +136,16 @@ class Sensitivity:
         return self.response(draw_noise(self.recording, seen, rng))
 
 
-def _enters(effect: Effect) -> bool:
+def _enters(effect: PhysicalEffect) -> bool:
     """Whether an effect's answer to the channels is taken along.
 
-    Faults have none of their own. What has a memory cannot be had on a comb; its part of the slopes is left out: it is
+    What has a memory cannot be had on a comb; its part of the slopes is left out: it is
     an addition to a spring, a damper or an inertia that is in them.
     """
-    return effect.instantaneous and not isinstance(effect, SensorFault)
+    return effect.instantaneous
 
 
-def _active_values(effects: Sequence[Effect], values: Array) -> Array:
+def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
     keep: list[float] = []
     start = 0
     for effect in effects:

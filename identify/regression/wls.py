@@ -286,7 +286,7 @@ def _result(
     R, lengths = scaled_triangle(root[:, :-1])
     inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(x)], np.eye(len(x)))) / lengths[:, None]
     iid = inverse @ inverse.T
-    ours = {(fault.tolerance, channel) for fault in model.faults for channel in fault.channels()}
+    ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in model.faults))
     moved = [iid @ push for (what, channel, _), push in spread.sheet.items() if (what, channel) not in ours]
     physics = sum(len(effect.parameters) for effect in model.physics)
     total = physics + len(model.faults)

@@ -15,7 +15,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.assembly import Piece
@@ -36,7 +36,7 @@ class Trial:
     @property
     def fault(self) -> bool:
         """Whether it is a sensor fault."""
-        return isinstance(self.effect, SensorFault)
+        return self.effect.as_fault is not None
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Layout:
 
 def sheet_of(fitted: Fit) -> list[SheetEntry]:
     """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
-    ours = {(fault.tolerance, channel) for fault in fitted.model.faults for channel in fault.channels()}
+    ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in fitted.model.faults))
     found: dict[SheetEntry, None] = {}
     for run, drive in enumerate(fitted.drives):
         piece = next(fitted.assembly.pieces_of(run))
@@ -91,7 +91,7 @@ def sensor_columns(
 ) -> dict[str, list[tuple[slice, Array]]]:
     """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
     out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
-    faults = [(t.place, t.effect) for t in layout.trials if isinstance(t.effect, SensorFault)]
+    faults = [(t.place, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
     if piece.sensitivity is None or not (faults or layout.sheet):
         return out
     # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
@@ -263,9 +263,10 @@ def columns_of(
     `noisy` : the same piece with more noise, whose columns are wanted instead.
     """
     p, keep, drive = layout.model, fitted.base.independent, noisy or piece.drive
-    drive.prepare([*(fitted.model.physics if noisy else ()), *(t.effect for t in layout.trials if not t.fault)])
+    tried = [(trial.place, one) for trial in layout.trials if (one := trial.effect.as_physics) is not None]
+    drive.prepare([*(fitted.model.physics if noisy else ()), *(one for _, one in tried)])
     sensors = sensor_columns(fitted, layout, piece, noisy)
-    physics = [(trial.place, drive.columns(trial.effect)) for trial in layout.trials if not trial.fault]
+    physics = [(place, drive.columns(one)) for place, one in tried]
     for row, block in piece.blocks.items():
         model, right = block[:, block.shape[1] - p :], piece.right[row]
         if noisy:
@@ -404,8 +405,9 @@ class TrialColumns:
         cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         effects = [effect for effect in fresh if effect.key not in cannot]
         rng = np.random.default_rng([seed, 6])
-        bounds = {e.key: _tolerance(fitted, e) for e in effects if isinstance(e, SensorFault)}
-        kinds = {e.key: e.tolerance for e in effects if isinstance(e, SensorFault)}
+        rig = fitted.drives[0].recording.rig
+        bounds = {e.key: e.sheet_bound(rig) for e in effects}
+        kinds = {e.key: e.sheet_kind for e in effects}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         shapes = [one for effect in effects for one in effect.shapes()]
         layout = Layout.of(len(fitted.place), reading.sums.layout.sheet, shapes)
@@ -427,11 +429,6 @@ class TrialColumns:
         pull = np.concatenate([np.zeros(layout.model), (temper / one) ** 2 * known[there]])
         drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
         return cls(reading, tuple(effects), cannot, sums, sheet, sigma, taken, prior, pull, drawn)
-
-
-def _tolerance(fitted: Fit, fault: SensorFault) -> float:
-    rig = fitted.drives[0].recording.rig
-    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
 
 
 def _cannot(fitted: Fit, effect: Effect) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import Constancy, constancy
@@ -137,8 +137,8 @@ def _stays(space: TrialSpace, now: Left, after: Left, best: Candidate, tell: Tel
     left, most = after.excess(now.above), STAYS * now.excess(now.above)
     if after.family > SIGNIFICANCE or left <= most or not structured(after):
         return False
-    effect = space.tried[best.key].trial.effect
-    if isinstance(effect, SensorFault):
+    effect = space.tried[best.key].trial.effect.as_physics
+    if effect is None:
         return True
     tell(f"what noise does through {best.key}")
     c = refined(space, best)
@@ -296,7 +296,7 @@ def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
 def may_leave_more(seen: Look) -> bool:
     """Whether rows fail for a cause that is not listed, and the best that stands out is a sensor fault."""
     rows_fail = seen.unlisted and not seen.strained and seen.changing is None
-    return rows_fail and seen.best is not None and isinstance(seen.effects[seen.best.key], SensorFault)
+    return rows_fail and seen.best is not None and seen.effects[seen.best.key].as_fault is not None
 
 
 def explained_by(seen: Look, beside: Look) -> Look:

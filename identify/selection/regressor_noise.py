@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
@@ -199,7 +199,7 @@ DRAWS = 2
 
 
 def noise_through(
-    fitted: Fit, sigma: Mapping[str, float], louder: Mapping[str, float], effect: Effect, values: Array
+    fitted: Fit, sigma: Mapping[str, float], louder: Mapping[str, float], effect: PhysicalEffect, values: Array
 ) -> dict[str, float]:
     """Row → weighted squares, over all runs, that noise adds through an effect with parameters `values` [SI].
 

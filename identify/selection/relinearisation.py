@@ -27,7 +27,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
@@ -136,7 +136,7 @@ def _beside_effects(columns: TrialColumns) -> Array:
 
 
 def _no_clock(trial: Trial) -> bool:
-    return not (isinstance(trial.effect, SensorFault) and trial.effect.tolerance == "latency")
+    return trial.effect.sheet_kind != "latency"
 
 
 def without_fault(space: TrialSpace, key: str, tell: Tell) -> Reading:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import row_unit
-from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
 from lacet.identify.selection.cross_products import BLOCK, Reading, Trial, TrialColumns
@@ -200,7 +200,7 @@ class TrialSpace:
         if (freed := self.freed.get(trial.place.start)) is not None and freed.noisy_part < FREE:
             value, spread = np.array([freed.value]), np.array([freed.spread])
             alone = freed
-            if isinstance(trial.effect, SensorFault) and trial.effect.tolerance == "latency":
+            if trial.effect.sheet_kind == "latency":
                 alone = Freed(self.partialled, trial.place.start, self._clocks)
             return Tried(trial, freed.drop, freed.null(self.null), value, spread, freed, alone)
         drop, null = self.partialled.scores(trial.place, self.null)
@@ -208,14 +208,14 @@ class TrialSpace:
 
     def _alike(self, trial: Trial) -> NDArray[np.intp]:
         """Positions among the columns partialled out of the tolerances that may stand for a fault."""
-        mine = _stands_for(trial.effect)
+        mine = trial.effect.sheet_entries
         faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
         first, model = self.layout.model + len(self.layout.sheet), self.layout.model
         out: list[int] = []
         for position in range(model, len(self.partialled.taken)):
             place = int(self.partialled.taken[position])
             entry = self.layout.sheet[place - model][:2] if place < first else None
-            if mine & ({entry} if entry else _stands_for(faults[place])):
+            if mine & ({entry} if entry else faults[place].sheet_entries):
                 out.append(position)
         return np.array(out, np.intp)
 
@@ -443,12 +443,6 @@ class TrialSpace:
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 
 
-def _stands_for(fault: Effect) -> set[tuple[str, str]]:
-    """Entries of the sensor sheet that a fault is of: kind and channel."""
-    assert isinstance(fault, SensorFault)
-    return {(fault.tolerance, channel) for channel in fault.channels()}
-
-
 def _shown(effect: Effect) -> str:
     return f"What shows it: {effect.shown_by}."
 
@@ -467,7 +461,7 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
         else f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
     )
     found = f"Its size would be {sizes(c, effect.parameters)}"
-    fault = isinstance(effect, SensorFault)
+    fault = effect.as_fault is not None
     alone = "noise and the sheet's tolerances" if fault else "noise alone"
     chance = (
         f"{alone} never did as well in {draws} simulated runs (p = {c.p:.2g})"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations
@@ -49,11 +49,11 @@ class Preview:
         drive = corrected_drive(drive, self.fitted)
         plain = {row: drive.measured[row] - drive.matrix(model.physics, row) @ self.physics for row in drive.rows}
         sensitivity = None
-        if model.faults or isinstance(self.effect, SensorFault):
+        if model.faults or self.effect.as_fault is not None:
             sensitivity = Sensitivity.of(drive.recording, model.physics, self.fitted.physics)
         for fault, size in zip(model.faults, self.faults, strict=True):
-            _take(plain, _columns(fault, drive, sensitivity), np.array([size]))
-        _take(plain, _columns(self.effect, drive, sensitivity), self.values)
+            _take(plain, drive.effect_columns(fault, sensitivity), np.array([size]))
+        _take(plain, drive.effect_columns(self.effect, sensitivity), self.values)
         values = profile_zeros(drive, zeros, plain, floor)
         return {row: plain[row] - zeros.columns[row] @ values for row in drive.rows}
 
@@ -67,7 +67,7 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
         if run is None:
             names, priors = (piece.zeros.names, piece.zeros.sigma) if piece.zeros else ((), np.zeros(0))
             runs[piece.run] = run = RunEquations(names, priors)
-        own = _columns(effect, piece.drive, piece.sensitivity)
+        own = piece.drive.effect_columns(effect, piece.sensitivity)
         for row, block in piece.blocks.items():
             columns = own[row].T if row in own else np.zeros((len(block), k))
             weights = None if piece.weights is None else piece.weights[row]
@@ -81,15 +81,6 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
     keep = fitted.base.independent
     physics[keep] = x[: len(keep)]
     return Preview(fitted, effect, physics, x[len(keep) : p], x[p:])
-
-
-def _columns(effect: Effect, drive: Drive, sensitivity: Sensitivity | None) -> Mapping[str, Array]:
-    """Row → (k, n) columns of an effect or a sensor fault."""
-    if not isinstance(effect, SensorFault):
-        return drive.columns(effect)
-    if sensitivity is None:
-        return {}
-    return {row: series[None] for row, series in drive.decimated(sensitivity.fault(effect)).items()}
 
 
 def _take(left: dict[str, Array], columns: Mapping[str, Array], values: Array) -> None:

@@ -117,8 +117,11 @@ def _grouped(fitted: Fit, i: int, effect: Effect) -> str:
 def _rows_left_out(fitted: Fit, effect: Effect) -> str:
     """The reason when every row the effect acts on is left out of every run for a channel, not for the manoeuvre."""
     reasons: dict[str, str] = {}
+    physics = effect.as_physics
+    if physics is None:
+        return ""
     for drive in fitted.drives:
-        rows = tuple(effect.columns(next(drive.pieces()).motion))
+        rows = tuple(physics.columns(next(drive.pieces()).motion))
         if not rows or any(row in drive.rows for row in rows):
             return ""
         reasons |= {row: drive.motion.left_out.get(row, "no usable sample") for row in rows}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import Drive
 from lacet.identify.regression.sensor_offsets import Zeros
@@ -75,7 +75,7 @@ class Knowledge:
         return tuple(found)
 
     def prediction(
-        self, effects: Sequence[Effect], drive: Drive, zeros: Zeros, floor: Mapping[str, float]
+        self, effects: Sequence[PhysicalEffect], drive: Drive, zeros: Zeros, floor: Mapping[str, float]
     ) -> dict[str, tuple[float, str]]:
         """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and why it is large (empty when it is not).
 

@@ -209,14 +209,15 @@ def add(
     True
     """
     model = fitted.model
-    for one in [effect] if isinstance(effect, (str, Effect, Candidate)) else effect:
+    for one in effect if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]:
         model += _found(fitted.runs, one)
     return fit(model, fitted.runs, robust=False, progress=progress)
 
 
 def _found(runs: Runs, effect: str | Effect | Candidate) -> Effect:
-    if isinstance(effect, Effect):
-        return effect
-    key = effect if isinstance(effect, str) else effect.key
-    found = effects.find_effect(key, catalogue(runs))
-    return found if isinstance(effect, str) else replace(found, shape={**found.shape, **effect.shape})
+    if isinstance(effect, str):
+        return effects.find_effect(effect, catalogue(runs))
+    if isinstance(effect, Candidate):
+        found = effects.find_effect(effect.key, catalogue(runs))
+        return replace(found, shape={**found.shape, **effect.shape})
+    return effect

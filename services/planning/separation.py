@@ -23,7 +23,7 @@ from lacet.identify.design.discrimination import (
     wrong_pick,
 )
 from lacet.identify.design.run_ranking import DURATIONS
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -117,8 +117,9 @@ def recommend(
     known = work.study.effects(work.loaded.reference)
     compared, found = _compared(fitted, known, diagnosis, wanted)
     why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
-    faults = [e for e in known.values() if isinstance(e, SensorFault) and e.tolerance not in _UNTOUCHED]
-    question = Question(fitted, compared, [(fault, _tolerance(fitted, fault)) for fault in faults])
+    faults = [fault for e in known.values() if (fault := e.as_fault) and fault.tolerance not in _UNTOUCHED]
+    rig = fitted.drives[0].recording.rig
+    question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
     progress(Step(Stage.PRESENT_INFORMATION))
     present = present_runs(question, work.floor(work.study.version()), diagnosis.louder)
     before = Separations(question, present)
@@ -207,14 +208,9 @@ def _sized(before: Separations, found: Sequence[bool]) -> list[Compared]:
 def ordinary(fitted: Fit, effect: Effect) -> Array:
     """(p,) sizes that are plausible: of physics 1 σ of what is, of a sensor fault four of its tolerance."""
     sizes = np.array([q.prior * (-1.0 if q.expect == "negative" else 1.0) for q in effect.parameters])
-    if isinstance(effect, SensorFault) and (tolerance := _tolerance(fitted, effect)) > 0.0:
+    if (tolerance := effect.sheet_bound(fitted.drives[0].recording.rig)) > 0.0:
         return np.minimum(sizes, FAULT * tolerance)
     return sizes
-
-
-def _tolerance(fitted: Fit, fault: SensorFault) -> float:
-    rig = fitted.drives[0].recording.rig
-    return max((rig.tolerance(channel, fault.tolerance) for channel in fault.channels()), default=0.0)
 
 
 def _library(

@@ -7,10 +7,13 @@ from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effects.base import Effect, Parameter, SensorFault
+from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.catalogue import catalogue, effect_classes
+from lacet.identify.effects.excluded import EXCLUDED, ExcludedEffect
 from lacet.services.workspace.study import Study
 
+_MEASURED = "Already measured: cannot be missing here"
+"""Heading of what the measurements hold."""
 _RUN = "RUN"
 """Stands for any run in effects that go by runs."""
 
@@ -23,14 +26,16 @@ def list_effects(vehicle: Vehicle, reference: str, name: str = "") -> list[dict[
     classes = effect_classes()
     found = list(catalogue(vehicle, reference, runs=(_RUN, "another")).values())
     found = [effect for effect in found if effect.where != "another"]
-    if name and name not in classes:
+    measured = {one.name: one for one in EXCLUDED}
+    if name and name not in classes and name not in measured:
         keys = {effect.key: effect.name for effect in found}
         family = keys.get(name) or next((f for f in classes if name.startswith(f"{f}.")), "")
         if not family or (name not in keys and not classes[family].for_runs(["a", "b"])):
-            raise UsageError(f"there is no effect '{name}'{nearest(name, [*classes, *keys])}")
+            raise UsageError(f"there is no effect '{name}'{nearest(name, [*classes, *measured, *keys])}")
         name = family
     chosen = [family for family in classes if name in ("", family)]
-    chosen.sort(key=lambda family: (not classes[family].base, _kind(classes[family])))
+    chosen.sort(key=lambda family: (not classes[family].base, is_sensor_fault(classes[family])))
+    held = [one for one in EXCLUDED if name in ("", one.name)]
     heading = ""
     for family in chosen:
         title = _title(classes[family])
@@ -38,9 +43,11 @@ def list_effects(vehicle: Vehicle, reference: str, name: str = "") -> list[dict[
             print(f"{title}\n{'-' * len(title)}")
             heading = title
         _print_family(classes[family], [e for e in found if e.name == family], reference)
-    return [_record(e) for e in found if e.name in chosen] + [
-        _measured(classes[family]) for family in chosen if classes[family].measured_by
-    ]
+    if held and not name:
+        print(f"{_MEASURED}\n{'-' * len(_MEASURED)}")
+    for one in held:
+        print(f"{one.name}: {one.about}\n    why not: {one.measured_by}\n    source: {one.source}\n")
+    return [_record(e) for e in found if e.name in chosen] + [_excluded_record(one) for one in held]
 
 
 def effect_records(study: Study, reference: str) -> list[dict[str, Any]]:
@@ -48,23 +55,14 @@ def effect_records(study: Study, reference: str) -> list[dict[str, Any]]:
     return [_record(effect) for effect in study.effects(reference).values()]
 
 
-def _kind(family: type[Effect]) -> int:
-    return 2 if family.measured_by else 1 if issubclass(family, SensorFault) else 0
-
-
 def _title(family: type[Effect]) -> str:
     if family.base:
         return "Base model"
-    return ("Effects that may be missing", "Faults of the instruments", "Already measured: cannot be missing here")[
-        _kind(family)
-    ]
+    return "Faults of the instruments" if is_sensor_fault(family) else "Effects that may be missing"
 
 
 def _print_family(family: type[Effect], variants: Sequence[Effect], reference: str) -> None:
     print(f"{family.name}: {family.about}")
-    if family.measured_by:
-        print(f"    why not: {family.measured_by}\n    source: {family.source}\n")
-        return
     if not variants:
         print(f"    where: nowhere with {reference} loads\n    source: {family.source}\n")
         return
@@ -130,5 +128,9 @@ def _record(effect: Effect) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _measured(family: type[Effect]) -> dict[str, Any]:
-    return {**_record(family()), "measured_by": family.measured_by}
+def _excluded_record(one: ExcludedEffect) -> dict[str, Any]:
+    return {
+        "effect": one.name, "family": one.name, "base": False, "about": one.about, "signature": one.signature,
+        "shown_by": one.shown_by, "source": one.source, "rows": (), "needs": (), "looks_like": (),
+        "measured_by": one.measured_by, "shape": {}, "parameters": [],
+    }  # fmt: skip

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.regression.prepared_run import Drive
 
 
-def try_effect(cls: type[Effect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
+def try_effect(cls: type[PhysicalEffect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
     """Each variant, with every combination of its constants, on the first minute of a run.
 
     Plain data (``docs/json.md``, ``effect``, `tried`): rows it acts on, or why it cannot be tested. Raises UsageError

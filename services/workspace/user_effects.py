@@ -9,6 +9,7 @@ from typing import Any
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import effect_classes
+from lacet.identify.effects.excluded import EXCLUDED_NAMES
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import read_line
 from lacet.identify.effects.user_files import is_own
@@ -79,7 +80,7 @@ def may_have(study: Study, cls: type[OneLine]) -> bool:
     """
     own = {one.name: one for one in own_lines(study)}
     if cls.name not in own:
-        if cls.name in effect_classes(classes_in(own_folder(study))):
+        if cls.name in effect_classes(classes_in(own_folder(study))) or cls.name in EXCLUDED_NAMES:
             raise UsageError(f"there is another effect '{cls.name}' already: give this one another name")
         return False
     if _same(own[cls.name].line.text) != _same(cls.line.text) and cls.name in _in_versions(study):

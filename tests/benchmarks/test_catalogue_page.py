@@ -9,13 +9,14 @@ import pytest
 
 from benchmarks.catalogue_page import page as made
 from benchmarks.catalogue_page.cases import CASES
-from lacet.identify.effects.base import AlreadyMeasured
 from lacet.identify.effects.catalogue import effect_classes
+from lacet.identify.effects.excluded import EXCLUDED
 from lacet.simulate import Hidden, make_manoeuvre
 
 TEXT = made.PAGE.read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^### (\w+)\n(.*?)(?=^##|\Z)", TEXT, re.DOTALL | re.MULTILINE))
-FAMILIES = sorted(effect_classes())
+MEASURED = {one.name: one for one in EXCLUDED}
+FAMILIES = sorted([*effect_classes(), *MEASURED])
 MOST_BYTES = 1_500_000
 
 
@@ -34,10 +35,14 @@ def test_every_family_has_an_entry_and_no_other() -> None:
 @pytest.mark.parametrize("family", FAMILIES)
 def test_an_entry_says_everything(family: str) -> None:
     """What it is, rows, parameters, source, and a picture that is there and says something, or why there is none."""
-    cls, entry, case = effect_classes()[family], ENTRIES[family], CASES[family]
-    for said in (cls.signature, cls.shown_by, cls.source, cls.measured_by, *cls.looks_like):
+    entry, case, measured = ENTRIES[family], CASES[family], family in MEASURED
+    one = MEASURED[family] if measured else effect_classes()[family]
+    for said in (one.about[1:], one.signature, one.shown_by, one.source):
         assert said in entry
-    measured = issubclass(cls, AlreadyMeasured)
+    for said in (
+        (MEASURED[family].law, MEASURED[family].measured_by) if measured else effect_classes()[family].looks_like
+    ):
+        assert said in entry
     assert measured == ("cannot be missing" in entry)
     assert measured != ("- **parameter**" in entry)
     pictures = re.findall(r"!\[.+\]\((.+)\)", entry)

@@ -9,11 +9,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class AeroDrag(Effect):
+class AeroDrag(PhysicalEffect):
     """Drag, with the pitching moment of its height above the body origin: ΣFx = … + d v|v|, ΣMy = … + m v|v|.
 
     At a constant speed it is a constant, as an inertial unit turned in pitch (m g sin of the error) or with a zero in x

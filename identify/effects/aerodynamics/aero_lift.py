@@ -9,11 +9,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class AeroLift(Effect):
+class AeroLift(PhysicalEffect):
     """Lift on the body at one axle: the wheels carry less by l v²."""
 
     name = "aero_lift"

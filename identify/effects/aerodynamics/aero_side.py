@@ -9,11 +9,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class AeroSide(Effect):
+class AeroSide(PhysicalEffect):
     """Side force in proportion to the air's slip angle, −c V v_y, with its roll and yaw moments; no wind.
 
     V is the speed and v_y its lateral part at the body origin: ½ρA·V²·∂c_y/∂β·β with β = v_y/V.

@@ -9,12 +9,12 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, cross, unit
 from lacet.identify.signals.filters import derivative
 
 
-class ChassisTorsion(Effect):
+class ChassisTorsion(PhysicalEffect):
     """Front and rear of the body turn about x against each other, by the torque T that the wheels pass through it.
 
     T is half the difference of the roll moments of front and rear wheels; bodies resonate in torsion at 20 Hz and more,

@@ -10,11 +10,11 @@ from scipy.signal import bilinear, lfilter, lfilter_zi
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class EngineMount(Effect):
+class EngineMount(PhysicalEffect):
     """A mass of the chassis on vertical springs and dampers: its acceleration differs from that of the body under it.
 
     The body there has the specific force a = a_z + ω̇_x y − ω̇_y x, the mass H a with H = (2ζω0 p + ω0²) / (p² + 2ζω0 p +

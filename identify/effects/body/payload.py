@@ -7,7 +7,7 @@ from typing import Self
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array
 
@@ -15,7 +15,7 @@ _NAMES = ("M", "MX", "MY", "MZ")
 _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
 
 
-class Payload(Effect):
+class Payload(PhysicalEffect):
     """A point mass on the body in one run and in no other: passengers, luggage, fuel used.
 
     The chassis is what it is on the other runs; the mass and its first moments about the body origin are added (its

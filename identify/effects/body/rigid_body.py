@@ -9,7 +9,7 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
 from lacet.identify.multibody.vectors import Array, cross, dot
@@ -23,7 +23,7 @@ _LARGEST = {
 }
 
 
-class RigidBody(Effect):
+class RigidBody(PhysicalEffect):
     """Inertia of one body (Newton and Euler, through the modified DH chain).
 
     The chassis is given in body axes; axles in carrier axes (x forward, y left, z up) about their wheel centre: the

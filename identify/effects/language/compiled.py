@@ -12,7 +12,7 @@ import numpy as np
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.effects.language.parser import Line, LineFault, RowLaw
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
@@ -24,7 +24,7 @@ _WIDER = (1.0, 2.0, 4.0, 8.0)
 """Multiples of its states' usual size at which a law is evaluated that is zero within (a stop with a wide gap)."""
 
 
-class OneLine(Effect):
+class OneLine(PhysicalEffect):
     """An effect written as one line. `effect_class` makes a subclass of each line."""
 
     line: ClassVar[Line]

@@ -6,11 +6,11 @@ from typing import Self
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class AntiRollBar(Effect):
+class AntiRollBar(PhysicalEffect):
     """A bar that resists the difference of travel left and right: F = k (s_left − s_right), and its opposite.
 
     Hub lasers of other scales left and right look like other springs, and in roll like a bar; the tyre rows, in which

@@ -10,11 +10,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, cross
 
 
-class _CentreSlope(Effect):
+class _CentreSlope(PhysicalEffect):
     """Wheel centres of an axle move by p s along `direction` more than the table says.
 
     The force along it then does work on the travel that the suspension row lacks, and acts at another place than the

@@ -9,11 +9,11 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 
 
-class DamperHysteresis(Effect):
+class DamperHysteresis(PhysicalEffect):
     """Dahl's friction: F = f z, dz/ds = (1 − z sign ṡ) / length, so that z goes from −1 to 1 over some lengths.
 
     It depends on the path, not on time: between reversals z = ±1 + (z0 ∓ 1) exp(−|Δs| / length), which is what is

@@ -8,11 +8,11 @@ from typing import Self
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.effects.base import AXLES, Effect, Parameter
+from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array, dot, turn, unit
 
 
-class _WheelTurn(Effect):
+class _WheelTurn(PhysicalEffect):
     """Both wheels of an axle turn about an axis by p s more than the table says, mirrored left and right.
 
     The angles themselves are measured; what the slope is needed for is the work of the wheel's moment on the travel.

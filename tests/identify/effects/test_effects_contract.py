@@ -16,8 +16,9 @@ from lacet.daq.units import TO_SI
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.rows import ROWS, row_unit
-from lacet.identify.effects.base import AlreadyMeasured, Effect, SensorFault
+from lacet.identify.effects.base import Effect, is_sensor_fault
 from lacet.identify.effects.catalogue import base_model, catalogue, effect_classes, find_effect
+from lacet.identify.effects.excluded import EXCLUDED
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.services.workspace.effect_files import own_classes
 from tests.identify import cars
@@ -31,7 +32,7 @@ EFFECTS = {
     reference: catalogue(VEHICLE_T, reference, runs=RUNS) for reference in ("contact", "hub")
 }  # every effect in the folder, found by walking
 FAMILIES = effect_classes()
-FAULTS = {key: e for key, e in EFFECTS["hub"].items() if isinstance(e, SensorFault)}
+FAULTS = {key: fault for key, e in EFFECTS["hub"].items() if (fault := e.as_fault)}
 
 
 @pytest.mark.parametrize("reference", ["contact", "hub"])
@@ -55,7 +56,7 @@ def test_every_effect_keeps_the_contract(reference: str) -> None:
             assert np.isfinite(parameter.low)
             assert np.isfinite(parameter.high)
         names += [parameter.name for parameter in effect.parameters]
-        for one in effect.shapes():
+        for one in (shape for shape in effect.shapes() if shape.as_fault is None):
             values = rng.normal(size=len(one.parameters))
             columns, force = one.columns(motion), one.force(motion, values)
             assert columns.keys() == force.keys(), key
@@ -74,9 +75,20 @@ def _declared(row: str, rows: tuple[str, ...]) -> bool:
     return row in rows or row.partition(".")[0] in rows
 
 
+def test_what_the_measurements_hold_says_why_and_has_no_namesake() -> None:
+    """Texts and a reason of each effect that cannot be missing; none is in the catalogue too."""
+    assert len(EXCLUDED) >= 5
+    assert len({one.name for one in EXCLUDED}) == len(EXCLUDED)
+    for one in EXCLUDED:
+        assert one.name not in FAMILIES
+        for text in (one.about, one.law, one.signature, one.shown_by, one.source):
+            assert len(text.strip()) > 3, one.name
+        assert len(one.measured_by) > 20
+
+
 @pytest.mark.parametrize("name", FAMILIES)
 def test_every_family_says_what_it_is(name: str) -> None:
-    """Texts, rows that are acted on, families it looks like, and a reason where it cannot be missing."""
+    """Texts, rows that are acted on, families it looks like."""
     family = FAMILIES[name]
     for text in (family.about, family.signature, family.shown_by, family.source):
         assert len(text.strip()) > 3, name
@@ -86,13 +98,8 @@ def test_every_family_says_what_it_is(name: str) -> None:
         if not FAMILIES[other].base:
             assert name in FAMILIES[other].looks_like, f"{name} looks like {other}, which does not look like it"
     found = [e for effects in EFFECTS.values() for e in effects.values() if e.name == name]
-    if issubclass(family, AlreadyMeasured):
-        assert len(family.measured_by) > 20
-        assert not found
-        return
     assert found
-    assert not family.measured_by
-    if issubclass(family, SensorFault):
+    if is_sensor_fault(family):
         assert not family.rows, "a fault acts on the rows its channels enter"
         return
     motions = [
@@ -170,7 +177,7 @@ def test_units_of_parameters_are_those_of_the_law(reference: str) -> None:
     other = scaled(motion)
     choices = [(0, 0, 0), (0, 1, 0), (0, 1, -1), (0, 0, 1), (0, 0, -1), (0, -1, 0), (1, 1, -2)]
     for effect in EFFECTS[reference].values():
-        if isinstance(effect, SensorFault):
+        if effect.as_fault is not None:
             continue
         for parameter in effect.parameters:
             assert parameter.unit in TO_SI, f"{parameter.name}: a vehicle file cannot give a value in {parameter.unit}"
@@ -230,7 +237,10 @@ def test_left_and_right_are_alike(reference: str) -> None:
     motion = build_motion(cars.recording(cars.random_signals(6), VEHICLE_T, cars.in_reference(RIG, reference)))
     other = mirrored(motion)
     for effect in EFFECTS[reference].values():
-        if effect.name in ("body", "payload"):  # those have parameters that a mirror turns round
+        if effect.as_fault is not None or effect.name in (
+            "body",
+            "payload",
+        ):  # those have parameters that a mirror turns round
             continue
         twin = replace(effect, where=_OTHER.get(effect.where, effect.where))
         before, after = effect.shapes()[-1].columns(motion), twin.shapes()[-1].columns(other)
@@ -257,9 +267,7 @@ def test_the_base_model_is_the_papers_table_2() -> None:
 def test_every_class_in_the_folder_is_in_the_catalogue() -> None:
     """Nothing is lost between the folder and the list of effects, and base effects come first."""
     families = {effect.name for effects in EFFECTS.values() for effect in effects.values()}
-    measured = {name for name, family in FAMILIES.items() if issubclass(family, AlreadyMeasured)}
-    assert families | measured == set(FAMILIES)
-    assert len(measured) >= 5
+    assert families == set(FAMILIES)
     order = [effect.base for effect in EFFECTS["hub"].values()]
     assert order == sorted(order, reverse=True)
 

@@ -101,7 +101,7 @@ def test_the_fit_still_runs_and_names_the_channel(whole: Drive, lost: str) -> No
     assert all(lost in drive.motion.left_out[row] for row in gone)
     absent = {model.names[int(i)] for i in fitted.base.absent}
     for effect in model.physics:
-        rows = set(drive.columns(effect)) | set(whole.columns(effect))
+        rows = set(drive.effect_columns(effect, None)) | set(whole.effect_columns(effect, None))
         if rows <= gone:
             assert {q.name for q in effect.parameters} <= absent, effect.key
     assert np.all(np.isfinite(fitted.theta))
