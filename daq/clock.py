@@ -23,15 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_DRIFT = 500e-6
-"""Quartz clocks drift by less than this against each other; a steeper envelope comes from too short a stretch."""
+"""Largest drift of two quartz clocks against each other, as a fraction; only short stretches seem steeper."""
 
 SHORT_NS = 1_000_000_000
-"""A stretch shorter than this between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
+"""Duration below which a stretch between two that agree is a burst of delayed or wrong stamps, no new clock [ns]."""
 
 
 @dataclass(frozen=True)
 class ClockSegment:
-    """A stretch over which the device clock runs on without a jump.
+    """Line from the device clock to the arrival clock over a stretch without a jump.
 
     Attributes
     ----------
@@ -57,14 +57,14 @@ class ClockSegment:
 
 @dataclass(frozen=True)
 class ClockFit:
-    """The device clock on the arrival clock.
+    """A device clock fitted to the arrival clock, stretch by stretch.
 
     Attributes
     ----------
     segments : one a stretch between jumps, in order.
     jumps : (J,) int64, index of the first sample after each jump of either clock.
     outliers : (O,) int64, samples whose device stamp fits nothing before or after it.
-    delay_mean_ns, delay_std_ns, delay_max_ns : of the arrivals above the envelope [ns]: what fitting takes away.
+    delay_mean_ns, delay_std_ns, delay_max_ns : of the arrivals above the envelope [ns], which the fit removes.
     misfit_ns : the largest gap between the line and the least delayed of any 100 consecutive samples [ns]: large when
         the drift is not constant, or for a jump too small to be told from a delay.
     """
@@ -93,7 +93,7 @@ class ClockFit:
         Parameters
         ----------
         device_ns : (N,) device stamps [ns].
-        arrival_ns : (N,) their arrivals [ns], which tell the segments apart; not needed when there is one only.
+        arrival_ns : (N,) their arrivals [ns], which distinguish the segments; not needed when there is one only.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class ClockFit:
 
 
 def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_ns: int = 100_000_000) -> ClockFit:
-    """Fit the lower envelope of (arrival − device).
+    """The fit of a device clock by the lower envelope of (arrival − device).
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _stretches(
 
 
 def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_ns: float) -> NDArray[np.int64]:
-    """Stamps of samples taken at a steady rate, from arrivals that are late by what the wire and the reader took.
+    """Time stamps of samples taken at a steady rate, from their late arrivals.
 
     Samples are numbered; the lower envelope of (arrival − number × period) gives the true period, and in each stretch
     without losses the earliest arrival gives the offset, so that a miscounted loss cannot shift the rest of a run.

@@ -1,4 +1,4 @@
-"""What a user hands a chain: joint states and parameters, checked before anything is computed from them."""
+"""Arguments of a chain's methods (joint states, parameters, values of symbols), checked before they are used."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def symbol_values(given: Mapping[str, Any], symbols: Collection[str] | None = No
 
 
 def unused(values: Collection[str], symbols: Collection[str], what: str) -> list[str]:
-    """A note of the values that have no symbol, if there are any."""
+    """A note that names the values without a symbol, if there are any."""
     spare = [name for name in values if name not in symbols]
     return [f"values that this {what} has no use for: {', '.join(spare)}"] if spare else []
 
 
 def joint_states(n: int, hint: str = "", **states: ArrayLike) -> list[Array]:
-    """States given as (N, n), each turned to (n, N). Raises ValueError that names the one at fault and the remedy."""
+    """Joint states given as (N, n), transposed to (n, N). Raises ValueError naming the one at fault and the remedy."""
     out: list[Array] = []
     for name, given in states.items():
         try:
@@ -84,7 +84,7 @@ def all_parameters(n: int, names: Sequence[str], given: ArrayLike | Mapping[str,
 
 
 def chosen(names: Sequence[str], asked: Collection[str]) -> list[str]:
-    """The names asked for, in order. Raises ValueError for one there is not."""
+    """The names in `asked`, in the order of `names`. Raises ValueError for an unknown one."""
     wanted = {asked} if isinstance(asked, str) else set(asked)
     if unknown := sorted(wanted - set(names)):
         raise ValueError(f"no parameter of this chain: {', '.join(unknown)}{nearest(unknown[0], names)}")

@@ -28,7 +28,7 @@ GRAVITY = (0.0, 0.0, -9.81)
 
 @dataclass(frozen=True)
 class Joint:
-    """One row of the table: angles [rad], lengths [m]; `theta` and `r` are the constant parts.
+    """One joint of a chain, a row of its table: angles [rad], lengths [m]; `theta` and `r` are the constant parts.
 
     Examples
     --------
@@ -49,7 +49,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """Motion of one frame, in its own axes, (3, N) each.
+    """Motion of one frame of a chain, in its own axes, (3, N) each.
 
     `omega` [rad/s], `omega_dot` [rad/s²], and `accel`, the origin's specific force (acceleration minus gravity) [m/s²].
     """
@@ -60,7 +60,7 @@ class FrameMotion:
 
 
 class Chain:
-    """A tree of joints and bodies.
+    """A tree of rigid bodies on revolute and prismatic joints: its kinematics, dynamics and regressor.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Chain:
     rotors : whether rotor inertias count among the inertial parameters, as SYMORO has it.
     table : the same rows with symbols, `values` theirs; without `values` for all of them only `base_parameters` works.
     given : values of parameters that the robot's file holds.
-    notes : what a reader must know of how the chain was made, one line each.
+    notes : assumptions made when the chain was read from a file, one line each.
 
     Raises ValueError when the table is no tree.
 
@@ -114,7 +114,7 @@ class Chain:
         cls, rows: Sequence[Mapping[str, Any]], gravity: Sequence[float] = GRAVITY,
         values: Mapping[str, float] | None = None,
     ) -> Chain:  # fmt: skip
-        """Build a chain from rows with ``j ant sigma gamma b alpha d theta r``; a missing key is 0.
+        """The chain of a table with rows of ``j ant sigma gamma b alpha d theta r``; a missing key is 0.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class Chain:
         cls, table: SymbolicTable, gravity: Sequence[float], values: Mapping[str, float], absent: Collection[str],
         rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[str] = (),
     ) -> Chain:  # fmt: skip
-        # Symbols without a value get any, so that the structure can be studied; `missing` keeps it from being believed.
+        # Symbols without a value get random ones: the structure can be studied; `missing` forbids numbers from it.
         anything = table.any_values(np.random.default_rng(1))
         numbers = table.numbers({**anything, **values})
         joints = [Joint(row.j, row.ant, row.sigma, **n) for row, n in zip(table.rows, numbers, strict=True)]
@@ -192,7 +192,7 @@ class Chain:
         return tuple(f"{name}{joint.j}" for joint in self.joints for name in FRICTION)
 
     def to_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Turn `v` (3, …, N) from the axes of joint k's antecedent into frame k (k counts from 0)."""
+        """Vectors `v` (3, …, N) rotated from the axes of joint k's antecedent into frame k (k counts from 0)."""
         joint = self.joints[k]
         v = np.tensordot(self._turn[k].T, v, 1)
         if joint.sigma != 0 and joint.theta == 0.0:
@@ -202,7 +202,7 @@ class Chain:
         return np.stack([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
 
     def from_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Turn `v` (3, …, N) from frame k into the axes of its antecedent."""
+        """Vectors `v` (3, …, N) rotated from frame k into the axes of its antecedent."""
         joint = self.joints[k]
         angle = joint.theta + (q if joint.sigma == 0 else 0.0)
         c, s = np.cos(angle), np.sin(angle)
@@ -316,7 +316,7 @@ class Chain:
         return out
 
     def jacobian(self, body: int, q: ArrayLike, axes: str = "body") -> NDArray[np.float64]:
-        """How a body's frame moves with the joints, (N, 6, n).
+        """Geometric Jacobian of a body's frame, (N, 6, n).
 
         Rows 0–2 are the velocity of the frame's origin over the ground, 3–5 the angular velocity, per unit of each
         joint rate, in the axes of the body's frame (`axes` = ``body``) or of the ground (``ground``).
@@ -337,7 +337,7 @@ class Chain:
         return out
 
     def pose(self, body: int, q: ArrayLike) -> NDArray[np.float64]:
-        """Where a body's frame stands: (N, 4, 4) transforms from its axes to those of the ground [m].
+        """Pose of a body's frame: (N, 4, 4) homogeneous transforms from its axes to those of the ground [m].
 
         Raises ValueError as `jacobian` does.
         """
@@ -363,7 +363,7 @@ class Chain:
         return Chain(joints, tuple(gravity))
 
     def _jacobians(self, q: Array) -> Generator[tuple[int, list[int], Array]]:
-        """Body by body, from 0: the joints above it, itself last, and how its frame moves with each, (6, joints, N)."""
+        """Of each body, from 0: the joints above it, itself last, and its Jacobian by these, (6, joints, N)."""
         kept: dict[int, tuple[list[int], Array]] = {}
         children = [sum(1 for other in self.joints if other.ant == k.j) for k in self.joints]
         for k, joint in enumerate(self.joints):

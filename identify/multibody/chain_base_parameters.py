@@ -1,4 +1,4 @@
-"""Base parameters of a chain: their number whatever its scale, and the relations in numbers and in symbols."""
+"""Base parameters of a chain, with their relations in numbers and in symbols, whatever the chain's scale."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from lacet.identify.multibody.regrouping_formulas import closed_forms, join
 from lacet.identify.multibody.scaled_chain import ScaledChain
 
 _CLEAR = 1e3
-"""Smallest kept ÷ largest dropped pivot below which the number of base parameters is looked at twice."""
+"""Smallest kept ÷ largest dropped pivot below which the number of base parameters is checked again."""
 _NOISE = 1e-10
-"""Relations below this, in units of the chain's own size, are rounding."""
+"""Magnitude of relations, in units of the chain's own size, below which they are rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -33,12 +33,12 @@ class ChainBaseParameters(BaseParameters):
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """What the relations hold: the table's symbols, and lengths given as numbers by place (``d3``)."""
+        """Symbols in the relations: those of the table, and lengths given as numbers by place (``d3``)."""
         return tuple(self.scaled_chain.scale_free_values())
 
     @property
     def symbol_values(self) -> dict[str, float]:
-        """Their values, lengths [m], angles [rad]; those without one are left out."""
+        """Values of the symbols that have one, lengths [m], angles [rad]."""
         return self.scaled_chain.actual_values
 
     @cached_property
@@ -57,7 +57,7 @@ class ChainBaseParameters(BaseParameters):
         return join(terms)
 
     def table(self) -> str:
-        """Every relation in symbols, one line each, and what they stand for."""
+        """Every relation in symbols, one line each, and the values of the symbols."""
         lines = [self.relation(i) for i in range(self.rank)]
         if self.symbol_values:
             lines += ["with " + ", ".join(f"{name} = {value:.6g}" for name, value in self.symbol_values.items())]
@@ -67,7 +67,7 @@ class ChainBaseParameters(BaseParameters):
 def base_parameters(
     chain: Chain, friction: bool = False, parameters: Collection[str] | None = None, seed: int = 0
 ) -> ChainBaseParameters:
-    """The base (minimal) parameters: which combinations of the standard ones a chain's joint torques depend on.
+    """The base (minimal) parameters of a chain: the combinations of standard ones that its joint torques depend on.
 
     Found by rank-revealing QR of the regressor at random states; earlier parameters are kept before later ones.
 

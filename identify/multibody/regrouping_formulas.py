@@ -1,4 +1,4 @@
-"""Relations between base parameters as formulas: polynomials of the table's lengths, and of sines of its angles.
+"""Regrouping relations of base parameters as formulas: polynomials of the table's lengths, and of sines of its angles.
 
 The regrouping relations of Khalil and Dombre (2002, chapter 9) are polynomials of this kind. They are found here
 without a case for every kind of joint: the relations are computed for several random tables of the same structure, and
@@ -25,11 +25,11 @@ from lacet.identify.multibody.vectors import Array
 _MOST = 60
 """Monomials tried for one relation at most."""
 _LONGEST = 120
-"""Characters: a longer formula helps nobody either."""
+"""Characters of the longest formula; a longer one is no easier to read than the number."""
 _REACH = (1, 2, 3, 99)
-"""Rows of the table whose lengths are tried in a relation, one after the other."""
+"""Numbers of table rows whose lengths are tried in a relation, one after the other."""
 _SPARE = 4
-"""Tables beyond the number of monomials: those the fit must foretell."""
+"""Number of tables beyond that of monomials, which the fit must predict."""
 _SAME = 1e-8
 
 
@@ -67,7 +67,7 @@ def closed_forms(base: BaseParameters, scaled: ScaledChain) -> tuple[tuple[str, 
 
 
 class _Tables:
-    """Random tables of a chain's structure and the relations they have."""
+    """Random tables of a chain's structure, with the relations of their base parameters."""
 
     def __init__(self, base: BaseParameters, scaled: ScaledChain, shared: bool):
         self.base, self.scaled_chain, self.shared = base, scaled, shared
@@ -77,7 +77,7 @@ class _Tables:
         self._columns: dict[str, Array] = {}
 
     def columns(self, monomials: Sequence[str]) -> Array:
-        """(tables, monomials) what they are in each table."""
+        """Values of monomials in each table, (tables, monomials)."""
         count = len(self.values)
         series = {name: np.array([v[name] for v in self.values]) for name in self.values[0]}
         for m in monomials:
@@ -87,16 +87,16 @@ class _Tables:
 
     @property
     def series(self) -> Array:
-        """(tables, b, d)."""
+        """The relations in each table, (tables, b, d)."""
         return np.stack(self.found)
 
     def draw(self, count: int) -> bool:
-        """Have that many tables; false when one has other base parameters."""
+        """Draw tables up to `count`; false when one has other base parameters."""
         while len(self.found) < count:
             numbers, values = self.scaled_chain.varied(self.rng, self.shared)
             W = self.scaled_chain.matrix(numbers)
-            found, left = combine(W, self.base.independent, self.base.dependent)
-            if left > 1e-7:
+            found, residual = combine(W, self.base.independent, self.base.dependent)
+            if residual > 1e-7:
                 return False
             self.values.append(values)
             self.found.append(found)
@@ -104,7 +104,7 @@ class _Tables:
 
 
 def _start(base: BaseParameters, scaled: ScaledChain) -> _Tables | None:
-    """The first tables. Lengths that are equal are let go apart, unless the structure hangs on it."""
+    """The first tables. Equal lengths are varied separately, unless the structure depends on their equality."""
     for shared in (False, True):
         tables = _Tables(base, scaled, shared)
         if tables.draw(3):

@@ -1,4 +1,4 @@
-"""A chain in units of its own size, at random joint states: from it the number of base parameters is read."""
+"""A chain in units of its own size at random joint states, whose regressor has the rank of the base parameters."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _STATES = 120
 
 
 class ScaledChain:
-    """A chain in units of its own size, so that millimetres and a hundred metres are the same to the arithmetic.
+    """A chain in units of its own size, so that rounding is the same for millimetres and for a hundred metres.
 
     Lengths are divided by their root mean square, and gravity is as strong as the random accelerations. The relations
     do not depend on either, but for the unit of each parameter.
@@ -79,7 +79,7 @@ class ScaledChain:
         return numbers, out
 
     def scale_free_values(self) -> dict[str, float]:
-        """Symbols of the relations with any values."""
+        """Symbols of the relations with random values."""
         return self.varied(np.random.default_rng(0))[1]
 
     @cached_property
