@@ -1,4 +1,4 @@
-"""Effects, the parts that a model is the sum of: physics with columns of its own, and faults of the instruments.
+"""Base classes of effects, the terms of a model: physical laws with regressor columns, and faults of the sensors.
 
 A model is a sum of effects and nothing else; a rigid body is an effect too. To add one, write one class in one file in
 ``identify/effects/`` (or in a folder named in a study): it is found by walking.
@@ -24,7 +24,7 @@ AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter of an effect.
+    """A coefficient of an effect, in which the effect is linear.
 
     `name` is ``effect.parameter`` (rigid bodies: as in the paper, ``XX6``); `unit` is SI; `low` and `high` bound what
     is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``. `twin` names the same part on the other
@@ -52,7 +52,7 @@ class Parameter:
 
     @property
     def prior(self) -> float:
-        """1 σ of what is known before any run: the largest plausible value is two of them.
+        """Standard deviation (1 σ) of the prior: half the largest plausible value.
 
         So wide that it does not move what a run determines; it keeps what no run determines within what is plausible.
         """
@@ -61,8 +61,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """What may be added to a model, at one place: physics (`PhysicalEffect`) or a fault of the instruments
-    (`SensorFault`).
+    """A term of the model at one place: physics (`PhysicalEffect`) or a fault of the instruments (`SensorFault`).
 
     Attributes
     ----------
@@ -84,7 +83,7 @@ class Effect(ABC):
     about: ClassVar[str]
     """What it is, in one line."""
     signature: ClassVar[str]
-    """What it looks like in the residual when it is missing."""
+    """Its pattern in the residual when it is missing."""
     shown_by: ClassVar[str]
     """Which manoeuvre shows it."""
     source: ClassVar[str]
@@ -92,7 +91,7 @@ class Effect(ABC):
     rows: ClassVar[tuple[str, ...]] = ()
     """Rows it acts on: kinds (``suspension``, ``tyre``, ``spin``, ``chassis``) or single rows (``chassis.fx``)."""
     looks_like: ClassVar[tuple[str, ...]] = ()
-    """Families it cannot be told from by construction, whatever the runs or nearly so; the docstring says why."""
+    """Families that it is confounded with by construction, in nearly all runs; the docstring says why."""
     base: ClassVar[bool] = False
     """Whether it belongs to the base model."""
     needs: ClassVar[tuple[str, ...]] = ()
@@ -131,13 +130,13 @@ class Effect(ABC):
         return frozenset()
 
     def sheet_bound(self, rig: Rig) -> float:
-        """What the sensor sheet allows of it, 1 σ in the parameter's unit; 0 for physics, which it does not bound."""
+        """Tolerance of the sensor sheet for it, 1 σ in the parameter's unit; 0 for physics, which has none."""
         return 0.0
 
     @classmethod
     @abstractmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """The places this effect can act on a vehicle, for wheel loads in `reference`."""
+        """One effect for each place it can act at on a vehicle, for wheel loads in `reference`."""
 
     @classmethod
     def for_runs(cls, runs: Sequence[str]) -> Sequence[Self]:
@@ -145,7 +144,7 @@ class Effect(ABC):
         return ()
 
     def lacks(self, motion: Motion) -> tuple[str, ...]:
-        """Channels that it needs and a run has not."""
+        """Channels that it needs and the run of `motion` lacks."""
         return tuple(channel for channel in self.needs if channel not in motion.channels)
 
     def shapes(self) -> list[Self]:
@@ -310,17 +309,17 @@ class SensorFault(Effect):
         """
 
     def changes(self, recording: Recording) -> dict[str, Array]:
-        """Changes of channels (k, N) per unit of the parameter that do to the equations what the fault does."""
+        """Changes of channels (k, N) per unit of the parameter that change the equations as the fault does."""
         there = [name for name in self.channels() if name in recording.signals.value]
         return {name: self.perturb(name, recording) for name in there}
 
     @property
     @abstractmethod
     def tolerance(self) -> str:
-        """Which entry of the rig's sensor sheet bounds it: ``gain``, ``latency`` … (`daq.rig.Rig.tolerance`)."""
+        """Entry of the rig's sensor sheet that bounds it: ``gain``, ``latency`` … (`daq.rig.Rig.tolerance`)."""
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:
-        """A channel of a recording (k, N) with a fault of size `p` taken out: here to first order."""
+        """A channel of a recording (k, N) with a fault of size `p` removed: here to first order."""
         return recording.signals.value[channel] - p * self.perturb(channel, recording)
 
 
