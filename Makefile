@@ -15,6 +15,10 @@ ifneq ($(shell cat .venv/.where 2>/dev/null),$(CURDIR))
 MOVED := moved
 endif
 
+# Bytecode is kept beside its sources, whatever the environment says: tests and demo start many processes, and each
+# would spend seconds on compiling NumPy, SciPy and lacet anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 .PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage blind catalogue reference clean moved
 
 help:
@@ -98,6 +102,7 @@ schema: .venv/.uv
 
 clean:
 	rm -rf .venv demo-out .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
 
 # The environment, in three steps: uv; what runs; what tests. A step is done again when its inputs change.
 
