@@ -31,7 +31,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, Stored, fit
 from lacet.identify.signals.filters import Filters, derivative, zero_phase
 from lacet.identify.signals.noise_draws import draw_noise
@@ -69,7 +69,7 @@ def stored_motions() -> tuple[tuple[Recording, ...], Array]:
     runs = [open_run(cars.CAR / f"{name}.parquet") for name in cars.RUNS]
     records = [bring_together(run, vehicle, rig, FILTERS) for run in runs]
     model = models()[0]
-    theta = fit(model, [Drive(record) for record in records], unbias=False).theta
+    theta = fit(model, [PreparedRun(record) for record in records], unbias=False).theta
     exact: list[Recording] = []
     for record in records:
         part = record.at(slice(0, int(SECONDS * FILTERS.rate)))
@@ -79,7 +79,7 @@ def stored_motions() -> tuple[tuple[Recording, ...], Array]:
     return tuple(exact), theta
 
 
-def drawn(record: Recording, rng: np.random.Generator, sheet: Mapping[tuple[str, int], float]) -> Drive:
+def drawn(record: Recording, rng: np.random.Generator, sheet: Mapping[tuple[str, int], float]) -> PreparedRun:
     """A recording as its instruments would have measured it; `sheet` has the campaign's gains and latencies."""
     rig, values = record.rig, record.signals.value
     noise = draw_noise(record, values, rng)
@@ -93,7 +93,7 @@ def drawn(record: Recording, rng: np.random.Generator, sheet: Mapping[tuple[str,
             late = sheet.get((f"latency {sensor.name if sensor else name}", 0), 0.0)
             measured = value * (1.0 + gains) - late * derivative(value, FILTERS.rate)
         out[name] = measured + noise[name] + zeros
-    return Drive(record.with_signals(Signals.differentiated(out, FILTERS.rate)))
+    return PreparedRun(record.with_signals(Signals.differentiated(out, FILTERS.rate)))
 
 
 def sheet_draw(record: Recording, rng: np.random.Generator) -> dict[tuple[str, int], float]:

@@ -24,7 +24,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate
@@ -100,12 +100,12 @@ def judge(campaign: Campaign, seed: int, draws: int) -> Verdict:
     """Diagnose one seed, adding what is proposed until nothing is."""
     begin = time.perf_counter()
     rig, vehicle = Rig.load("peugeot-406"), Vehicle.load("peugeot-406")
-    drives = {name: Drive.of(run, vehicle, rig) for name, run in campaign.measured(seed, rig).items()}
+    runs = {name: PreparedRun.of(run, vehicle, rig) for name, run in campaign.measured(seed, rig).items()}
     known = catalogue(vehicle, rig.wheel_reference)
     candidates = [effect for effect in known.values() if not effect.base]
     model, added = Model.of(base_model(vehicle, rig.wheel_reference)), []
     while True:
-        fitted = fit(model, [drives[name] for name in USED])
+        fitted = fit(model, [runs[name] for name in USED])
         diagnosis = diagnose(fitted, floor_of(fitted, draws), candidates)
         if diagnosis.best is None or len(added) == 4:
             break
@@ -115,7 +115,7 @@ def judge(campaign: Campaign, seed: int, draws: int) -> Verdict:
     held = [
         (score.ratio, f"{name} {row}")
         for name in HELD
-        for row, score in compare(fitted, drives[name], SCORE_DRAWS).scores.items()
+        for row, score in compare(fitted, runs[name], SCORE_DRAWS).scores.items()
     ]
     worst, where = max(held)
     ratios = tuple(ratio for ratio, _ in held)

@@ -22,7 +22,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose
@@ -87,7 +87,7 @@ def main() -> None:
         for seed in range(5)
     ]
     with threadpool_limits(1):
-        drives = [Drive.of(run, vehicle, rig) for run in runs]
+        drives = [PreparedRun.of(run, vehicle, rig) for run in runs]
         reference = drives[0].recording.reference
         every = [e for e in catalogue(vehicle, reference).values() if not e.base]
         candidates = every[: args.candidates] if args.candidates else every
@@ -103,7 +103,7 @@ def main() -> None:
         )
     ratio = theirs / TIMED * len(candidates) / ours
     print(
-        f"{len(candidates)} candidates, {args.seconds:g} s of data, {fitted.drives[0].recording.filters.rate:g} Hz, "
+        f"{len(candidates)} candidates, {args.seconds:g} s of data, {fitted.runs[0].recording.filters.rate:g} Hz, "
         f"{len(fitted.rows)} rows: ranked in {ours:.1f} s of processor time; dense least squares for each would take "
         f"{ratio:.0f} times as long, without shapes, cross-validation or chance"
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
 from lacet.identify.multibody.vectors import Array, dot
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 
 _G: Final = 9.80665
 _DEGREE: Final = math.pi / 180.0
@@ -40,17 +40,17 @@ _STEP: Final = 0.2
 _LEAST: Final = 30
 """Fewer samples tell nothing."""
 
-_Check = Callable[[Drive], Iterator[str]]
+_Check = Callable[[PreparedRun], Iterator[str]]
 
 
-def implausible(drive: Drive) -> list[str]:
+def implausible(run: PreparedRun) -> list[str]:
     """Channels whose unit, sign or axes cannot be right, a line each with what they look like; empty when all is well.
 
     Where a channel by itself is wrong, what follows from it in others is not told: it goes with its cause.
     Source: the conventions of ``docs/channels.md``.
     """
     for checks in _CHECKS:
-        found = [line for check in checks for line in check(drive)]
+        found = [line for check in checks for line in check(run)]
         if found:
             return found
     return []
@@ -59,11 +59,11 @@ def implausible(drive: Drive) -> list[str]:
 # -- a channel by itself ----------------------------------------------------------------------------------------------
 
 
-def _gravity(drive: Drive) -> Iterator[str]:
-    force = _accel(drive)
+def _gravity(run: PreparedRun) -> Iterator[str]:
+    force = _accel(run)
     if force is None:
         return
-    force = force[:, _usable(drive, "imu.accel")]
+    force = force[:, _usable(run, "imu.accel")]
     if force.shape[1] < _LEAST:
         return
     size, up = float(np.median(np.linalg.norm(force, axis=0))), float(np.median(force[2]))
@@ -77,47 +77,47 @@ def _gravity(drive: Drive) -> Iterator[str]:
         )
 
 
-def _weight(drive: Drive) -> Iterator[str]:
-    names = _present(drive, "wheel.{}.force", CORNERS)
-    keep = _usable(drive, *names)
+def _weight(run: PreparedRun) -> Iterator[str]:
+    names = _present(run, "wheel.{}.force", CORNERS)
+    keep = _usable(run, *names)
     if len(names) < len(CORNERS) or np.count_nonzero(keep) < _LEAST:
         return
-    loads = np.sum([dot(corner.force, corner.normal) for corner in drive.motion.corners.values()], axis=0)
+    loads = np.sum([dot(corner.force, corner.normal) for corner in run.motion.corners.values()], axis=0)
     weight = float(np.median(loads[keep]))
-    each = {c: float(np.median(dot(k.force, k.normal)[keep])) for c, k in drive.motion.corners.items()}
+    each = {c: float(np.median(dot(k.force, k.normal)[keep])) for c, k in run.motion.corners.items()}
     pulls = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
     if weight < 0.0:
         yield f"the wheel forces' z add up to {weight:.3g} N: they are positive when the wheels carry the car"
-    elif weight / _G < _LIGHT * _wheelbase(drive) ** 3:
+    elif weight / _G < _LIGHT * _wheelbase(run) ** 3:
         yield f"the wheel forces' z add up to {weight:.3g} N, a car of {weight / _G:.2g} kg: are they in kN?"
     elif pulls:
         yield f"{', '.join(pulls)} mostly pulls at the road: z is positive when a wheel carries the car"
 
 
-def _distances(drive: Drive) -> Iterator[str]:
-    for names, size in _large(drive, [n for n in drive.recording.signals.value if CHANNELS[n].unit == "m"], _FAR):
+def _distances(run: PreparedRun) -> Iterator[str]:
+    for names, size in _large(run, [n for n in run.recording.signals.value if CHANNELS[n].unit == "m"], _FAR):
         unit = "mm" if size > 150.0 else "cm" if size > 29.0 else "inches"
         yield f"{names} up to {size:.3g} m: in {unit}?"
 
 
-def _angles(drive: Drive) -> Iterator[str]:
+def _angles(run: PreparedRun) -> Iterator[str]:
     families = ("camera.steer", "camera.camber")
-    cameras = [name for name in drive.recording.signals.value if CHANNELS[name].family in families]
-    for names, size in _large(drive, cameras, 1.2):
+    cameras = [name for name in run.recording.signals.value if CHANNELS[name].family in families]
+    for names, size in _large(run, cameras, 1.2):
         yield f"{names} up to {size:.3g} rad: in degrees?"
 
 
-def _rolling(drive: Drive) -> Iterator[str]:
-    velocity = drive.motion.velocity
-    keep = _usable(drive, "correvit.speed")
+def _rolling(run: PreparedRun) -> Iterator[str]:
+    velocity = run.motion.velocity
+    keep = _usable(run, "correvit.speed")
     if velocity is None or np.count_nonzero(keep) < _LEAST:
         return
     over = float(np.mean(velocity[0][keep]))
     rims = {
-        name: float(np.mean(drive.recording.signals.value[name][0][keep & _usable(drive, name)]))
-        * drive.recording.vehicle.corners[name.split(".")[1]].tyre_radius
-        for name in _present(drive, "wheel.{}.speed", CORNERS)
-        if np.any(keep & _usable(drive, name))
+        name: float(np.mean(run.recording.signals.value[name][0][keep & _usable(run, name)]))
+        * run.recording.vehicle.corners[name.split(".")[1]].tyre_radius
+        for name in _present(run, "wheel.{}.speed", CORNERS)
+        if np.any(keep & _usable(run, name))
     }
     wrong = {name: rim for name, rim in rims.items() if not _near(rim / over)} if abs(over) > _ROLLS else {}
     rim = float(np.median(list(wrong.values()) or [0.0]))
@@ -134,17 +134,17 @@ def _rolling(drive: Drive) -> Iterator[str]:
 # -- one channel against another --------------------------------------------------------------------------------------
 
 
-def _turning(drive: Drive) -> Iterator[str]:
-    attitude, recording = drive.motion.attitude, drive.recording
+def _turning(run: PreparedRun) -> Iterator[str]:
+    attitude, recording = run.motion.attitude, run.recording
     if attitude is None or "imu.rate" not in recording.signals.value:
         return
     step = max(1, round(_STEP * recording.filters.rate))
     sensor = recording.rig.sensor_of("imu.attitude")
     turned_round = sensor is not None and sensor.axes == "sensor" and any(sensor.orientation)
     axes = ", in body axes" if turned_round else ""
-    keep = _usable(drive, "imu.attitude", "imu.rate")
+    keep = _usable(run, "imu.attitude", "imu.rate")
     keep = keep[step:] & keep[:-step]
-    rates = drive.motion.body.omega
+    rates = run.motion.body.omega
     steps = 0.5 * (rates[:, 1:] + rates[:, :-1]) / recording.filters.rate
     summed = np.concatenate([np.zeros((3, 1)), np.cumsum(steps, axis=1)], axis=1)
     for k, (angle, axis) in enumerate((("roll", "x"), ("pitch", "y"), ("yaw", "z"))):
@@ -157,12 +157,12 @@ def _turning(drive: Drive) -> Iterator[str]:
             yield f"imu.attitude {angle} turns {slope:.3g} times as fast as imu.rate {axis} says{guess}"
 
 
-def _cornering(drive: Drive) -> Iterator[str]:
-    force, velocity = _accel(drive), drive.motion.velocity
-    if force is None or velocity is None or "imu.rate" not in drive.recording.signals.value:
+def _cornering(run: PreparedRun) -> Iterator[str]:
+    force, velocity = _accel(run), run.motion.velocity
+    if force is None or velocity is None or "imu.rate" not in run.recording.signals.value:
         return
-    keep = _usable(drive, "imu.accel", "imu.rate", "correvit.speed")
-    slope, alike = _slope((velocity[0] * drive.motion.body.omega[2])[keep], force[1][keep])
+    keep = _usable(run, "imu.accel", "imu.rate", "correvit.speed")
+    slope, alike = _slope((velocity[0] * run.motion.body.omega[2])[keep], force[1][keep])
     if alike < -_ALIKE:
         yield (
             "imu.accel y is against imu.rate z times the speed: in a left turn both are positive. Look at signs and "
@@ -173,12 +173,12 @@ def _cornering(drive: Drive) -> Iterator[str]:
         yield f"imu.accel y is {slope:.3g} times imu.rate z times the speed, which should be alike{guess}"
 
 
-def _pushing(drive: Drive) -> Iterator[str]:
-    force, names = _accel(drive), _present(drive, "wheel.{}.force", CORNERS)
+def _pushing(run: PreparedRun) -> Iterator[str]:
+    force, names = _accel(run), _present(run, "wheel.{}.force", CORNERS)
     if force is None or len(names) < len(CORNERS):
         return
-    keep = _usable(drive, "imu.accel", *names)
-    total = np.sum([corner.force for corner in drive.motion.corners.values()], axis=0)
+    keep = _usable(run, "imu.accel", *names)
+    total = np.sum([corner.force for corner in run.motion.corners.values()], axis=0)
     alike = np.array([[_slope(force[i][keep], total[k][keep])[1] for i in range(2)] for k in range(2)])
     for k, axis in enumerate("xy"):
         if alike[k, k] < -_ALIKE:
@@ -190,15 +190,15 @@ def _pushing(drive: Drive) -> Iterator[str]:
         )
 
 
-def _leaning(drive: Drive) -> Iterator[str]:
-    force = _accel(drive)
+def _leaning(run: PreparedRun) -> Iterator[str]:
+    force = _accel(run)
     if force is None:
         return
     for axle, (left, right) in {"front": CORNERS[:2], "rear": CORNERS[2:]}.items():
-        names = _present(drive, "laser.{}.hub", (left, right))
-        keep = _usable(drive, "imu.accel", *names)
+        names = _present(run, "laser.{}.hub", (left, right))
+        keep = _usable(run, "imu.accel", *names)
         if len(names) == 2 and np.any(keep) and float(np.std(force[1][keep])) > _CORNERS:
-            lower = drive.motion.corners[right].travel - drive.motion.corners[left].travel
+            lower = run.motion.corners[right].travel - run.motion.corners[left].travel
             if _slope(force[1][keep], lower[keep])[1] < -_ALIKE:
                 yield (
                     f"the body leans into the turn at the {axle} axle: its hub lasers look exchanged, left and right, "
@@ -206,15 +206,15 @@ def _leaning(drive: Drive) -> Iterator[str]:
                 )
 
 
-def _steering(drive: Drive) -> Iterator[str]:
-    velocity, signals = drive.motion.velocity, drive.recording.signals.value
-    front, rear = (_present(drive, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
+def _steering(run: PreparedRun) -> Iterator[str]:
+    velocity, signals = run.motion.velocity, run.recording.signals.value
+    front, rear = (_present(run, "camera.{}.steer", corners) for corners in (CORNERS[:2], CORNERS[2:]))
     if velocity is None or not front or "imu.rate" not in signals:
         return
     steer = sum(signals[name][0] / len(names) * sign for names, sign in ((front, 1), (rear, -1)) for name in names)
-    keep = (velocity[0] > _ROLLS) & _usable(drive, "imu.rate", "correvit.speed", *front, *rear)
-    by_steer = np.asarray(velocity[0] * steer / _wheelbase(drive))
-    slope, alike = _slope(by_steer[keep], drive.motion.body.omega[2][keep])
+    keep = (velocity[0] > _ROLLS) & _usable(run, "imu.rate", "correvit.speed", *front, *rear)
+    by_steer = np.asarray(velocity[0] * steer / _wheelbase(run))
+    slope, alike = _slope(by_steer[keep], run.motion.body.omega[2][keep])
     if alike < -_ALIKE:
         yield "camera steer is against imu.rate z: both are positive to the left"
     elif alike > _ALIKE and slope < 2 * _DEGREE:  # a car that understeers turns less, but never so much less
@@ -232,36 +232,36 @@ _CHECKS: tuple[Sequence[_Check], ...] = (
 # -- what they share --------------------------------------------------------------------------------------------------
 
 
-def _present(drive: Drive, pattern: str, corners: Sequence[str]) -> list[str]:
-    return [name for c in corners if (name := pattern.format(c)) in drive.recording.signals.value]
+def _present(run: PreparedRun, pattern: str, corners: Sequence[str]) -> list[str]:
+    return [name for c in corners if (name := pattern.format(c)) in run.recording.signals.value]
 
 
-def _usable(drive: Drive, *channels: str) -> NDArray[np.bool_]:
-    out = np.ones(drive.recording.t.size, bool)
+def _usable(run: PreparedRun, *channels: str) -> NDArray[np.bool_]:
+    out = np.ones(run.recording.t.size, bool)
     for channel in channels:
-        out &= drive.recording.usable.get(channel, True)
+        out &= run.recording.usable.get(channel, True)
     return out
 
 
-def _accel(drive: Drive) -> Array | None:
+def _accel(run: PreparedRun) -> Array | None:
     """Specific force at the sensor in body axes; not at the body's origin, for which the rates must be right."""
-    values = drive.recording.signals.value.get("imu.accel")
+    values = run.recording.signals.value.get("imu.accel")
     if values is None:
         return None
-    sensor = drive.recording.rig.sensor_of("imu.accel")
+    sensor = run.recording.rig.sensor_of("imu.accel")
     return values if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation) @ values
 
 
-def _wheelbase(drive: Drive) -> float:
-    corners = drive.recording.vehicle.corners
+def _wheelbase(run: PreparedRun) -> float:
+    corners = run.recording.vehicle.corners
     return float(corners["fl"].position[0] - corners["rl"].position[0])
 
 
-def _large(drive: Drive, names: Sequence[str], most: float) -> Iterator[tuple[str, float]]:
+def _large(run: PreparedRun, names: Sequence[str], most: float) -> Iterator[tuple[str, float]]:
     """Channels whose values are mostly larger than `most`, those of a family together, and how large they are."""
     found: defaultdict[str, dict[str, float]] = defaultdict(dict)
     for name in names:
-        values = np.abs(drive.recording.signals.value[name][:, _usable(drive, name)])
+        values = np.abs(run.recording.signals.value[name][:, _usable(run, name)])
         if values.size and (size := float(np.quantile(values, 0.95))) > most:
             found[CHANNELS[name].family][name] = size
     for sizes in found.values():

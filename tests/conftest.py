@@ -11,7 +11,7 @@ from hypothesis import settings
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
 
@@ -24,9 +24,9 @@ VEHICLE, RIG = cars.reference_car()
 
 
 @pytest.fixture(scope="session")
-def drives() -> dict[str, Drive]:
+def drives() -> dict[str, PreparedRun]:
     """The four runs, brought together once."""
-    return {name: Drive.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
+    return {name: PreparedRun.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in cars.RUNS}
 
 
 @pytest.fixture(scope="session")
@@ -38,7 +38,7 @@ def models() -> dict[str, Model]:
 
 
 @pytest.fixture(scope="session")
-def fitted(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+def fitted(drives: dict[str, PreparedRun], models: dict[str, Model]) -> Fit:
     """Both bars in the model, all four runs."""
     return fit(models["bars"], list(drives.values()))
 
@@ -50,6 +50,6 @@ def truth() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
-def sine_only(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+def sine_only(drives: dict[str, PreparedRun], models: dict[str, Model]) -> Fit:
     """Both bars in the model, sinus steering alone: pitch is hardly excited."""
     return fit(models["bars"], [drives["sine"]])

@@ -22,10 +22,10 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
-from lacet.identify.regression.wls import Fit, corrected_drive, fit
+from lacet.identify.regression.wls import Fit, corrected_run, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
 from lacet.identify.validation.score import profile_zeros
@@ -62,8 +62,8 @@ class Tables:
 
     rig: Rig
     vehicle: Vehicle
-    used: tuple[Drive, ...]
-    held: tuple[Drive, ...]
+    used: tuple[PreparedRun, ...]
+    held: tuple[PreparedRun, ...]
 
     @property
     def known(self) -> dict[str, Effect]:
@@ -84,7 +84,7 @@ def tables(folder: Path) -> Tables:
     """Read a folder."""
     rig, vehicle = Rig.load(folder / "rig.toml"), Vehicle.load(folder / "vehicle.toml")
     used, held = (
-        tuple(Drive.of(open_run(file), vehicle, rig) for file in sorted((folder / part).glob("*.parquet")))
+        tuple(PreparedRun.of(open_run(file), vehicle, rig) for file in sorted((folder / part).glob("*.parquet")))
         for part in ("used", "held")
     )
     return Tables(rig, vehicle, used, held)
@@ -125,8 +125,8 @@ def held_reference(folder: Path) -> tuple[tuple[Sensitivity, ...], tuple[Mapping
     found = tables(folder)
     fitted = reference(folder, ())
     effects, theta = fitted.model.physics, fitted.physics
-    sensitivities = tuple(Sensitivity.of(drive.recording, effects, theta) for drive in found.held)
-    return sensitivities, simulate_floor(found.held, sensitivities, 20, 1).by_drive
+    sensitivities = tuple(Sensitivity.of(run.recording, effects, theta) for run in found.held)
+    return sensitivities, simulate_floor(found.held, sensitivities, 20, 1).by_run
 
 
 @lru_cache(maxsize=8)
@@ -200,8 +200,8 @@ def held_out(folder: Path, known: Path, added: Added) -> float:
     fitted, found = fitted_model(folder, known, added), tables(folder)
     sensitivities, floors = held_reference(known)
     squares: list[float] = []
-    for drive, sensitivity, floor in zip(found.held, sensitivities, floors, strict=True):
-        right = corrected_drive(drive, fitted)
+    for run, sensitivity, floor in zip(found.held, sensitivities, floors, strict=True):
+        right = corrected_run(run, fitted)
         zeros = zeros_of(right, sensitivity)
         left = {r: right.measured[r] - right.matrix(fitted.model.physics, r) @ fitted.physics for r in right.rows}
         values = profile_zeros(right, zeros, left, floor)

@@ -42,19 +42,19 @@ class Oracle:
 
     def __init__(self, fitted: Fit, sigma: dict[str, float], own: Effect | None):
         self.fitted, self.sigma = fitted, sigma
-        self.rows = [(d, row) for d, drive in enumerate(fitted.drives) for row in drive.rows]
+        self.rows = [(d, row) for d, run in enumerate(fitted.runs) for row in run.rows]
         sensitivities = fitted.sensitivities
         keep, effects = fitted.base.independent, fitted.model.physics
-        physics = np.concatenate([fitted.drives[d].matrix(effects, row)[:, keep] / sigma[row] for d, row in self.rows])
+        physics = np.concatenate([fitted.runs[d].matrix(effects, row)[:, keep] / sigma[row] for d, row in self.rows])
         priors = [fitted.model.parameters[int(i)].prior for i in keep]
         blocks = [physics]
-        for d, (drive, sensitivity) in enumerate(zip(fitted.drives, sensitivities, strict=True)):
-            zeros = zeros_of(drive, sensitivity)
+        for d, (run, sensitivity) in enumerate(zip(fitted.runs, sensitivities, strict=True)):
+            zeros = zeros_of(run, sensitivity)
             blocks.append(
-                self.stacked([zeros.columns if k == d else {} for k in range(len(fitted.drives))], len(zeros.names))
+                self.stacked([zeros.columns if k == d else {} for k in range(len(fitted.runs))], len(zeros.names))
             )
             priors += zeros.sigma.tolist()
-        responses = [sheet_responses(d, s) for d, s in zip(fitted.drives, sensitivities, strict=True)]
+        responses = [sheet_responses(d, s) for d, s in zip(fitted.runs, sensitivities, strict=True)]
         ours = own.sheet_entries if own else frozenset[tuple[str, str]]()
         for entry in dict.fromkeys(entry for part in responses for entry in part):
             if entry[:2] not in ours:
@@ -70,14 +70,14 @@ class Oracle:
         """(n, width) of row → (n_row, width) by drive, weighted."""
         out: list[Array] = []
         for d, row in self.rows:
-            n = len(self.fitted.drives[d].index[row])
+            n = len(self.fitted.runs[d].index[row])
             out.append(parts[d].get(row, np.zeros((n, width))) / self.sigma[row])
         return np.concatenate(out)
 
     def columns(self, effect: Effect) -> Array:
         """(n, p) of an effect or a fault."""
-        drives = self.fitted.drives
-        found = [d.effect_columns(effect, s) for d, s in zip(drives, self.fitted.sensitivities, strict=True)]
+        runs = self.fitted.runs
+        found = [d.effect_columns(effect, s) for d, s in zip(runs, self.fitted.sensitivities, strict=True)]
         return self.stacked([{row: a.T for row, a in part.items()} for part in found], len(effect.parameters))
 
     def left(self, series: Array) -> float:
@@ -112,7 +112,7 @@ class Oracle:
 
     def measured(self) -> Array:
         """(n,) left sides of the equations, weighted."""
-        return np.concatenate([self.fitted.drives[d].measured[row] / self.sigma[row] for d, row in self.rows])
+        return np.concatenate([self.fitted.runs[d].measured[row] / self.sigma[row] for d, row in self.rows])
 
     def excess(self) -> float:
         """√ of the weighted squares that a model leaves of its own runs."""

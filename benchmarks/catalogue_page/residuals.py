@@ -24,7 +24,7 @@ from lacet.identify.car.motion import Motion
 from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import Comparison, compare
 from lacet.identify.validation.states import State, filtered, states_of
@@ -149,8 +149,8 @@ def car(at: str) -> tuple[Vehicle, Rig]:
 def _fitted(runs: Sequence[Run], at: str) -> tuple[Fit, Comparison]:
     """The base model fitted to the runs, and what it makes of the first."""
     vehicle, rig = car(at)
-    fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), [Drive.of(r, vehicle, rig) for r in runs])
-    return fitted, compare(fitted, fitted.drives[0])
+    fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), [PreparedRun.of(r, vehicle, rig) for r in runs])
+    return fitted, compare(fitted, fitted.runs[0])
 
 
 _fits: dict[tuple[tuple[str, ...], str], tuple[Fit, Comparison]] = {}
@@ -179,7 +179,7 @@ def _signature(family: str, case: Case) -> Signature:
         fitted, part = fitted_plain(case.runs, at)
     left = {row: part.residual(row) for row in part.measured if fnmatch(row, case.rows)}
     if case.how == "share":
-        drive, known = fitted.drives[0], fitted.model.physics
+        drive, known = fitted.runs[0], fitted.model.physics
         own = [effect.name == family for effect in known for _ in effect.parameters]
         left = {row: series + drive.matrix(known, row) @ (fitted.physics * own) for row, series in left.items()}
     elif case.how == "law":
@@ -187,7 +187,7 @@ def _signature(family: str, case: Case) -> Signature:
         left = {row: series + added.get(row, 0.0) for row, series in left.items()}
     ratio = {row: float(np.mean(series**2)) / part.scores[row].floor ** 2 for row, series in left.items()}
     row = max(ratio, key=lambda one: ratio[one])
-    drive, score = fitted.drives[0], part.scores[row]
+    drive, score = fitted.runs[0], part.scores[row]
     state = state_of(drive.motion, row, case.state)
     against = filtered(drive, row, state.series)
     return Signature(
@@ -214,11 +214,11 @@ def _left_of_law(fitted: Fit, case: Case) -> dict[str, Array]:
     effect = catalogue(vehicle, rig.wheel_reference)[case.hidden]
     effect = replace(effect, shape={**effect.shape, **case.shape})
     pieces: list[tuple[int, str, Array, Array]] = []
-    for number, drive in enumerate(fitted.drives):
-        force = {row: case.size * columns[0] for row, columns in drive.effect_columns(effect, None).items()}
+    for number, run in enumerate(fitted.runs):
+        force = {row: case.size * columns[0] for row, columns in run.effect_columns(effect, None).items()}
         pieces += [
-            (number, row, drive.matrix(fitted.model.physics, row), force.get(row, np.zeros(len(drive.index[row]))))
-            for row in drive.rows
+            (number, row, run.matrix(fitted.model.physics, row), force.get(row, np.zeros(len(run.index[row]))))
+            for row in run.rows
         ]
     matrix = np.concatenate([W / fitted.sigma[row] for _, row, W, _ in pieces])
     right = np.concatenate([y / fitted.sigma[row] for _, row, _, y in pieces])

@@ -24,7 +24,7 @@ from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.model import known_beforehand
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
@@ -113,19 +113,19 @@ class Question:
         """For each row of a piece of a run, (n, z + w) columns, the run's zeros first."""
         assert piece.zeros is not None
         assert piece.sensitivity is not None
-        model, drive, sensitivity = self.fitted.model, piece.drive, piece.sensitivity
+        model, run, sensitivity = self.fitted.model, piece.prepared, piece.sensitivity
         z, faults = len(piece.zeros.sigma), len(model.faults)
-        responses = sheet_responses(drive, sensitivity)
-        tolerances = [(drive.decimated(sensitivity.fault(fault)), sigma) for fault, sigma in self.tolerances]
+        responses = sheet_responses(run, sensitivity)
+        tolerances = [(run.decimated(sensitivity.fault(fault)), sigma) for fault, sigma in self.tolerances]
         tried: list[tuple[slice, dict[str, Array]]] = []
         for effects, places in zip(self.shapes, self.places, strict=True):
             for effect, place in zip(effects, places, strict=True):
-                tried.append((place, drive.effect_columns(effect, sensitivity)))
+                tried.append((place, run.effect_columns(effect, sensitivity)))
         for row, block in piece.blocks.items():
             out = np.zeros((len(block), z + self.width))
             out[:, :z] = block[:, :z]
             part = out[:, z:]
-            part[:, : self.parameters - faults] = drive.matrix(model.physics, row)
+            part[:, : self.parameters - faults] = run.matrix(model.physics, row)
             if faults:
                 part[:, self.parameters - faults : self.parameters] = block[:, -faults:]
             for place, entry in enumerate(self.sheet, start=self.parameters):
@@ -184,7 +184,7 @@ def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, flo
     sigma = {row: floor.sigma[row] * larger[row] for row in floor.sigma}
     roots: list[Array] = []
     noise: list[Array] = []
-    for run in range(len(assembly.drives)):
+    for run in range(len(assembly.runs)):
         pieces = list(assembly.pieces_of(run))
         roots.append(run_told(question, pieces, sigma).lasting())
         noise.append(_column_noise(question, pieces, floor.sigma))
@@ -202,10 +202,10 @@ def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[st
     z = len(piece.zeros.sigma)
     moved: list[dict[str, Array]] = []
     for sign in (1, -1):
-        drive = piece.drive.noisy(0, sign, [2003, piece.run], loads=True)
-        noisy = replace(piece, drive=drive, sensitivity=piece.sensitivity.on(drive.recording))
+        run = piece.prepared.noisy(0, sign, [2003, piece.run], loads=True)
+        noisy = replace(piece, prepared=run, sensitivity=piece.sensitivity.on(run.recording))
         moved.append(dict(question.columns(noisy)))
-    piece.drive.forget_noisy(loads=True)
+    piece.prepared.forget_noisy(loads=True)
     share = sum(map(_samples, pieces)) / _samples(piece)
     parts = [(plus - moved[1][row])[:, z:] * (0.5 * np.sqrt(share) / sigma[row]) for row, plus in moved[0].items()]
     return _merged(np.zeros((0, question.width)), *parts)
@@ -216,27 +216,27 @@ def _samples(piece: Piece) -> int:
 
 
 def planned_run(
-    question: Question, drive: Drive, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
+    question: Question, run: PreparedRun, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
 ) -> RunTold:
     """What a motion, driven with the rig's sensors, would tell: weighted by the noise that they bring to its rows."""
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
-    pieces = list(Assembly(model.physics, every, model.faults, [drive], fitted.physics, zeros=True).pieces())
-    squares = dict.fromkeys(drive.rows, 0.0)
-    counts = dict.fromkeys(drive.rows, 0)
+    pieces = list(Assembly(model.physics, every, model.faults, [run], fitted.physics, zeros=True).pieces())
+    squares = dict.fromkeys(run.rows, 0.0)
+    counts = dict.fromkeys(run.rows, 0)
     rng = np.random.default_rng([seed, draws])
     for piece in pieces:
         assert piece.sensitivity is not None
         for _ in range(draws):
-            for row, noise in piece.drive.decimated(piece.sensitivity.noise(rng)).items():
+            for row, noise in piece.prepared.decimated(piece.sensitivity.noise(rng)).items():
                 squares[row] += float(np.sum(noise**2))
                 counts[row] += noise.size
     sigma: dict[str, float] = {}
-    for row in drive.rows:
+    for row in run.rows:
         floor = float(np.sqrt(squares[row] / max(1, counts[row]))) * (louder or {}).get(row, 1.0)
         # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
-        sigma[row] = max(floor, 1e-9 * float(np.max(np.abs(drive.measured[row]), initial=1.0)))
+        sigma[row] = max(floor, 1e-9 * float(np.max(np.abs(run.measured[row]), initial=1.0)))
     return run_told(question, pieces, sigma)
 
 
@@ -251,7 +251,7 @@ def run_told(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, fl
         root = _merged(root, *parts)
         for row, block in piece.blocks.items():
             seen[row] = seen.get(row, 0) + len(block)
-    filters = pieces[0].drive.recording.filters
+    filters = pieces[0].prepared.recording.filters
     seconds = max(seen.values(), default=1) * filters.step / filters.rate
     return RunTold(root, zeros.sigma, seconds, 2.0 * filters.edge)
 

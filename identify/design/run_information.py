@@ -18,7 +18,7 @@ from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
 from lacet.identify.regression.model import Model, known_beforehand
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
@@ -96,59 +96,59 @@ class RunInformation:
 
 
 def run_information(
-    drive: Drive, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
+    run: PreparedRun, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
 ) -> RunInformation:
     """What a motion, driven with the rig's sensors, would tell about the parameters of a fitted model.
 
     Parameters
     ----------
-    drive : the motion as the sensors would see it without noise, or a measured run of the kind.
+    run : the motion as the sensors would see it without noise, or a measured run of the kind.
     fitted : the model, and the parameter values at which noise is seen through it.
     excess : row → how far above its noise floor the model's residual is (`residual_excess`); 1 where absent.
     draws, seed : of the channels' noise.
     """
     model = fitted.model
-    sensitivity = Sensitivity.of(drive.recording, model.physics, fitted.physics)
-    zeros = zeros_of(drive, sensitivity)
-    faults = [drive.decimated(sensitivity.fault(fault)) for fault in model.faults]
+    sensitivity = Sensitivity.of(run.recording, model.physics, fitted.physics)
+    zeros = zeros_of(run, sensitivity)
+    faults = [run.decimated(sensitivity.fault(fault)) for fault in model.faults]
     rng = np.random.default_rng([seed, draws])
-    noise = [drive.decimated(sensitivity.noise(rng)) for _ in range(draws)]
-    step = drive.recording.filters.step
-    count = drive.recording.t.size // step + 1
-    instants = {row: drive.index[row] // step for row in drive.rows}
+    noise = [run.decimated(sensitivity.noise(rng)) for _ in range(draws)]
+    step = run.recording.filters.step
+    count = run.recording.t.size // step + 1
+    instants = {row: run.index[row] // step for row in run.rows}
     p, z = len(model.parameters), len(zeros.sigma)
     normal, scores = np.zeros((p + z, p + z)), np.zeros((p + z, p + z))
     blocks: dict[str, Array] = {}
     sigma: dict[str, float] = {}
-    larger = {row: (excess or {}).get(row, 1.0) for row in drive.rows}
+    larger = {row: (excess or {}).get(row, 1.0) for row in run.rows}
     roots: list[Array] = []
-    for row in drive.rows:
-        W = drive.matrix(model.physics, row)
+    for row in run.rows:
+        W = run.matrix(model.physics, row)
         beside = [found[row][:, None] if row in found else np.zeros((len(W), 1)) for found in faults]
         blocks[row] = np.concatenate([W, *beside, zeros.columns[row]], axis=1)
         floor = float(np.sqrt(np.mean([np.mean(one[row] ** 2) for one in noise])))
         # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
-        sigma[row] = larger[row] * max(floor, 1e-9 * float(np.max(np.abs(drive.measured[row]), initial=1.0)))
+        sigma[row] = larger[row] * max(floor, 1e-9 * float(np.max(np.abs(run.measured[row]), initial=1.0)))
         normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
         roots.append(triangle(W / sigma[row]))
     for one in noise:
-        parts = {row: (blocks[row], larger[row] * one[row], sigma[row]) for row in drive.rows}
+        parts = {row: (blocks[row], larger[row] * one[row], sigma[row]) for row in run.rows}
         if parts:
             scores += hac(clustered_scores(parts, instants, count)) / draws
-    edges = 2.0 * drive.recording.filters.edge
+    edges = 2.0 * run.recording.filters.edge
     k = sum(len(effect.parameters) for effect in model.physics)
     root = triangle(*roots) if roots else np.zeros((k, k))
-    longest = max((len(drive.index[row]) for row in drive.rows), default=1) * step / drive.recording.filters.rate
-    return RunInformation(normal, scores, _noise(drive, model, sigma, [seed, draws]), zeros.sigma, root, longest, edges)
+    longest = max((len(run.index[row]) for row in run.rows), default=1) * step / run.recording.filters.rate
+    return RunInformation(normal, scores, _noise(run, model, sigma, [seed, draws]), zeros.sigma, root, longest, edges)
 
 
-def _noise(drive: Drive, model: Model, sigma: Mapping[str, float], seed: Sequence[int]) -> Array:
+def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Sequence[int]) -> Array:
     """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, from one draw added and taken away: its sums scatter little."""
     p = len(model.parameters)
     out = np.zeros((p, p))
-    added, taken = (drive.noisy(0, sign, seed) for sign in (1, -1))
+    added, taken = (run.noisy(0, sign, seed) for sign in (1, -1))
     k = sum(len(effect.parameters) for effect in model.physics)
-    for row in drive.rows:
+    for row in run.rows:
         moved = 0.5 * (added.matrix(model.physics, row) - taken.matrix(model.physics, row)) / sigma[row]
         out[:k, :k] += moved.T @ moved
     return out
@@ -184,7 +184,7 @@ def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dic
     """
     if not fitted.sensitivities:
         return {}
-    floor = simulate_floor(fitted.drives, fitted.sensitivities, draws, seed).sigma
+    floor = simulate_floor(fitted.runs, fitted.sensitivities, draws, seed).sigma
     return {row: max(1.0, fitted.sigma[row] / floor[row]) for row in fitted.sigma if floor.get(row, 0.0) > 0.0}
 
 

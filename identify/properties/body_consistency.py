@@ -79,7 +79,7 @@ def whole(fitted: Fit) -> Body | None:
     chassis = next((body for body in bodies(fitted) if body.name == "chassis"), None)
     if chassis is None:
         return None
-    to_ten = summation(fitted, fitted.drives[0].recording.vehicle)[:, : len(fitted.physics)]
+    to_ten = summation(fitted, fitted.runs[0].recording.vehicle)[:, : len(fitted.physics)]
     return Body(WHOLE, to_ten, chassis.mass, chassis.length)
 
 

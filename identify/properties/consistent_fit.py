@@ -336,7 +336,7 @@ def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, Consisten
     theta[place] += change
     fall = [gain @ change for gain, _ in zeros_following(fitted.equations.runs, fitted.sigma)]
     zeros = tuple((names, sigma, z - f) for (names, sigma, z), f in zip(fitted.zeros, fall, strict=True))
-    moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.drives]
+    moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.runs]
     for piece in fitted.assembly.pieces():
         step = np.concatenate([-fall[piece.run], change])
         for row, block in piece.blocks.items():

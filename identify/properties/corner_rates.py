@@ -16,7 +16,7 @@ from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import PhysicalEffect, SuspensionForce
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 
 _STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
@@ -72,14 +72,14 @@ def corner_numbers(fitted: Fit) -> Array:
         elif effect.name == "outboard_mass":
             m[CORNERS.index(effect.where), part] = 1.0
         elif isinstance(effect, SuspensionForce):
-            k[:, part], c[:, part], f0[:, part] = _own(fitted.drives, effect)
+            k[:, part], c[:, part], f0[:, part] = _own(fitted.runs, effect)
         else:
             for table, name, kind in (
                 (kk, "travel", "suspension"),
                 (cc, "rate", "suspension"),
                 (kt, "deflection", "tyre"),
             ):
-                slopes = _slopes(fitted.drives, effect, name, kind)
+                slopes = _slopes(fitted.runs, effect, name, kind)
                 table[:, part] = slopes.reshape(16, -1) if kind == "suspension" else np.einsum("iip->ip", slopes)
     return out
 
@@ -89,7 +89,7 @@ def rows_unseen(fitted: Fit) -> tuple[str, ...]:
 
     Such a number is 0 in `corner_numbers` for want of a motion, not because the car has no spring there.
     """
-    seen = {row for drive in fitted.drives for row in drive.index}
+    seen = {row for run in fitted.runs for row in run.index}
     lacking = {
         kind: ["" if (row := f"{kind}.{c}") in seen else row for c in CORNERS] for kind in ("suspension", "tyre")
     }
@@ -118,20 +118,20 @@ def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:
         unsprung[CORNERS.index(corner), names.index("M")] = 1.0
 
 
-def _own(drives: tuple[Drive, ...], effect: SuspensionForce) -> tuple[Array, Array, Array]:
+def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array, Array, Array]:
     """(4, p) spring and damper that do most nearly the same over all samples seen, and the force at rest at design."""
     p = len(effect.parameters)
     normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
     f0 = np.zeros((4, p))
-    for drive in drives:
-        columns = effect.columns(drive.motion)
+    for run in runs:
+        columns = effect.columns(run.motion)
         zero = {c: np.zeros(1) for c in CORNERS}
-        for c, at_rest in suspension_laws(effect, drive.motion, zero, zero).items():
+        for c, at_rest in suspension_laws(effect, run.motion, zero, zero).items():
             f0[CORNERS.index(c)] = at_rest[:, 0]
         for i, c in enumerate(CORNERS):
             row = f"suspension.{c}"
-            if row in columns and row in drive.index:
-                at, corner = drive.index[row], drive.motion.corners[c]
+            if row in columns and row in run.index:
+                at, corner = run.index[row], run.motion.corners[c]
                 basis = np.stack([np.ones(at.size), corner.travel[at], corner.rate[at]])
                 normal[i] += basis @ basis.T
                 right[i] += basis @ columns[row][:, at].T
@@ -139,23 +139,23 @@ def _own(drives: tuple[Drive, ...], effect: SuspensionForce) -> tuple[Array, Arr
     return slopes[:, 1], slopes[:, 2], f0
 
 
-def _slopes(drives: tuple[Drive, ...], effect: PhysicalEffect, name: str, kind: str) -> Array:
+def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, kind: str) -> Array:
     """(4, 4, p) mean slope of the force at corner i by a quantity of corner j over all samples seen."""
     out = np.zeros((4, 4, len(effect.parameters)))
     counts = np.zeros(4)
     step = _STEP[name]
-    for drive in drives:
-        motion = drive.motion
-        acted = [c for c in CORNERS if f"{kind}.{c}" in effect.columns(motion) and f"{kind}.{c}" in drive.index]
+    for run in runs:
+        motion = run.motion
+        acted = [c for c in CORNERS if f"{kind}.{c}" in effect.columns(motion) and f"{kind}.{c}" in run.index]
         if not acted:
             continue
         for c in acted:
-            counts[CORNERS.index(c)] += drive.index[f"{kind}.{c}"].size
+            counts[CORNERS.index(c)] += run.index[f"{kind}.{c}"].size
         for j, moved in enumerate(CORNERS):
             up, down = (effect.columns(_moved(motion, moved, name, sign * step)) for sign in (1.0, -1.0))
             for c in acted:
                 row = f"{kind}.{c}"
-                difference = (up[row] - down[row])[:, drive.index[row]] / (2.0 * step)
+                difference = (up[row] - down[row])[:, run.index[row]] / (2.0 * step)
                 out[CORNERS.index(c), j] += difference.sum(axis=1)
     return out / np.maximum(counts, 1.0)[:, None, None]
 

@@ -17,7 +17,7 @@ from lacet.identify.effects.base import SuspensionForce
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 
@@ -118,8 +118,8 @@ def _not_measured(fitted: Fit, name: str) -> str:
 
 def _left_out(fitted: Fit, row: str) -> str:
     """The reason when a row exists in no run."""
-    reasons = [drive.motion.left_out[row] for drive in fitted.drives if row in drive.motion.left_out]
-    return f"{row}: {reasons[0]}" if reasons and len(reasons) == len(fitted.drives) else ""
+    reasons = [run.motion.left_out[row] for run in fitted.runs if row in run.motion.left_out]
+    return f"{row}: {reasons[0]}" if reasons and len(reasons) == len(fitted.runs) else ""
 
 
 def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[str, DamperCurve]:
@@ -127,11 +127,11 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
     out: dict[str, DamperCurve] = {}
     for corner in CORNERS:
         row = f"suspension.{corner}"
-        drives = [drive for drive in fitted.drives if row in drive.index]
-        if not drives:
+        runs = [run for run in fitted.runs if row in run.index]
+        if not runs:
             continue
         low, high = seen(fitted, row, lambda d, c=corner: d.motion.corners[c].rate)
-        travel = float(np.mean(np.concatenate([d.motion.corners[corner].travel[d.index[row]] for d in drives])))
+        travel = float(np.mean(np.concatenate([d.motion.corners[corner].travel[d.index[row]] for d in runs])))
         rate = np.linspace(min(low, 0.0), max(high, 0.0), points)
         laws = np.zeros((points, len(fitted.physics)))
         start = 0
@@ -139,8 +139,8 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
             part = slice(start, start := start + len(effect.parameters))
             if isinstance(effect, SuspensionForce):
                 at = {c: np.full(points, travel) for c in CORNERS}
-                moving = suspension_laws(effect, drives[0].motion, at, dict.fromkeys(CORNERS, rate))
-                still = suspension_laws(effect, drives[0].motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
+                moving = suspension_laws(effect, runs[0].motion, at, dict.fromkeys(CORNERS, rate))
+                still = suspension_laws(effect, runs[0].motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
                 if corner in moving:
                     laws[:, part] = (moving[corner] - still[corner]).T
         out[corner] = DamperCurve(rate, laws @ fitted.physics, 1.96 * knowledge.spread(laws), travel)
@@ -162,17 +162,17 @@ def ranges(fitted: Fit) -> list[Range]:
     out: list[Range] = []
     for corner in CORNERS:
         row = f"suspension.{corner}"
-        if not any(row in drive.index for drive in fitted.drives):
+        if not any(row in drive.index for drive in fitted.runs):
             continue
 
-        def series(part: str, c: str = corner) -> Callable[[Drive], Array]:
+        def series(part: str, c: str = corner) -> Callable[[PreparedRun], Array]:
             return lambda run: getattr(run.motion.corners[c], part)
 
         out.append(Range(f"travel.{corner}", *seen(fitted, row, series("travel")), "m"))
         out.append(Range(f"rate.{corner}", *seen(fitted, row, series("rate")), "m/s"))
         out.append(Range(f"load.{corner}", *seen(fitted, row, lambda drive, c=corner: _load(drive, c)), "N"))
-    if any("chassis.fx" in drive.index for drive in fitted.drives):
-        if all(drive.motion.velocity is not None for drive in fitted.drives):
+    if any("chassis.fx" in drive.index for drive in fitted.runs):
+        if all(drive.motion.velocity is not None for drive in fitted.runs):
             out.append(Range("speed", *seen(fitted, "chassis.fx", _speed), "m/s"))
         for k, name in enumerate(("longitudinal", "lateral")):
             out.append(
@@ -183,19 +183,19 @@ def ranges(fitted: Fit) -> list[Range]:
     return out
 
 
-def seen(fitted: Fit, row: str, pick: Callable[[Drive], Array]) -> tuple[float, float]:
+def seen(fitted: Fit, row: str, pick: Callable[[PreparedRun], Array]) -> tuple[float, float]:
     """Range of a full-rate series over the samples of a row that entered the fit, all runs together."""
-    values = [pick(drive)[drive.index[row]] for drive in fitted.drives if row in drive.index]
+    values = [pick(run)[run.index[row]] for run in fitted.runs if row in run.index]
     low, high = np.quantile(np.concatenate(values), _SEEN)
     return float(low), float(high)
 
 
-def _speed(drive: Drive) -> Array:
-    velocity = drive.motion.velocity
+def _speed(run: PreparedRun) -> Array:
+    velocity = run.motion.velocity
     assert velocity is not None
     return np.hypot(velocity[0], velocity[1])
 
 
-def _load(drive: Drive, corner: str) -> Array:
+def _load(run: PreparedRun, corner: str) -> Array:
     """Vertical load of a wheel, body axes."""
-    return drive.motion.corners[corner].force[2]
+    return run.motion.corners[corner].force[2]

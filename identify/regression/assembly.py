@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
@@ -32,7 +32,7 @@ class Piece:
 
     run: int
     number: int | None
-    drive: Drive
+    prepared: PreparedRun
     blocks: Mapping[str, Array]
     right: Mapping[str, Array]
     instants: Mapping[str, NDArray[np.intp]]
@@ -56,7 +56,7 @@ class Assembly:
     ----------
     physics : the model's effects; `keep` which of their parameters have columns of their own.
     faults : sensor faults in the model.
-    drives : the runs.
+    runs : the runs.
     at : every physics' parameter, at which sensitivities are taken, or None: neither zeros nor faults.
     zeros : whether each run has its sensor zeros.
     known : what is known of the runs already; none of them is in pieces.
@@ -64,10 +64,10 @@ class Assembly:
 
     def __init__(
         self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
-        drives: Sequence[Drive], at: Array | None, zeros: bool, known: Known | None = None,
+        runs: Sequence[PreparedRun], at: Array | None, zeros: bool, known: Known | None = None,
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
-        self.drives, self.at, self.zeros = tuple(drives), at, zeros
+        self.runs, self.at, self.zeros = tuple(runs), at, zeros
         self.known = known
         self._responses: dict[int, dict[SheetEntry, dict[str, Array]]] = {}
         self.weights: dict[tuple[int, int | None], Mapping[str, Array]] = {}
@@ -77,12 +77,12 @@ class Assembly:
 
     def pieces(self) -> Iterator[Piece]:
         """Every piece of every run, in order."""
-        for run in range(len(self.drives)):
+        for run in range(len(self.runs)):
             yield from self.pieces_of(run)
 
     def pieces_of(self, run: int) -> Iterator[Piece]:
         """Every piece of one run, in order."""
-        drive = self.drives[run]
+        drive = self.runs[run]
         for number, part in enumerate(drive.pieces()):
             place = None if part is drive else number
             piece = self._kept.get((run, place))
@@ -92,14 +92,14 @@ class Assembly:
             weights = self.weights.get((run, place))
             yield piece if weights is None else replace(piece, weights=weights)
             if place is not None:
-                piece.drive.forget_motion()
-                piece.drive.forget_columns()
+                piece.prepared.forget_motion()
+                piece.prepared.forget_columns()
                 if piece.sensitivity is not None:
                     piece.sensitivity.forget_slopes()
 
     def _keep(self, piece: Piece) -> None:
         if piece.number is not None:
-            self._long += float(np.ptp(piece.drive.recording.t))
+            self._long += float(np.ptp(piece.prepared.recording.t))
             if self._long > KEPT:
                 return
         self._kept[piece.run, piece.number] = piece
@@ -110,9 +110,9 @@ class Assembly:
             return self.known.responses[piece.run]
         assert piece.sensitivity is not None
         if piece.number is not None:
-            return sheet_responses(piece.drive, piece.sensitivity)
+            return sheet_responses(piece.prepared, piece.sensitivity)
         if piece.run not in self._responses:
-            self._responses[piece.run] = sheet_responses(piece.drive, piece.sensitivity)
+            self._responses[piece.run] = sheet_responses(piece.prepared, piece.sensitivity)
         return self._responses[piece.run]
 
     def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
@@ -123,16 +123,16 @@ class Assembly:
         place = (piece.run, piece.number)
         found = self._own.get(place)
         if found is None:
-            found = sheet_responses(piece.drive, piece.sensitivity.on(piece.drive.recording))
+            found = sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
             if place in self._kept:
                 self._own[place] = found
         return found
 
     def as_known(self) -> Known:
         """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""
-        if not all((run, None) in self._kept for run in range(len(self.drives))) or self.at is None:
+        if not all((run, None) in self._kept for run in range(len(self.runs))) or self.at is None:
             raise ValueError("a long run is in pieces, which have no sensitivity in common")
-        responses = tuple(self.sheet_responses(self._kept[run, None]) for run in range(len(self.drives)))
+        responses = tuple(self.sheet_responses(self._kept[run, None]) for run in range(len(self.runs)))
         return Known(self.sensitivities(), responses)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -144,10 +144,10 @@ class Assembly:
             kept.sensitivity
             if (kept := self._kept.get((run, None))) is not None and kept.sensitivity is not None
             else Sensitivity.of(drive.recording, self.physics, at)
-            for run, drive in enumerate(self.drives)
+            for run, drive in enumerate(self.runs)
         )
 
-    def _make(self, run: int, number: int | None, drive: Drive) -> Piece:
+    def _make(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
         whole = number is None
         step = drive.recording.filters.step
         matrices = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}

@@ -61,7 +61,7 @@ class NoiseMoments:
         }
         physics = {row: block[:, z : z + b] for row, block in piece.blocks.items()}
         for draw in range(self.draws):
-            pair = [piece.drive.noisy(draw, sign, [2002, *place, draw]) for sign in (1, -1)]
+            pair = [piece.prepared.noisy(draw, sign, [2002, *place, draw]) for sign in (1, -1)]
             for row, (W, y) in plain.items():
                 weight = np.full(len(y), sigma[row] ** -2.0)
                 if piece.weights is not None:

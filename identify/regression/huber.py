@@ -40,7 +40,7 @@ def huber_weights(
     size: dict[tuple[int, int | None, str], Array] = {}
     second: dict[tuple[int, int | None, str], NDArray[np.intp]] = {}
     for piece in assembly.pieces():
-        filters = piece.drive.recording.filters
+        filters = piece.prepared.recording.filters
         for row, block in piece.blocks.items():
             left = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
             place = np.floor(piece.instants[row] * filters.step / filters.rate / SECOND).astype(int)
@@ -63,7 +63,7 @@ def bad_seconds(assembly: Assembly, names: Sequence[str]) -> list[BadSecond]:
     for piece in assembly.pieces():
         if piece.weights is None:
             continue
-        filters = piece.drive.recording.filters
+        filters = piece.prepared.recording.filters
         for row, roots in piece.weights.items():
             t = piece.instants[row] * filters.step / filters.rate
             place = np.floor(t / SECOND).astype(int)

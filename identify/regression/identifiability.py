@@ -15,7 +15,7 @@ from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.base_parameters import BaseParameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 
 CONDITION = 1e6
 """Ratio of best to worst known direction beyond which a problem is badly scaled, parameters in plausible sizes."""
@@ -73,7 +73,7 @@ def explain_singular(
 
 
 def explain_weak(
-    root: Array, names: Sequence[str], model: Model, drives: Sequence[Drive], least: float = 2.0
+    root: Array, names: Sequence[str], model: Model, runs: Sequence[PreparedRun], least: float = 2.0
 ) -> list[str]:
     """What a fit's equations leave open, with what hardly moves in the runs.
 
@@ -94,16 +94,16 @@ def explain_weak(
         if len(members) == 1:
             single.setdefault(owners[members[0]].key, []).append(members[0])
         else:
-            out.append(_in_words(direction, picked) + _why(members, model, drives))
+            out.append(_in_words(direction, picked) + _why(members, model, runs))
     for members in single.values():
         ordered = sorted(members, key=picked.index)
         out.append(
-            f"{_listed(ordered)} {'is' if len(ordered) == 1 else 'are'} not determined" + _why(ordered, model, drives)
+            f"{_listed(ordered)} {'is' if len(ordered) == 1 else 'are'} not determined" + _why(ordered, model, runs)
         )
     return out
 
 
-def explain_grouping(base: BaseParameters, model: Model, drives: Sequence[Drive]) -> list[str]:
+def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[PreparedRun]) -> list[str]:
     """Parameters that these runs merge into others although they act differently, with what hardly moves.
 
     Groups of rigid bodies among themselves are the car's build (a wheel's mass moves with its axle's) and are left out.
@@ -115,30 +115,30 @@ def explain_grouping(base: BaseParameters, model: Model, drives: Sequence[Drive]
         holders = [base.names[int(i)] for i in base.independent[base.relations[:, column] != 0.0]]
         if all(isinstance(owners[n], RigidBody) for n in (name, *holders)):
             continue
-        out.append(f"{name} cannot be told from {_listed(holders)}" + _why([name, *holders], model, drives))
+        out.append(f"{name} cannot be told from {_listed(holders)}" + _why([name, *holders], model, runs))
     return out
 
 
-def not_finite(effects: Sequence[PhysicalEffect], drives: Sequence[Drive]) -> list[str]:
+def not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[PreparedRun]) -> list[str]:
     """Where equations have entries that are not finite: the measurement or effect, run, row and first instant."""
     out: list[str] = []
-    for drive in drives:
-        for row in drive.rows:
-            t = drive.recording.t[drive.index[row]]
-            bad = np.flatnonzero(~np.isfinite(drive.measured[row]))
+    for run in runs:
+        for row in run.rows:
+            t = run.recording.t[run.index[row]]
+            bad = np.flatnonzero(~np.isfinite(run.measured[row]))
             if bad.size:
-                out.append(f"{drive.name}, {row}: the measured side is not finite at {_when(t, bad)}")
+                out.append(f"{run.name}, {row}: the measured side is not finite at {_when(t, bad)}")
             for effect in effects:
-                table = drive.columns(effect).get(row)
+                table = run.columns(effect).get(row)
                 bad = np.flatnonzero(~np.all(np.isfinite(table), axis=0)) if table is not None else bad[:0]
                 if bad.size:
-                    out.append(f"{drive.name}, {row}: {effect.key} is not finite at {_when(t, bad)}")
+                    out.append(f"{run.name}, {row}: {effect.key} is not finite at {_when(t, bad)}")
     return out
 
 
-def refuse_not_finite(effects: Sequence[PhysicalEffect], drives: Sequence[Drive]) -> None:
+def refuse_not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[PreparedRun]) -> None:
     """Raise UsageError with every place of `not_finite`, if there is one."""
-    if found := not_finite(effects, drives):
+    if found := not_finite(effects, runs):
         raise UsageError(
             "the equations have values that are not finite:\n"
             + "\n".join(f"  - {line}" for line in found[:20])
@@ -168,13 +168,13 @@ def _owners(model: Model) -> dict[str, Effect]:
     return {q.name: effect for effect in (*model.physics, *model.faults) for q in effect.parameters}
 
 
-def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
+def _why(members: Sequence[str], model: Model, runs: Sequence[PreparedRun]) -> str:
     """What hardly moves, after a colon: travel for suspension laws, else how little these parameters change any row."""
     owners = _owners(model)
     laws = [one for name in members if isinstance(one := owners[name], SuspensionForce)]
     if laws:
-        corners = sorted({c for one in laws for c in one.corners()} & {c for d in drives for c in d.motion.corners})
-        travel, rate = (_spread(drives, corners, what) for what in ("travel", "rate"))
+        corners = sorted({c for one in laws for c in one.corners()} & {c for d in runs for c in d.motion.corners})
+        travel, rate = (_spread(runs, corners, what) for what in ("travel", "rate"))
         return f": travel at {', '.join(corners)} moves by ± {_plain(travel)} mm, at ± {_plain(rate)} mm/s"
     physics = [owners[name].as_physics for name in members]
     size, row = 0.0, ""
@@ -182,8 +182,8 @@ def _why(members: Sequence[str], model: Model, drives: Sequence[Drive]) -> str:
         if effect is None:
             return ""
         place = [q.name for q in effect.parameters].index(name)
-        for drive in drives:
-            for key, table in drive.columns(effect).items():
+        for run in runs:
+            for key, table in run.columns(effect).items():
                 change = effect.parameters[place].largest * float(np.std(table[place]))
                 if change > size:
                     size, row = change, key
@@ -198,6 +198,6 @@ def _plain(metres: float) -> str:
     return f"{1e3 * metres:.2g}" if metres >= 1e-7 else "0"
 
 
-def _spread(drives: Sequence[Drive], corners: Sequence[str], what: str) -> float:
+def _spread(runs: Sequence[PreparedRun], corners: Sequence[str], what: str) -> float:
     """Largest standard deviation of a corner's travel or its rate, over corners and runs."""
-    return max(float(np.std(getattr(drive.motion.corners[c], what))) for drive in drives for c in corners)
+    return max(float(np.std(getattr(run.motion.corners[c], what))) for run in runs for c in corners)

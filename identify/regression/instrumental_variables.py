@@ -24,10 +24,10 @@ from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.stacked_equations import Columns
 from lacet.identify.regression.uncertainty import at_least, hac
-from lacet.identify.regression.wls import Fit, corrected_drive
+from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.signals.reconstruct import Recording, bring_together
 
 WEAK = 0.5
@@ -45,8 +45,8 @@ _LAGS = 3
 class Pair:
     """One run twice, on the same instants: from the even and from the odd samples of every channel."""
 
-    even: Drive
-    odd: Drive
+    even: PreparedRun
+    odd: PreparedRun
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def pair_of(run: Run, recording: Recording) -> Pair:
 
     Raises NotIdentifiable when a channel has too few samples to be halved.
     """
-    drives: list[Drive] = []
+    runs: list[PreparedRun] = []
     for first in (0, 1):
         signals = {
             name: replace(s, t=s.t[first::2], values=s.values[first::2], flags=s.flags[first::2])
@@ -117,14 +117,14 @@ def pair_of(run: Run, recording: Recording) -> Pair:
                 f"{run.name}: {', '.join(absent)} {'has' if len(absent) == 1 else 'have'} too few usable samples to be "
                 "halved; leave the channel out, or record longer"
             )
-        drives.append(Drive(replace(half, usable=recording.usable, rates=recording.rates)))
-    return Pair(*drives)
+        runs.append(PreparedRun(replace(half, usable=recording.usable, rates=recording.rates)))
+    return Pair(*runs)
 
 
 def pairs_of(fitted: Fit, runs: Sequence[Run]) -> tuple[Pair, ...]:
     """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults taken out."""
-    pairs = [pair_of(run, drive.recording) for run, drive in zip(runs, fitted.drives, strict=True)]
-    return tuple(Pair(corrected_drive(p.even, fitted), corrected_drive(p.odd, fitted)) for p in pairs)
+    pairs = [pair_of(run, drive.recording) for run, drive in zip(runs, fitted.runs, strict=True)]
+    return tuple(Pair(corrected_run(p.even, fitted), corrected_run(p.odd, fitted)) for p in pairs)
 
 
 def fit_instruments(fitted: Fit, pairs: Sequence[Pair]) -> Instruments:
@@ -162,14 +162,14 @@ class _Solver:
 
     def _block(self, d: int, row: str) -> _Block:
         found: list[Array] = []
-        for one in (self.fitted.drives[d], self.pairs[d].even, self.pairs[d].odd):
+        for one in (self.fitted.runs[d], self.pairs[d].even, self.pairs[d].odd):
             W = self.equations.columns(d, row, one)
             found += [W @ self.inverse, one.measured[row] / self.fitted.sigma[row] - W @ self.equations.start]
         return _Block(*found)
 
     def solve(self) -> Instruments:
         """The estimate with instruments, and its contrasts."""
-        blocks = [{row: self._block(d, row) for row in drive.rows} for d, drive in enumerate(self.fitted.drives)]
+        blocks = [{row: self._block(d, row) for row in run.rows} for d, run in enumerate(self.fitted.runs)]
         known = self.equations.known
         prior = known @ self.inverse
         matrix, right = prior.T @ prior, -prior.T @ (known @ self.equations.start)
@@ -206,12 +206,12 @@ class _Solver:
         self, d: int, part: Mapping[str, _Block], x: Array, project: Array, inverse: Array
     ) -> tuple[Array, Array]:
         """By instant: scores of the instruments, and the difference of influence between least squares and them."""
-        drive = self.fitted.drives[d]
-        step = drive.recording.filters.step
-        scores = np.zeros((drive.recording.t.size // step + 1, x.size))
+        run = self.fitted.runs[d]
+        step = run.recording.filters.step
+        scores = np.zeros((run.recording.t.size // step + 1, x.size))
         contrast = np.zeros_like(scores)
         for row, b in part.items():
-            at, crossed = drive.index[row] // step, b.crossed(x)
+            at, crossed = run.index[row] // step, b.crossed(x)
             scores[at] += crossed
             contrast[at] += (b.U * (b.r - b.U @ x)[:, None]) @ project - crossed @ inverse
         return scores, contrast

@@ -22,7 +22,7 @@ from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.stacked_equations import Columns
 from lacet.identify.regression.uncertainty import hac
 from lacet.identify.regression.wls import Fit, fit
@@ -140,7 +140,7 @@ def estimate_latencies(
             Step(Stage.LATENCIES, steps, most, values=dict(zip((s.name for s in late), shift.tolist(), strict=True)))
         )
         shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
-        drives = [Drive.of(run, vehicle, shifted, filters) for run in runs]
+        drives = [PreparedRun.of(run, vehicle, shifted, filters) for run in runs]
         fitted = fit(physics, drives, unbias=unbias)
         step, covariance, seen = _step(fitted, faults, shift)
         half = 1.96 * np.sqrt(np.diag(covariance))
@@ -183,11 +183,11 @@ def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[A
     q, n = len(faults), equations.start.size
     square, mixed, right = np.zeros((q, q)), np.zeros((n, q)), np.zeros(q)
     blocks: list[dict[str, tuple[Array, Array, Array]]] = []
-    for d, drive in enumerate(fitted.drives):
-        answers = [drive.decimated(fitted.sensitivities[d].fault(fault)) for fault in faults]
+    for d, run in enumerate(fitted.runs):
+        answers = [run.decimated(fitted.sensitivities[d].fault(fault)) for fault in faults]
         part: dict[str, tuple[Array, Array, Array]] = {}
-        for row in drive.rows:
-            U = equations.columns(d, row, drive) @ equations.inverse
+        for row in run.rows:
+            U = equations.columns(d, row, run) @ equations.inverse
             none = np.zeros(len(U))
             C = np.stack([answer.get(row, none) for answer in answers], axis=1) / fitted.sigma[row]
             r = fitted.residual[d][row] / fitted.sigma[row]
@@ -198,10 +198,10 @@ def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[A
     information = square - mixed.T @ mixed + np.eye(q) / PRIOR**2
     spread = np.eye(q) / PRIOR**2
     for d, part in enumerate(blocks):
-        step = fitted.drives[d].recording.filters.step
-        scores = np.zeros((fitted.drives[d].recording.t.size // step + 1, q))
+        step = fitted.runs[d].recording.filters.step
+        scores = np.zeros((fitted.runs[d].recording.t.size // step + 1, q))
         for row, (known, late, r) in part.items():
-            scores[fitted.drives[d].index[row] // step] += (late - known @ mixed) * r[:, None]
+            scores[fitted.runs[d].index[row] // step] += (late - known @ mixed) * r[:, None]
         spread += hac(scores)
     inverse = np.linalg.inv(information)
     return inverse @ (right - shift / PRIOR**2), inverse @ spread @ inverse, seen

@@ -28,7 +28,7 @@ TOGETHER = 64
 """So many series go through the filter at once."""
 
 
-class Drive:
+class PreparedRun:
     """A recording with its motion; what is computed for one effect is kept for the next question.
 
     Parameters
@@ -39,11 +39,11 @@ class Drive:
 
     def __init__(self, recording: Recording, offset: int = 0):
         self.recording, self.offset = recording, offset
-        self._noisy: dict[tuple[int, int, bool], Drive] = {}
+        self._noisy: dict[tuple[int, int, bool], PreparedRun] = {}
         self._columns: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, Array]] = {}
 
     @classmethod
-    def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> Drive:
+    def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
         """Bring a run together. Raises RunError when it is too short."""
         return cls(bring_together(run, vehicle, rig, filters or Filters()))
 
@@ -92,7 +92,7 @@ class Drive:
         return {row: series[None] for row, series in self.decimated(sensitivity.fault(fault)).items()}
 
     def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
-        """Filter (…, N) series of rows and keep their samples; rows this drive lacks are left out."""
+        """Filter (…, N) series of rows and keep their samples; rows this run lacks are left out."""
         return self.decimated_each([rows])[0]
 
     def decimated_each(self, found: Iterable[Mapping[str, Array]]) -> list[dict[str, Array]]:
@@ -140,7 +140,7 @@ class Drive:
         done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
         self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
 
-    def pieces(self, seconds: float = PIECE) -> Iterator[Drive]:
+    def pieces(self, seconds: float = PIECE) -> Iterator[PreparedRun]:
         """The run itself, or when it is longer than 1.5 × `seconds`, drives that together keep just its samples.
 
         Each piece reaches over its ends by twice the filters' edge, so that transients do not show.
@@ -158,9 +158,9 @@ class Drive:
             place = np.arange(first, stop)
             own = (place >= start) & (place < start + length)
             usable = {name: mask & own for name, mask in part.usable.items()}
-            yield Drive(replace(part, usable=usable), offset=first)
+            yield PreparedRun(replace(part, usable=usable), offset=first)
 
-    def noisy(self, draw: int, sign: int, seed: Sequence[int], loads: bool = False) -> Drive:
+    def noisy(self, draw: int, sign: int, seed: Sequence[int], loads: bool = False) -> PreparedRun:
         """This run with one more draw of its channels' noise added or subtracted; kept for the next fit.
 
         Unless `loads` are asked for, wheel loads are left alone: in the base model they stand on the left side only,
@@ -175,7 +175,7 @@ class Drive:
             noise = draw_noise(recording, moving, np.random.default_rng(seed))
             moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
             signals = Signals.differentiated(moved, recording.filters.rate)
-            self._noisy[key] = Drive(recording.with_signals(signals))
+            self._noisy[key] = PreparedRun(recording.with_signals(signals))
         return self._noisy[key]
 
     def forget_motion(self) -> None:
@@ -191,7 +191,7 @@ class Drive:
 
         With `loads`, those alone that have noise in the wheel loads too.
         """
-        self._noisy = {key: drive for key, drive in self._noisy.items() if loads and not key[2]}
+        self._noisy = {key: run for key, run in self._noisy.items() if loads and not key[2]}
 
     def can(self, effect: Effect) -> str:
         """Why an effect cannot be computed on this run, or an empty string."""

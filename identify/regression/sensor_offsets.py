@@ -12,7 +12,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 
 
@@ -29,21 +29,21 @@ class Zeros:
     columns: dict[str, Array]
 
 
-def zeros_of(drive: Drive, sensitivity: Sensitivity, every: bool = False) -> Zeros:
+def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) -> Zeros:
     """The zeros of a run that its rows can see; or those of `every` channel, alike for all pieces of a run."""
     names: list[str] = []
     sigma: list[float] = []
     series: list[dict[str, Array]] = []
     seen = [(name, k) for name, k, order in sensitivity.coarse if order == 0]
     if every:
-        seen = [(name, k) for name in drive.recording.signals.value for k in range(CHANNELS[name].width)]
+        seen = [(name, k) for name in run.recording.signals.value for k in range(CHANNELS[name].width)]
     for channel, component in dict.fromkeys(seen):
-        tolerance = drive.recording.rig.tolerance(channel, "zero")
+        tolerance = run.recording.rig.tolerance(channel, "zero")
         if tolerance > 0.0:
             names.append(CHANNELS[channel].columns[component])
             sigma.append(tolerance)
             series.append(sensitivity.zero(channel, component))
-    columns = {row: np.zeros((len(drive.index[row]), len(series))) for row in drive.rows}
+    columns = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
     for row, table in columns.items():
         # The filter leaves a constant as it is, and most of these are constant.
         waving = [i for i, one in enumerate(series) if row in one and np.ptp(one[row]) > 0.0]
@@ -51,5 +51,5 @@ def zeros_of(drive: Drive, sensitivity: Sensitivity, every: bool = False) -> Zer
             if row in one and i not in waving:
                 table[:, i] = one[row][0]
         if waving:
-            table[:, waving] = drive.decimated({row: np.stack([series[i][row] for i in waving])})[row].T
+            table[:, waving] = run.decimated({row: np.stack([series[i][row] for i in waving])})[row].T
     return Zeros(tuple(names), np.asarray(sigma), columns)

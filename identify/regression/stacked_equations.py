@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
 from lacet.identify.regression.wls import Fit
@@ -39,17 +39,17 @@ class Columns:
 
     def _of(self, d: int) -> Zeros:
         """The zeros of a run as the fit has them: those its rows see, or every channel's where it came in pieces."""
-        drive, sensitivity = self.fitted.drives[d], self.fitted.sensitivities[d]
-        found = zeros_of(drive, sensitivity)
-        return found if found.names == self.fitted.zeros[d][0] else zeros_of(drive, sensitivity, every=True)
+        run, sensitivity = self.fitted.runs[d], self.fitted.sensitivities[d]
+        found = zeros_of(run, sensitivity)
+        return found if found.names == self.fitted.zeros[d][0] else zeros_of(run, sensitivity, every=True)
 
-    def columns(self, d: int, row: str, drive: Drive) -> Array:
+    def columns(self, d: int, row: str, drive: PreparedRun) -> Array:
         """(n, q) weighted columns of a row of run `d`, the parameters' as `drive` has them."""
         fitted = self.fitted
         W = drive.matrix(fitted.model.physics, row)[:, self._keep]
         parts = [W]
         for fault in fitted.model.faults:
-            found = fitted.drives[d].decimated(fitted.sensitivities[d].fault(fault))
+            found = fitted.runs[d].decimated(fitted.sensitivities[d].fault(fault))
             parts.append(found.get(row, np.zeros(len(W)))[:, None])
         for run, zeros in enumerate(self._zeros):
             parts.append(zeros.columns[row] if run == d else np.zeros((len(W), len(zeros.names))))
@@ -60,8 +60,8 @@ class Columns:
         """(q, q) R⁻¹, R the triangle of all columns and `known`: in x = R θ the normal matrix is the identity."""
         q = self.start.size
         stacked: list[Array] = [self.known]
-        for d, drive in enumerate(self.fitted.drives):
-            stacked += [triangle(self.columns(d, row, drive)) for row in drive.rows]
+        for d, run in enumerate(self.fitted.runs):
+            stacked += [triangle(self.columns(d, row, run)) for row in run.rows]
         full = np.concatenate(stacked)
         lengths = np.linalg.norm(full, axis=0)
         inverse = np.asarray(scipy.linalg.solve_triangular(triangle(full / lengths), np.eye(q)), float)

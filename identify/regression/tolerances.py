@@ -9,7 +9,7 @@ import numpy as np
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.time_base import late
 
@@ -31,9 +31,9 @@ def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[s
     return out
 
 
-def sheet_responses(drive: Drive, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
+def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
     """Change of Y − W θ for one tolerance of each entry, after the parallel filter: entry → row → (n,)."""
-    recording = drive.recording
+    recording = run.recording
     values, rig = recording.signals.value, recording.rig
     seen = dict.fromkeys(name for name, _, _ in sensitivity.coarse)
     entries = sheet_entries(rig, seen)
@@ -48,4 +48,4 @@ def sheet_responses(drive: Drive, sensitivity: Sensitivity) -> dict[SheetEntry, 
                 change[k] = rig.tolerance(channel, "gain") * values[channel][k]
                 yield {channel: change}
 
-    return dict(zip(entries, drive.decimated_each(map(sensitivity.response, changes())), strict=True))
+    return dict(zip(entries, run.decimated_each(map(sensitivity.response, changes())), strict=True))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, zeros_following
 from lacet.identify.regression.tolerances import SheetEntry
 
@@ -75,8 +75,8 @@ def spread_of(
     `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
     """
     gains = [gain for gain, _ in zeros_following(equations.runs, sigma)]
-    residual: list[dict[str, list[Array]]] = [{} for _ in assembly.drives]
-    scores = [np.zeros((_comb(drive), equations.p)) for drive in assembly.drives]
+    residual: list[dict[str, list[Array]]] = [{} for _ in assembly.runs]
+    scores = [np.zeros((_comb(drive), equations.p)) for drive in assembly.runs]
     systematic: dict[SheetEntry, Array] = {}
     for piece in assembly.pieces():
         columns: dict[str, Array] = {}
@@ -117,8 +117,8 @@ def effective(piece: Piece, row: str, gain: Array) -> Array:
     return out if piece.weights is None else out * piece.weights[row][:, None] ** 2
 
 
-def _comb(drive: Drive) -> int:
-    recording = drive.recording
+def _comb(run: PreparedRun) -> int:
+    recording = run.recording
     return recording.t.size // recording.filters.step + 1
 
 
@@ -166,13 +166,13 @@ def block_bootstrap(
 
 def _units(assembly: Assembly, equations: Equations, sigma: Mapping[str, float]) -> list[Array]:
     """For each run (units, k, k): weighted normal matrices of ``[zeros | parameters | right side]`` of its units."""
-    steps = [drive.recording.filters.step / drive.recording.filters.rate for drive in assembly.drives]
-    seconds = sum(_comb(drive) * step for drive, step in zip(assembly.drives, steps, strict=True))
+    steps = [drive.recording.filters.step / drive.recording.filters.rate for drive in assembly.runs]
+    seconds = sum(_comb(drive) * step for drive, step in zip(assembly.runs, steps, strict=True))
     unit = max(SUB_BLOCK, seconds / _MOST_UNITS)
     per_unit = [max(1, round(unit / step)) for step in steps]
     out = [
         np.zeros((-(-_comb(drive) // n), *(len(run.zeros) + equations.p + 1,) * 2))
-        for drive, n, run in zip(assembly.drives, per_unit, equations.runs, strict=True)
+        for drive, n, run in zip(assembly.runs, per_unit, equations.runs, strict=True)
     ]
     for piece in assembly.pieces():
         for row, block in piece.blocks.items():

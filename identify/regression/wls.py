@@ -21,7 +21,7 @@ from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
 from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights
 from lacet.identify.regression.identifiability import refuse_not_finite
 from lacet.identify.regression.model import Model, known_beforehand
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import (
     Equations,
     RunEquations,
@@ -54,7 +54,7 @@ class Fit:
     Attributes
     ----------
     model : what was fitted.
-    drives : the runs used, sensor faults of the model taken out.
+    runs : the runs used, sensor faults of the model taken out.
     base : grouping of the model's parameters into what the runs' equations depend on at all.
     theta : (p,) every parameter; those grouped into others are zero.
     covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included; no narrower than
@@ -62,8 +62,8 @@ class Fit:
     covariance_iid : the same as if residuals were independent, as the paper's sxr % has it.
     covariance_sheet : what the sensor sheet's gains and latencies add to it, which no residual shows.
     sigma : row → weight's σ [N or N·m].
-    residual : for each drive, row → (n,) Y − W θ − zeros, after filter and decimation.
-    zeros : for each drive, names, priors (1 σ) and values of its sensor zeros.
+    residual : for each run, row → (n,) Y − W θ − zeros, after filter and decimation.
+    zeros : for each run, names, priors (1 σ) and values of its sensor zeros.
     correction : (p,) what was added to take out the bias of noise in the regressors, from its `moments`.
     place : (q,) where the parameters of the equations stand in `theta`: those kept, then sensor faults.
     root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
@@ -71,7 +71,7 @@ class Fit:
     """
 
     model: Model
-    drives: tuple[Drive, ...]
+    runs: tuple[PreparedRun, ...]
     base: BaseParameters
     theta: Array
     covariance: Array
@@ -89,7 +89,7 @@ class Fit:
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """For each drive, how its residual answers to its channels."""
+        """For each run, how its residual answers to its channels."""
         return self.assembly.sensitivities()
 
     @property
@@ -116,7 +116,7 @@ class Fit:
 
     def bad_seconds(self) -> list[BadSecond]:
         """What a robust fit counted less, worst first."""
-        return bad_seconds(self.assembly, [drive.name for drive in self.drives])
+        return bad_seconds(self.assembly, [run.name for run in self.runs])
 
     @property
     def physics(self) -> Array:
@@ -129,7 +129,7 @@ class Fit:
         return tuple(row for row in ROWS if row in self.sigma)
 
     def __repr__(self) -> str:
-        runs = ", ".join(drive.name for drive in self.drives)
+        runs = ", ".join(run.name for run in self.runs)
         return f"Fit({self.model!r} to {runs}: {self.base.rank} base parameters of {len(self.model.names)} parameters)"
 
     def value(self, name: str) -> float:
@@ -139,7 +139,7 @@ class Fit:
 
 def fit(
     model: Model,
-    drives: Sequence[Drive],
+    runs: Sequence[PreparedRun],
     weights: Mapping[str, float] | None = None,
     zeros: bool = True,
     unbias: bool = True,
@@ -153,7 +153,7 @@ def fit(
     Parameters
     ----------
     model : what to fit.
-    drives : the runs used.
+    runs : the runs used.
     weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
     zeros : estimate each run's sensor zeros with the sheet's σ as prior.
     unbias : take out the bias that the sheet's noise in the regressors brings (errors in variables).
@@ -164,7 +164,7 @@ def fit(
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
-    corrected = tuple(drives)
+    corrected = tuple(runs)
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
@@ -173,7 +173,7 @@ def fit(
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
-        corrected = tuple(Drive(at_faults(drive.recording, model.faults, faults)) for drive in drives)
+        corrected = tuple(PreparedRun(at_faults(run.recording, model.faults, faults)) for run in runs)
         out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored, near=out.physics)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
@@ -187,7 +187,7 @@ def fit(
 
 
 def _fit_linear(
-    model: Model, drives: tuple[Drive, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
+    model: Model, drives: tuple[PreparedRun, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
     robust: bool, draws: int, stored: Stored | None, progress: Progress = silent, near: Array | None = None,
 ) -> Fit:  # fmt: skip
     """One linear fit; `near` are values of the physics' parameters that are nearly right already."""
@@ -245,7 +245,7 @@ def _fit_linear(
             progress(Step(Stage.NOISE_CORRECTION, piece.run, len(drives)))
             moments.add(piece, effects, keep, sigma, followers[piece.run])
             if piece.number is not None:
-                piece.drive.forget_noisy()
+                piece.prepared.forget_noisy()
     if unbias:
         corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])
         x, correction = corrected, corrected - x
@@ -254,14 +254,14 @@ def _fit_linear(
 
 def _accumulate(assembly: Assembly) -> list[RunEquations]:
     """The equations of every run, piece by piece."""
-    out: list[RunEquations | None] = [None] * len(assembly.drives)
+    out: list[RunEquations | None] = [None] * len(assembly.runs)
     for piece in assembly.pieces():
         run = out[piece.run]
         if run is None:
             names, priors = (piece.zeros.names, piece.zeros.sigma) if piece.zeros else ((), np.zeros(0))
             out[piece.run] = run = RunEquations(names, priors)
         if not all(np.all(np.isfinite(a)) for part in (piece.blocks, piece.right) for a in part.values()):
-            refuse_not_finite(assembly.physics, [piece.drive])
+            refuse_not_finite(assembly.physics, [piece.prepared])
         for row, block in piece.blocks.items():
             run.add(row, block, piece.right[row], None if piece.weights is None else piece.weights[row])
     return [run for run in out if run is not None]
@@ -304,7 +304,7 @@ def _result(
 
     return Fit(
         model=model,
-        drives=assembly.drives,
+        runs=assembly.runs,
         base=base,
         theta=line(x),
         covariance=square(at_least(iid @ spread.scores @ iid, iid) + doubt),
@@ -327,19 +327,19 @@ def _outer(moved: Sequence[Array], p: int) -> Array:
     return np.einsum("fi,fj->ij", moved, moved) if len(moved) else np.zeros((p, p))
 
 
-def corrected_drive(drive: Drive, fitted: Fit) -> Drive:
+def corrected_run(run: PreparedRun, fitted: Fit) -> PreparedRun:
     """A run with the sensor faults of a fitted model taken out; the run itself when the model has none."""
     if not fitted.model.faults:
-        return drive
-    return Drive(at_faults(drive.recording, fitted.model.faults, fitted.theta[len(fitted.physics) :]))
+        return run
+    return PreparedRun(at_faults(run.recording, fitted.model.faults, fitted.theta[len(fitted.physics) :]))
 
 
-def refitted(fitted: Fit, drives: Sequence[Drive], stored: Stored | None = None) -> Fit:
+def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = None) -> Fit:
     """The same model, in the same way, on the same runs with channels moved; `stored` as in `fit`.
 
     Sizes of the model's sensor faults are those that remain.
     """
-    return _fit_linear(fitted.model, tuple(drives), None, *_as_fitted(fitted), stored, near=fitted.physics)
+    return _fit_linear(fitted.model, tuple(runs), None, *_as_fitted(fitted), stored, near=fitted.physics)
 
 
 def extended(fitted: Fit, effect: Effect) -> Fit:
@@ -348,7 +348,7 @@ def extended(fitted: Fit, effect: Effect) -> Fit:
     Sizes of the sensor faults that the model has already are those that remain.
     """
     zeros, unbias, robust, draws = _as_fitted(fitted)
-    return fit(fitted.model + effect, fitted.drives, None, zeros, unbias, robust, draws)
+    return fit(fitted.model + effect, fitted.runs, None, zeros, unbias, robust, draws)
 
 
 def _as_fitted(fitted: Fit) -> tuple[bool, bool, bool, int]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.selection.cross_products import TrialSums, products_of, solved, without_zeros
 from lacet.identify.selection.lack_of_fit import SIGNIFICANCE, with_columns
 from lacet.identify.selection.regressor_noise import ColumnNoise
@@ -78,7 +78,7 @@ def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ())
 
     Model, sensor tolerances and the others are the same in all runs; each run's zeros are its own.
     """
-    if len(space.fitted.drives) < 2:
+    if len(space.fitted.runs) < 2:
         return None
     effects = {effect.key: effect for effect in space.effects}
     inside, trials = space.beside([replace(effects[one.key], shape=one.shape) for one in (c, *others)])
@@ -144,15 +144,15 @@ def _groups(
 
     `noise` is that of all runs: what is not drawn for runs by themselves belongs to the others together.
     """
-    drives = space.fitted.drives
-    found = [_of_run(space, sums, run) for run in range(len(drives))]
-    left, seconds, single = SECONDS, [float(np.ptp(drive.recording.t)) for drive in drives], list[int]()
-    for run in sorted(range(len(drives)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
+    runs = space.fitted.runs
+    found = [_of_run(space, sums, run) for run in range(len(runs))]
+    left, seconds, single = SECONDS, [float(np.ptp(drive.recording.t)) for drive in runs], list[int]()
+    for run in sorted(range(len(runs)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
         left -= seconds[run]
         if left >= 0.0 or not single:
             single.append(run)
-    rest = [run for run in range(len(drives)) if run not in single]
-    names, products, chance = _told_apart(drives, single), list[Array](), [found[run][1] for run in single]
+    rest = [run for run in range(len(runs)) if run not in single]
+    names, products, chance = _told_apart(runs, single), list[Array](), [found[run][1] for run in single]
     for run in single:
         drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run, PAIRS)
         own = drawn.products(sums, space.louder, space.floor.sigma)
@@ -165,7 +165,7 @@ def _groups(
     return names, products, chance
 
 
-def _told_apart(drives: Sequence[Drive], runs: Sequence[int]) -> list[str]:
+def _told_apart(drives: Sequence[PreparedRun], runs: Sequence[int]) -> list[str]:
     """Names of runs, with their numbers where two are called the same."""
     often = Counter(drive.name for drive in drives)
     return [drives[run].name if often[drives[run].name] == 1 else f"{drives[run].name} ({run + 1})" for run in runs]

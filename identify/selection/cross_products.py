@@ -19,7 +19,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
 from lacet.identify.regression.assembly import Piece
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.tolerances import SheetEntry, sheet_entries, sheet_responses
 from lacet.identify.regression.wls import Fit
@@ -78,7 +78,7 @@ def sheet_of(fitted: Fit) -> list[SheetEntry]:
     """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
     ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in fitted.model.faults))
     found: dict[SheetEntry, None] = {}
-    for run, drive in enumerate(fitted.drives):
+    for run, drive in enumerate(fitted.runs):
         piece = next(fitted.assembly.pieces_of(run))
         assert piece.sensitivity is not None
         seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
@@ -87,7 +87,7 @@ def sheet_of(fitted: Fit) -> list[SheetEntry]:
 
 
 def sensor_columns(
-    fitted: Fit, layout: Layout, piece: Piece, noisy: Drive | None = None
+    fitted: Fit, layout: Layout, piece: Piece, noisy: PreparedRun | None = None
 ) -> dict[str, list[tuple[slice, Array]]]:
     """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
     out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
@@ -95,14 +95,14 @@ def sensor_columns(
     if piece.sensitivity is None or not (faults or layout.sheet):
         return out
     # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
-    drive = noisy or piece.drive
-    sensitivity = piece.sensitivity.on(drive.recording)
+    run = noisy or piece.prepared
+    sensitivity = piece.sensitivity.on(run.recording)
     responses = sheet_responses(noisy, sensitivity) if noisy else fitted.assembly.own_sheet_responses(piece)
     for place, entry in enumerate(layout.sheet, start=layout.model):
         for row, series in responses.get(entry, {}).items():
             if row in out and np.any(series):
                 out[row].append((slice(place, place + 1), series[None]))
-    found = drive.decimated_each(sensitivity.fault(fault) for _, fault in faults)
+    found = run.decimated_each(sensitivity.fault(fault) for _, fault in faults)
     for (place, _), response in zip(faults, found, strict=True):
         for row, series in response.items():
             if row in out and np.any(series):
@@ -192,7 +192,7 @@ class TrialSums:
         following: list[Array] = []
         noise_zeros: list[Array] = []
         first = 0
-        for run in range(len(fitted.drives)):
+        for run in range(len(fitted.runs)):
             priors = fitted.zeros[run][1] / temper
             z = len(priors)
             mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
@@ -239,7 +239,7 @@ def _blocks(
     fitted: Fit, floor: NoiseFloor, layout: Layout, turn: Array, run: int, priors: Array, first: int
 ) -> Iterator[Block]:
     """One run's samples; `first` is the number of its first block."""
-    filters = fitted.drives[run].recording.filters
+    filters = fitted.runs[run].recording.filters
     seen: dict[str, int] = {}
     for piece in fitted.assembly.pieces_of(run):
         for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma):
@@ -256,17 +256,17 @@ def _blocks(
 
 
 def columns_of(
-    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: Drive | None = None
+    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: PreparedRun | None = None
 ) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
     """For each row of a piece, weighted columns (n, a), the measured side last, and their places in the layout.
 
     `noisy` : the same piece with more noise, whose columns are wanted instead.
     """
-    p, keep, drive = layout.model, fitted.base.independent, noisy or piece.drive
+    p, keep, run = layout.model, fitted.base.independent, noisy or piece.prepared
     tried = [(trial.place, one) for trial in layout.trials if (one := trial.effect.as_physics) is not None]
-    drive.prepare([*(fitted.model.physics if noisy else ()), *(one for _, one in tried)])
+    run.prepare([*(fitted.model.physics if noisy else ()), *(one for _, one in tried)])
     sensors = sensor_columns(fitted, layout, piece, noisy)
-    physics = [(place, drive.columns(one)) for place, one in tried]
+    physics = [(place, run.columns(one)) for place, one in tried]
     for row, block in piece.blocks.items():
         model, right = block[:, block.shape[1] - p :], piece.right[row]
         if noisy:
@@ -337,7 +337,7 @@ class Reading:
     @cached_property
     def clocks(self) -> dict[SheetEntry, float]:
         """Latencies among the sheet's entries → tolerance [s]."""
-        rig = self.fitted.drives[0].recording.rig
+        rig = self.fitted.runs[0].recording.rig
         return {e: rig.tolerance(e[1], "latency") for e in self.sums.layout.sheet if e[0] == "latency"}
 
     @cached_property
@@ -349,7 +349,7 @@ class Reading:
     @property
     def omega(self) -> float:
         """Of the fit's cut-off [rad/s]."""
-        return 2.0 * np.pi * self.fitted.drives[0].recording.filters.fit_cutoff
+        return 2.0 * np.pi * self.fitted.runs[0].recording.filters.fit_cutoff
 
     def known(self, pull: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""
@@ -405,7 +405,7 @@ class TrialColumns:
         cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         effects = [effect for effect in fresh if effect.key not in cannot]
         rng = np.random.default_rng([seed, 6])
-        rig = fitted.drives[0].recording.rig
+        rig = fitted.runs[0].recording.rig
         bounds = {e.key: e.sheet_bound(rig) for e in effects}
         kinds = {e.key: e.sheet_kind for e in effects}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
@@ -432,7 +432,7 @@ class TrialColumns:
 
 
 def _cannot(fitted: Fit, effect: Effect) -> str:
-    return next((why for drive in fitted.drives if (why := drive.can(effect))), "")
+    return next((why for run in fitted.runs if (why := run.can(effect))), "")
 
 
 def solved(G: Array, sides: Array) -> Array:

@@ -124,10 +124,10 @@ def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
     """Run → numbers of its pieces that are taken, of about `_SECONDS` of data in all; and the part that is of all."""
     counts = {
         (run, k): _samples(piece)
-        for run in range(len(fitted.drives))
+        for run in range(len(fitted.runs))
         for k, piece in enumerate(fitted.assembly.pieces_of(run))
     }
-    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.drives)
+    seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
     taken = list(counts)[:: max(1, int(seconds // _SECONDS))]
     chosen: dict[int, list[int]] = {}
     for run, k in taken:
@@ -173,7 +173,7 @@ def _of_piece(
         out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
         for sign in (1, -1):
-            noisy = piece.drive.noisy(draw, sign, [2003, *place, draw], loads=True)
+            noisy = piece.prepared.noisy(draw, sign, [2003, *place, draw], loads=True)
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
@@ -186,7 +186,7 @@ def _of_piece(
                 products[z:, :z] += across.T
             noisy.forget_motion()
         drawn()
-    piece.drive.forget_noisy(loads=True)
+    piece.prepared.forget_noisy(loads=True)
     return out
 
 
@@ -208,15 +208,15 @@ def noise_through(
     physics, theta = fitted.model.physics, fitted.physics
     out = dict.fromkeys(sigma, 0.0)
     for piece in fitted.assembly.pieces():
-        drive = piece.drive
-        law = {row: values @ columns for row, columns in drive.columns(effect).items()}
-        left = {row: drive.measured[row] - drive.matrix(physics, row) @ theta for row in law}
+        run = piece.prepared
+        law = {row: values @ columns for row, columns in run.columns(effect).items()}
+        left = {row: run.measured[row] - run.matrix(physics, row) @ theta for row in law}
         for draw in range(DRAWS):
-            noisy = drive.noisy(draw, 1, [2005, piece.run, piece.number or 0, draw], loads=True)
+            noisy = run.noisy(draw, 1, [2005, piece.run, piece.number or 0, draw], loads=True)
             for row, columns in noisy.columns(effect).items():
                 plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - left[row]
                 both = plain - (values @ columns - law[row])
                 out[row] += louder[row] ** 2 * float(both @ both - plain @ plain) / sigma[row] ** 2 / DRAWS
             noisy.forget_motion()
-        drive.forget_noisy(loads=True)
+        run.forget_noisy(loads=True)
     return out

@@ -31,7 +31,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Tell, silent
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, Stored, at_faults, extended, refitted
 from lacet.identify.selection.cross_products import Reading, Trial, TrialColumns, solved
 from lacet.identify.selection.forward_selection import chosen_together
@@ -70,7 +70,7 @@ def read_again(recorded: Reading, tell: Tell = silent, straight: float = STRAIGH
     """Take latencies out of the runs, where ω τ of one is beyond `straight`, until what remains is small."""
     entries, first = list(recorded.clocks), recorded.fitted
     channels = [entry[1] for entry in entries]
-    rig, tolerances = first.drives[0].recording.rig, np.array(list(recorded.clocks.values()))
+    rig, tolerances = first.runs[0].recording.rig, np.array(list(recorded.clocks.values()))
     faults = [
         SensorLatency.of_sensor(sensor)
         if (sensor := rig.sensor_of(channel))
@@ -84,12 +84,12 @@ def read_again(recorded: Reading, tell: Tell = silent, straight: float = STRAIGH
             break
         late = late + np.clip(step, -FARTHEST / now.omega, FARTHEST / now.omega)
         tell(f"the runs read again, latencies up to {1e3 * np.max(np.abs(late)):.1f} ms taken out ({reading + 1})")
-        drives = [Drive(at_faults(drive.recording, faults, late)) for drive in first.drives]
-        now = Reading.of(refitted(first, drives, _stored(first)), recorded.floor.without_draws())
+        runs = [PreparedRun(at_faults(run.recording, faults, late)) for run in first.runs]
+        now = Reading.of(refitted(first, runs, _stored(first)), recorded.floor.without_draws())
         assert list(now.clocks) == entries
     if now is recorded:
         return recorded
-    fitted = refitted(first, now.fitted.drives)
+    fitted = refitted(first, now.fitted.runs)
     counted = ", ".join(f"{channel} {1e3 * x:+.1f} ms" for channel, x in zip(channels, late, strict=True))
     tell(f"the noise floor of the runs read with {counted}")
     floor = floor_of(fitted, recorded.floor.count)

@@ -60,7 +60,7 @@ class Formula:
 
 def propose(reading: Reading, failing: Sequence[str], seed: int) -> list[Formula]:
     """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
-    recording = reading.fitted.drives[0].recording
+    recording = reading.fitted.runs[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
     for kind, laws in _places(failing):

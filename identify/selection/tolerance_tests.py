@@ -184,7 +184,7 @@ def excused(columns: TrialColumns, known: Partialled, null_runs: Array, found: A
 
 def _clock(reading: Reading, entry: SheetEntry) -> tuple[str, float]:
     """A latency's name, and how much of it was taken out of the runs before, in tolerances."""
-    rig, channel = reading.fitted.drives[0].recording.rig, entry[1]
+    rig, channel = reading.fitted.runs[0].recording.rig, entry[1]
     sensor = rig.sensor_of(channel)
     taken_out = reading.late.get(entry, 0.0) / rig.tolerance(channel, "latency")
     return f"latency of {sensor.name if sensor else channel}", taken_out

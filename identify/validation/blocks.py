@@ -7,19 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 
 BLOCK = 2.0
 """Length of a block [s]."""
 
 
-def block_numbers(drives: Sequence[Drive], row: str) -> NDArray[np.intp]:
+def block_numbers(runs: Sequence[PreparedRun], row: str) -> NDArray[np.intp]:
     """(n,) block of every sample of a row, all runs that have it one after the other; blocks do not reach over runs."""
     parts: list[NDArray[np.intp]] = []
     first = 0
-    for drive in drives:
-        if row in drive.index:
-            since = drive.motion.t[drive.index[row]] - drive.motion.t[0]
+    for run in runs:
+        if row in run.index:
+            since = run.motion.t[run.index[row]] - run.motion.t[0]
             parts.append(first + (since // BLOCK).astype(np.intp))
-        first += int(np.ptp(drive.motion.t) // BLOCK) + 1
+        first += int(np.ptp(run.motion.t) // BLOCK) + 1
     return np.concatenate(parts)

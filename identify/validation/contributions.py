@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.wls import Fit, corrected_drive
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.score import Comparison
 
 
@@ -24,18 +24,18 @@ class Shares:
     zeros: Mapping[str, Array]
 
 
-def shares_of(fitted: Fit, drive: Drive, comparison: Comparison) -> Shares:
+def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
     """Take the prediction of a run apart; `comparison` is that of this fit and run."""
-    drive = corrected_drive(drive, fitted)
-    drive.prepare(fitted.model.physics)
+    run = corrected_run(run, fitted)
+    run.prepare(fitted.model.physics)
     zeros, values = comparison.zeros
-    effects: dict[str, dict[str, Array]] = {row: {} for row in drive.rows}
+    effects: dict[str, dict[str, Array]] = {row: {} for row in run.rows}
     start = 0
     for effect in fitted.model.physics:
         stop = start + len(effect.parameters)
         theta = fitted.physics[start:stop]
-        for row, columns in drive.columns(effect).items():
+        for row, columns in run.columns(effect).items():
             if row in effects:
                 effects[row][effect.key] = theta @ columns
         start = stop
-    return Shares(effects, {row: zeros.columns[row] @ values for row in drive.rows})
+    return Shares(effects, {row: zeros.columns[row] @ values for row in run.rows})

@@ -110,15 +110,15 @@ def left_to_explain(
     (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left
     out: nothing can be said of them. `progress` receives how many rows are done.
     """
-    clear = clear or ClearStates(fitted.drives)
+    clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
     found: dict[str, tuple[Array, Array, Array, float, int]] = {}
     for done, row in enumerate(fitted.rows):
         progress(Step(Stage.EXPLAINABLE_RESIDUAL, done, len(fitted.rows)))
         names = clear.names(row)
-        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
-        blocks = block_numbers(fitted.drives, row)
+        having = [i for i, run in enumerate(fitted.runs) if row in run.index]
+        blocks = block_numbers(fitted.runs, row)
         if not names or np.unique(blocks).size < 2 * FOLDS:
             continue
         residual = np.concatenate([fitted.residual[i][row] for i in having])

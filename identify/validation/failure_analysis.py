@@ -57,7 +57,7 @@ class FailureAnalysis:
     def against(self, row: str, every: bool = False) -> dict[str, Against]:
         """A row's residual against the states it follows most, or against every state."""
         names = None if every else [f.state for f in self.follows.get(row, [])][:SHOWN_STATES]
-        return against_states(self.fitted.drives, self.fitted.residual, row, names, None if every else self.clear)
+        return against_states(self.fitted.runs, self.fitted.residual, row, names, None if every else self.clear)
 
 
 def analyse_failure(
@@ -76,7 +76,7 @@ def analyse_failure(
     order = sorted(ratios, key=lambda name: -ratios[name])
     worst = (row,) if row else tuple(name for name in order if fails(ratios[name])) or tuple(order[:1])
     progress(Step(Stage.STATES_FOLLOWED))
-    clear = ClearStates(fitted.drives)
+    clear = ClearStates(fitted.runs)
     draws = refitted_draws(fitted, floor)
     progress(Step(Stage.RESIDUAL_SPECTRA))
     found = {name: row_spectrum(fitted, floor, name, clear) for name in worst}

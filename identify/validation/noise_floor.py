@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 
@@ -20,18 +20,18 @@ class NoiseFloor:
 
     Attributes
     ----------
-    draws : for each drive, row → (D, n) residual after filter and decimation, from the channels' noise alone.
-    by_drive : for each drive, row → its RMS [N or N·m].
-    sigma : row → RMS over all drives: the weights of the ranking.
+    draws : for each run, row → (D, n) residual after filter and decimation, from the channels' noise alone.
+    by_run : for each run, row → its RMS [N or N·m].
+    sigma : row → RMS over all runs: the weights of the ranking.
     """
 
     draws: tuple[Mapping[str, Array], ...]
-    by_drive: tuple[Mapping[str, float], ...]
+    by_run: tuple[Mapping[str, float], ...]
     sigma: Mapping[str, float]
 
     @classmethod
     def of(cls, draws: Sequence[Mapping[str, Array]]) -> NoiseFloor:
-        """A floor from its draws, for each drive row → (D, n)."""
+        """A floor from its draws, for each run row → (D, n)."""
         rows = dict.fromkeys(row for part in draws for row in part)
         every = {row: np.concatenate([part[row].ravel() for part in draws if row in part]) for row in rows}
         return cls(
@@ -51,17 +51,17 @@ class NoiseFloor:
 
 
 def simulate_floor(
-    drives: Sequence[Drive], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
+    runs: Sequence[PreparedRun], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
     progress: Progress = silent,
 ) -> NoiseFloor:  # fmt: skip
     """Draw the residual's noise `draws` times on every run."""
     out: list[dict[str, Array]] = []
-    done, total = 0, draws * len(drives)
-    for number, (drive, sensitivity) in enumerate(zip(drives, sensitivities, strict=True)):
+    done, total = 0, draws * len(runs)
+    for number, (run, sensitivity) in enumerate(zip(runs, sensitivities, strict=True)):
         rng = np.random.default_rng([seed, number])
-        parts: dict[str, list[Array]] = {row: [] for row in drive.rows}
+        parts: dict[str, list[Array]] = {row: [] for row in run.rows}
         for _ in range(draws):
-            for row, series in drive.decimated(sensitivity.noise(rng)).items():
+            for row, series in run.decimated(sensitivity.noise(rng)).items():
                 parts[row].append(series)
             done += 1
             progress(Step(Stage.NOISE_FLOOR, done, total))
@@ -71,10 +71,10 @@ def simulate_floor(
 
 def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit's runs at other values `physics` (p,) of the parameters of its physics."""
-    sensitivities = [Sensitivity.of(drive.recording, fitted.model.physics, physics) for drive in fitted.drives]
-    return simulate_floor(fitted.drives, sensitivities, draws, seed, progress)
+    sensitivities = [Sensitivity.of(run.recording, fitted.model.physics, physics) for run in fitted.runs]
+    return simulate_floor(fitted.runs, sensitivities, draws, seed, progress)
 
 
 def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit, on its own runs."""
-    return simulate_floor(fitted.drives, fitted.sensitivities, draws, seed, progress)
+    return simulate_floor(fitted.runs, fitted.sensitivities, draws, seed, progress)

@@ -17,10 +17,10 @@ from scipy.linalg import block_diag
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.regression.wls import Fit, corrected_drive
+from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.score import Comparison, profile_zeros
 
 CLOSE = 0.05
@@ -41,33 +41,33 @@ class Preview:
     faults: Array
     values: Array
 
-    def residual(self, drive: Drive, comparison: Comparison) -> dict[str, Array]:
+    def residual(self, run: PreparedRun, comparison: Comparison) -> dict[str, Array]:
         """Row → (n,) measured minus modelled with the effect, on the run of `comparison`, its zeros profiled anew."""
         zeros = comparison.zeros[0]
         floor = {row: score.floor for row, score in comparison.scores.items()}
         model = self.fitted.model
-        drive = corrected_drive(drive, self.fitted)
-        plain = {row: drive.measured[row] - drive.matrix(model.physics, row) @ self.physics for row in drive.rows}
+        run = corrected_run(run, self.fitted)
+        plain = {row: run.measured[row] - run.matrix(model.physics, row) @ self.physics for row in run.rows}
         sensitivity = None
         if model.faults or self.effect.as_fault is not None:
-            sensitivity = Sensitivity.of(drive.recording, model.physics, self.fitted.physics)
+            sensitivity = Sensitivity.of(run.recording, model.physics, self.fitted.physics)
         for fault, size in zip(model.faults, self.faults, strict=True):
-            _take(plain, drive.effect_columns(fault, sensitivity), np.array([size]))
-        _take(plain, drive.effect_columns(self.effect, sensitivity), self.values)
-        values = profile_zeros(drive, zeros, plain, floor)
-        return {row: plain[row] - zeros.columns[row] @ values for row in drive.rows}
+            _take(plain, run.effect_columns(fault, sensitivity), np.array([size]))
+        _take(plain, run.effect_columns(self.effect, sensitivity), self.values)
+        values = profile_zeros(run, zeros, plain, floor)
+        return {row: plain[row] - zeros.columns[row] @ values for row in run.rows}
 
 
 def preview(fitted: Fit, effect: Effect) -> Preview:
     """Fit a model with one more effect, at its present shape constants."""
     k, p = len(effect.parameters), fitted.equations.p
-    runs: list[RunEquations | None] = [None] * len(fitted.drives)
+    runs: list[RunEquations | None] = [None] * len(fitted.runs)
     for piece in fitted.assembly.pieces():
         run = runs[piece.run]
         if run is None:
             names, priors = (piece.zeros.names, piece.zeros.sigma) if piece.zeros else ((), np.zeros(0))
             runs[piece.run] = run = RunEquations(names, priors)
-        own = piece.drive.effect_columns(effect, piece.sensitivity)
+        own = piece.prepared.effect_columns(effect, piece.sensitivity)
         for row, block in piece.blocks.items():
             columns = own[row].T if row in own else np.zeros((len(block), k))
             weights = None if piece.weights is None else piece.weights[row]

@@ -120,11 +120,11 @@ def _rows_left_out(fitted: Fit, effect: Effect) -> str:
     physics = effect.as_physics
     if physics is None:
         return ""
-    for drive in fitted.drives:
-        rows = tuple(physics.columns(next(drive.pieces()).motion))
-        if not rows or any(row in drive.rows for row in rows):
+    for run in fitted.runs:
+        rows = tuple(physics.columns(next(run.pieces()).motion))
+        if not rows or any(row in run.rows for row in rows):
             return ""
-        reasons |= {row: drive.motion.left_out.get(row, "no usable sample") for row in rows}
+        reasons |= {row: run.motion.left_out.get(row, "no usable sample") for row in rows}
     row, reason = next(iter(reasons.items()))
     return f"{row}{' and others' if len(reasons) > 1 else ''} left out: {reason}"
 

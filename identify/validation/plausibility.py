@@ -9,7 +9,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
 
 _CLEAR = 0.5
@@ -18,14 +18,14 @@ _FOLLOWS = 0.25
 """Part of a wheel's load variance that its tyre deflection may leave for the check to say anything."""
 
 
-def exchanged_wheels(drive: Drive) -> Mapping[str, str]:
+def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     """Wheels whose loads follow the tyre deflection of another corner, as wheel → corner; empty when all is well.
 
     A tyre's load follows its own deflection closely, whatever the car and the manoeuvre; where the loads of two wheels
     fit each other's deflections much better than their own, their wires were exchanged.
     """
-    motion = drive.motion
-    corners = [c for c in CORNERS if f"tyre.{c}" in drive.rows]
+    motion = run.motion
+    corners = [c for c in CORNERS if f"tyre.{c}" in run.rows]
     if len(corners) < 2:
         return {}
     keep = motion.kept(f"tyre.{corners[0]}")

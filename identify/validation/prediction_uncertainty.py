@@ -14,7 +14,7 @@ import numpy as np
 
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensor_offsets import Zeros
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.parameter_estimates import hint
@@ -75,20 +75,20 @@ class Knowledge:
         return tuple(found)
 
     def prediction(
-        self, effects: Sequence[PhysicalEffect], drive: Drive, zeros: Zeros, floor: Mapping[str, float]
+        self, effects: Sequence[PhysicalEffect], run: PreparedRun, zeros: Zeros, floor: Mapping[str, float]
     ) -> dict[str, tuple[float, str]]:
         """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and why it is large (empty when it is not).
 
         What the run's own zeros take up is no matter of the car and does not count.
         """
-        weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in drive.rows}
-        W = {row: weight[row] * drive.matrix(effects, row) for row in drive.rows}
-        Z = {row: weight[row] * zeros.columns[row] for row in drive.rows}
+        weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in run.rows}
+        W = {row: weight[row] * run.matrix(effects, row) for row in run.rows}
+        Z = {row: weight[row] * zeros.columns[row] for row in run.rows}
         normal: Array = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
-        moments: Array = np.sum([Z[row].T @ W[row] for row in drive.rows], axis=0)
+        moments: Array = np.sum([Z[row].T @ W[row] for row in run.rows], axis=0)
         taken = np.linalg.solve(normal, moments)
         out: dict[str, tuple[float, str]] = {}
-        for row in drive.rows:
+        for row in run.rows:
             left = W[row] - Z[row] @ taken
             gram = left.T @ left / len(left)
             ratio = float(np.sqrt(max(0.0, float(np.sum(gram * self.covariance)))))
@@ -107,9 +107,9 @@ class Knowledge:
         return f"{listed} not determined well enough by the runs used; what shows {them}: {'; '.join(hints)}"
 
 
-def is_used(fitted: Fit, drive: Drive) -> bool:
+def is_used(fitted: Fit, run: PreparedRun) -> bool:
     """Whether a run is one of those a fit was made from."""
-    return any(one.recording.t is drive.recording.t for one in fitted.drives)
+    return any(one.recording.t is run.recording.t for one in fitted.runs)
 
 
 def _shared(fitted: Fit, prior: Array) -> Array:

@@ -18,7 +18,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 Draws = tuple[Mapping[str, Array], ...]
-"""For each drive, row → (D, n) [N or N·m]."""
+"""For each run, row → (D, n) [N or N·m]."""
 
 
 def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int = 0) -> Draws:
@@ -27,7 +27,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     `sheet` : with each of the sensor sheet's gains and latencies drawn too, one value for all runs of a draw.
     """
     parts = [{row: [series] for row, series in part.items()} for part in floor.draws]
-    pieces = [list[Piece]() for _ in fitted.drives]
+    pieces = [list[Piece]() for _ in fitted.runs]
     for piece in fitted.assembly.pieces():
         pieces[piece.run].append(piece)
     noise = [_noise(fitted, pieces[run], part, floor.count, sheet, seed) for run, part in enumerate(parts)]

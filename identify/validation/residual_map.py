@@ -13,7 +13,7 @@ from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -164,7 +164,7 @@ def followed_states(
     `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for
     cross-validation are left out. `progress` receives how many rows are done.
     """
-    clear = clear or ClearStates(fitted.drives)
+    clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear, history=False)
     out: dict[str, list[Follows]] = {}
@@ -172,8 +172,8 @@ def followed_states(
     for done, row in enumerate(wanted):
         progress(Step(Stage.STATES_FOLLOWED, done, len(wanted)))
         names = clear.names(row)
-        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
-        blocks = block_numbers(fitted.drives, row) if having else np.zeros(0, np.intp)
+        having = [i for i, run in enumerate(fitted.runs) if row in run.index]
+        blocks = block_numbers(fitted.runs, row) if having else np.zeros(0, np.intp)
         if not names or np.unique(blocks).size < 2 * FOLDS:
             continue
         residual = np.concatenate([fitted.residual[i][row] for i in having])
@@ -185,7 +185,7 @@ def followed_states(
             parts.append(1.0 - best(losses).sum(axis=0) / losses[0].sum(axis=0))
         largest = np.max([part[1:] for part in parts], axis=0)
         rms = float(np.sqrt(np.mean(residual**2)))
-        states = states_of(fitted.drives[having[0]].motion, row)
+        states = states_of(fitted.runs[having[0]].motion, row)
         found = [
             Follows(
                 name, states[name].unit, states[name].near, float(part[0]),
@@ -221,7 +221,7 @@ class Against:
 
 
 def against_states(
-    drives: Sequence[Drive], residual: Sequence[Mapping[str, Array]], row: str, names: Sequence[str] | None = None,
+    runs: Sequence[PreparedRun], residual: Sequence[Mapping[str, Array]], row: str, names: Sequence[str] | None = None,
     clear: ClearStates | None = None,
 ) -> dict[str, Against]:  # fmt: skip
     """State → the residual of a row against it.
@@ -229,19 +229,19 @@ def against_states(
     By default every state of the row, what the row's left side is made of included: this shows, it proves nothing.
     With `clear`, what the model took up is put back where the state is clear of noise.
     """
-    having = [i for i, drive in enumerate(drives) if row in drive.index and row in residual[i]]
-    each = [states_of(drives[i].motion, row) for i in having]
+    having = [i for i, run in enumerate(runs) if row in run.index and row in residual[i]]
+    each = [states_of(runs[i].motion, row) for i in having]
     if not each:
         return {}
     shared = [name for name in each[0] if all(name in other for other in each)]
     left = np.concatenate([residual[i][row] for i in having])
-    blocks = block_numbers([drives[i] for i in having], row)
+    blocks = block_numbers([runs[i] for i in having], row)
     clean = clear.names(row) if clear else ()
     columns = ColumnMaker(clear, history=False).columns(row, clean) if clear and clean else None
     out: dict[str, Against] = {}
     for name in shared if names is None else [name for name in names if name in shared]:
         values = np.concatenate(
-            [filtered(drives[i], row, states[name].series) for i, states in zip(having, each, strict=True)]
+            [filtered(runs[i], row, states[name].series) for i, states in zip(having, each, strict=True)]
         )
         shown = left if columns is None or name not in clean else _put_back(left, columns, clean.index(name))
         mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.states import filtered
@@ -52,14 +52,14 @@ def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
     out: dict[str, Surface] = {}
     for corner in CORNERS:
         row = f"suspension.{corner}"
-        having = [i for i, drive in enumerate(fitted.drives) if row in drive.index]
+        having = [i for i, run in enumerate(fitted.runs) if row in run.index]
         if not having:
             continue
-        moving = [_moving(fitted.drives[i], row, corner) for i in having]
+        moving = [_moving(fitted.runs[i], row, corner) for i in having]
         travel, rate = np.concatenate(moving, axis=1)
         left = np.concatenate([fitted.residual[i][row] for i in having])
-        force = left + np.concatenate([_modelled(fitted, fitted.drives[i], row) for i in having])
-        out[corner] = surface(corner, travel, rate, left, force, block_numbers(fitted.drives, row), cells)
+        force = left + np.concatenate([_modelled(fitted, fitted.runs[i], row) for i in having])
+        out[corner] = surface(corner, travel, rate, left, force, block_numbers(fitted.runs, row), cells)
     return out
 
 
@@ -95,18 +95,18 @@ def _edges(series: Array, cells: int) -> Array:
     return np.asarray(np.linspace(low - pad, high + pad, cells + 1), float)
 
 
-def _moving(drive: Drive, row: str, corner: str) -> Array:
-    own = drive.motion.corners[corner]
-    return filtered(drive, row, np.stack([own.travel, own.rate]))
+def _moving(run: PreparedRun, row: str, corner: str) -> Array:
+    own = run.motion.corners[corner]
+    return filtered(run, row, np.stack([own.travel, own.rate]))
 
 
-def _modelled(fitted: Fit, drive: Drive, row: str) -> Array:
+def _modelled(fitted: Fit, run: PreparedRun, row: str) -> Array:
     """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
-    out = np.zeros(len(drive.index[row]))
+    out = np.zeros(len(run.index[row]))
     start = 0
     for effect in fitted.model.physics:
         part = slice(start, start := start + len(effect.parameters))
-        rows = drive.columns(effect)
+        rows = run.columns(effect)
         if row in rows and all(name.startswith("suspension.") for name in rows):
-            out = out + drive.matrix((effect,), row) @ fitted.physics[part]
+            out = out + run.matrix((effect,), row) @ fitted.physics[part]
     return out

@@ -10,10 +10,10 @@ import numpy as np
 
 from lacet.identify.car.rows import row_unit
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
-from lacet.identify.regression.wls import Fit, corrected_drive
+from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.noise_floor import simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
 from lacet.identify.validation.whiteness import Whiteness, whiteness
@@ -90,37 +90,37 @@ class Comparison:
 
 
 def compare(
-    fitted: Fit, drive: Drive, draws: int = 20, seed: int = 1, knowledge: Knowledge | None = None
+    fitted: Fit, run: PreparedRun, draws: int = 20, seed: int = 1, knowledge: Knowledge | None = None
 ) -> Comparison:
     """Predict a run with a fitted model and score it.
 
     The run may be one of those used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
     they belong to the run and not to the car. `knowledge` of the fit spares working it out for each run held out.
     """
-    used = is_used(fitted, drive)
-    drive = corrected_drive(drive, fitted)
-    sensitivity = Sensitivity.of(drive.recording, fitted.model.physics, fitted.physics)
-    noise = simulate_floor([drive], [sensitivity], draws, seed)
-    floor = noise.by_drive[0]
-    zeros = zeros_of(drive, sensitivity)
-    plain = {row: drive.matrix(fitted.model.physics, row) @ fitted.physics for row in drive.rows}
-    values = profile_zeros(drive, zeros, {row: drive.measured[row] - plain[row] for row in drive.rows}, floor)
-    modelled = {row: plain[row] + zeros.columns[row] @ values for row in drive.rows}
+    used = is_used(fitted, run)
+    run = corrected_run(run, fitted)
+    sensitivity = Sensitivity.of(run.recording, fitted.model.physics, fitted.physics)
+    noise = simulate_floor([run], [sensitivity], draws, seed)
+    floor = noise.by_run[0]
+    zeros = zeros_of(run, sensitivity)
+    plain = {row: run.matrix(fitted.model.physics, row) @ fitted.physics for row in run.rows}
+    values = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
+    modelled = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
     open_: Mapping[str, tuple[float, str]] = {}
     if not used:
-        open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, drive, zeros, floor)
-    step, rate = drive.recording.filters.step, drive.recording.filters.rate
+        open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, run, zeros, floor)
+    step, rate = run.recording.filters.step, run.recording.filters.rate
     scores: dict[str, RowScore] = {}
     colours: dict[str, Whiteness] = {}
-    for row in drive.rows:
-        residual = drive.measured[row] - modelled[row]
-        score = score_row(row, drive.measured[row], residual, floor[row])
-        colour = whiteness(residual, noise.draws[0][row], drive.index[row] // step, step / rate)
+    for row in run.rows:
+        residual = run.measured[row] - modelled[row]
+        score = score_row(row, run.measured[row], residual, floor[row])
+        colour = whiteness(residual, noise.draws[0][row], run.index[row] // step, step / rate)
         scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, "")))
         if colour is not None:
             colours[row] = colour
-    t = {row: drive.motion.t[drive.index[row]] for row in drive.rows}
-    return Comparison(drive.name, t, drive.measured, modelled, scores, (zeros, values), used, colours)
+    t = {row: run.motion.t[run.index[row]] for row in run.rows}
+    return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours)
 
 
 def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:
@@ -135,7 +135,7 @@ def _judged(score: RowScore, doubt: float, why: str) -> RowScore:
     return replace(score, doubt=doubt, judged=not excused, why=why)
 
 
-def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:
+def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:
     """(z,) the run's zeros that explain its residual best, under the sheet's prior.
 
     A row that the model fails in is weighted by its own error, else the zeros would soak that error up and spoil the
@@ -144,13 +144,13 @@ def profile_zeros(drive: Drive, zeros: Zeros, residual: Mapping[str, Array], flo
     values = np.zeros(len(zeros.names))
     if not zeros.names:
         return values
-    sigma = {row: max(floor[row], float(np.std(residual[row]))) for row in drive.rows}
+    sigma = {row: max(floor[row], float(np.std(residual[row]))) for row in run.rows}
     for _ in range(5):
-        A = np.concatenate([zeros.columns[row] / sigma[row] for row in drive.rows] + [np.diag(1.0 / zeros.sigma)])
-        b = np.concatenate([residual[row] / sigma[row] for row in drive.rows] + [np.zeros(len(zeros.names))])
+        A = np.concatenate([zeros.columns[row] / sigma[row] for row in run.rows] + [np.diag(1.0 / zeros.sigma)])
+        b = np.concatenate([residual[row] / sigma[row] for row in run.rows] + [np.zeros(len(zeros.names))])
         values = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
-        left = {row: residual[row] - zeros.columns[row] @ values for row in drive.rows}
-        sigma = {row: max(floor[row], float(np.sqrt(np.mean(left[row] ** 2)))) for row in drive.rows}
+        left = {row: residual[row] - zeros.columns[row] @ values for row in run.rows}
+        sigma = {row: max(floor[row], float(np.sqrt(np.mean(left[row] ** 2)))) for row in run.rows}
     return values
 
 

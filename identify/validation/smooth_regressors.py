@@ -73,21 +73,21 @@ class ColumnMaker:
     """
 
     def __init__(self, clear: ClearStates, history: bool = True):
-        self.clear, self.drives, self.history = clear, clear.drives, history
+        self.clear, self.runs, self.history = clear, clear.runs, history
         self._made: dict[tuple[str, tuple[str, ...], tuple[int, ...]], tuple[NDArray[np.intp], list[Array], int]] = {}
 
     def columns(self, row: str, names: tuple[str, ...]) -> Columns:
         """Columns of a row from some of its states (`validation.states`)."""
         kind, where = row.split(".")
-        having = tuple(i for i, drive in enumerate(self.drives) if row in drive.index)
+        having = tuple(i for i, run in enumerate(self.runs) if row in run.index)
         key = ("chassis" if kind == "chassis" else where, names, having)
         if key not in self._made:
             self._made[key] = self._make(row, names, having)
         of, combs, present = self._made[key]
         parts: list[Array] = []
         for i, series in zip(having, combs, strict=True):
-            drive = self.drives[i]
-            parts.append(series[:, drive.index[row] // drive.recording.filters.step])
+            run = self.runs[i]
+            parts.append(series[:, run.index[row] // run.recording.filters.step])
         stacked = np.asarray(np.concatenate(parts, axis=1).T, float)
         stacked = stacked - stacked.mean(axis=0)
         size = np.sqrt(np.mean(stacked**2, axis=0))
@@ -112,11 +112,9 @@ class ColumnMaker:
             z = {name: series[number] for name, (_, series) in scaled.items()}
             of, present = _present(near, z, {name: knots for name, (knots, _) in scaled.items()})
             series = (
-                np.concatenate([present, _history(z, self.drives[i].recording.filters.rate)])
-                if self.history
-                else present
+                np.concatenate([present, _history(z, self.runs[i].recording.filters.rate)]) if self.history else present
             )
-            filters = self.drives[i].recording.filters
+            filters = self.runs[i].recording.filters
             comb = slice(filters.step // 2, None, filters.step)
             # Some columns at a time: at full rate all of them would not fit in memory for a long run.
             parts = [
@@ -171,7 +169,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Array:
             a = [1.0, -2.0 * decay * np.cos(turn), decay**2]
             level = np.array([1.0 - decay * np.cos(turn), decay * np.sin(turn)])
             moved = x - x[0]
-            # In phase with the drive, and a quarter of a period later.
+            # In phase with the run, and a quarter of a period later.
             out += [np.asarray(lfilter(b, a, moved), float) for b in ([level[0], 0.0], [0.0, level[1]])]
     return np.stack(out) if out else np.zeros((0, next(iter(z.values())).size))
 

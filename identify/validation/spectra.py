@@ -70,20 +70,20 @@ def row_spectrum(
     fitted: Fit, floor: NoiseFloor, row: str, clear: ClearStates | None = None, segment: float = SEGMENT
 ) -> RowSpectrum | None:
     """Spectrum and coherence of a row; None where no run has three segments without a hole."""
-    clear = clear or ClearStates(fitted.drives)
+    clear = clear or ClearStates(fitted.runs)
     names = clear.names(row)
     found: list[NDArray[np.complex128]] = []
     counts: list[int] = []
     spacing = 1.0
-    for i, drive in enumerate(fitted.drives):
-        if row not in drive.index:
+    for i, run in enumerate(fitted.runs):
+        if row not in run.index:
             continue
-        filters = drive.recording.filters
+        filters = run.recording.filters
         spacing = filters.step / filters.rate
         states = clear.blurred(i, row, names)
-        stacked = np.stack([states[name].series for name in names]) if names else np.zeros((0, drive.motion.t.size))
-        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i][row], filtered(drive, row, stacked)])
-        place = drive.index[row] // filters.step
+        stacked = np.stack([states[name].series for name in names]) if names else np.zeros((0, run.motion.t.size))
+        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i][row], filtered(run, row, stacked)])
+        place = run.index[row] // filters.step
         lines = _segments(series, place, max(8, 2 * round(segment / spacing / 2.0)), spacing)
         found.append(lines)
         counts.append(lines.shape[0])
@@ -91,7 +91,7 @@ def row_spectrum(
     if total < 3:
         return None
     lines = np.concatenate(found)
-    cutoff = fitted.drives[0].recording.filters.fit_cutoff
+    cutoff = fitted.runs[0].recording.filters.fit_cutoff
     length = max(8, 2 * round(segment / spacing / 2.0))
     frequency = np.asarray(np.fft.rfftfreq(length, spacing)[1:], float)
     keep = frequency <= cutoff
@@ -171,6 +171,6 @@ def spectra(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None
 ) -> dict[str, RowSpectrum]:
     """Spectrum and coherence of each row that has enough of them."""
-    clear = clear or ClearStates(fitted.drives)
+    clear = clear or ClearStates(fitted.runs)
     found = {row: row_spectrum(fitted, floor, row, clear) for row in rows or fitted.rows}
     return {row: spectrum for row, spectrum in found.items() if spectrum is not None}

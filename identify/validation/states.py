@@ -17,7 +17,7 @@ from lacet.daq.channels import CORNERS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
@@ -122,9 +122,9 @@ def _stacked(corners: Sequence[CornerMotion], part: str) -> Array:
     return np.stack([np.asarray(getattr(corner, part), float) for corner in corners])
 
 
-def filtered(drive: Drive, row: str, series: Array) -> Array:
+def filtered(run: PreparedRun, row: str, series: Array) -> Array:
     """(…, n): full-rate series (…, N) as the row's residual is: through the parallel filter, at its samples."""
-    return drive.decimated({row: series})[row]
+    return run.decimated({row: series})[row]
 
 
 class ClearStates:
@@ -139,14 +139,14 @@ class ClearStates:
     than `NOISY` is noise.
     """
 
-    def __init__(self, drives: Sequence[Drive], seed: int = 0):
-        self.drives = tuple(drives)
-        self._noisy = [_with_noise(drive.recording, [seed, 11, i]) for i, drive in enumerate(self.drives)]
+    def __init__(self, runs: Sequence[PreparedRun], seed: int = 0):
+        self.runs = tuple(runs)
+        self._noisy = [_with_noise(run.recording, [seed, 11, i]) for i, run in enumerate(self.runs)]
         self._known: dict[tuple[int, str], dict[str, tuple[State, Array]]] = {}
 
     def names(self, row: str) -> tuple[str, ...]:
         """Names of a row's states, nearest first."""
-        having = [i for i, drive in enumerate(self.drives) if row in drive.index]
+        having = [i for i, run in enumerate(self.runs) if row in run.index]
         if not having:
             return ()
         each = [self._states(i, row) for i in having]
@@ -156,7 +156,7 @@ class ClearStates:
         values = [np.stack([states[n][0].series for n in names]) for states in each]
         noise = [np.stack([states[n][1] for n in names]) for states in each]
         both = [
-            filtered(self.drives[i], row, np.concatenate(pair))
+            filtered(self.runs[i], row, np.concatenate(pair))
             for i, pair in zip(having, zip(values, noise, strict=True), strict=True)
         ]
         value, own = np.split(np.concatenate(both, axis=1), 2)
@@ -175,7 +175,7 @@ class ClearStates:
         kind = row.split(".")[0]
         key = run, "chassis" if kind == "chassis" else row
         if key not in self._known:
-            drive = self.drives[run]
+            drive = self.runs[run]
             before, after = states_of(drive.motion, row), states_of(self._noisy[run], row)
             shared = [name for name in before if name in after]
             if not shared:

@@ -85,13 +85,13 @@ def run(args: argparse.Namespace) -> int:
             print(f"\nNoise, 1 σ at the sensors' own rates:\n{sensor_report.noise_table(result['noise'])}", flush=True)
         fitted = None
         if "latency" in asked:
-            filters = loaded.drives[0].recording.filters
+            filters = loaded.prepared[0].recording.filters
             timings = estimate_latencies(
                 model, loaded.runs, loaded.vehicle, loaded.rig, filters, args.time_base, line.progress
             )
             fitted = timings.fit
             line.show("simulating the noise floor")
-            trust = worst_row(scores([compare(fitted, drive, _DRAWS) for drive in fitted.drives]))
+            trust = worst_row(scores([compare(fitted, drive, _DRAWS) for drive in fitted.runs]))
             result["latency"] = checking.latency_result(timings, trust)
             print(
                 f"\nLatencies, when that of '{timings.base}' is right:\n{sensor_report.latency_table(timings)}",
@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
                 _write(args.write_rig, loaded, timings)
         if "bias" in asked:
             line.show("fitting")
-            fitted = fitted or fit(model, loaded.drives)
+            fitted = fitted or fit(model, loaded.prepared)
             line.show("fitting with instruments")
             found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
             result["bias"] = checking.bias_result(found, loaded.vehicle)
@@ -132,7 +132,7 @@ def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
         loaded = load(study.paths(), rig, vehicle, filters)
         model = study.model(study.version(), loaded.reference)
         known = study.effects(loaded.reference)
-    rigs = {drive.recording.rig.text for drive in loaded.drives}
+    rigs = {drive.recording.rig.text for drive in loaded.prepared}
     if len(rigs) > 1:
         raise UsageError("the runs carry different rig files: check those of one rig together, or name one with --rig")
     for key in args.add:

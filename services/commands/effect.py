@@ -94,7 +94,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     with Line() as line:
         line.show(f"trying it on {first.name}")
         loaded = load([first], study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
-        acts = try_effect(cls, loaded.drives[0], loaded.vehicle, loaded.reference)
+        acts = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
     print(f"  tried on {first.name}: {outcome(acts)}")
     if not only_try:
         replaced = put(study, cls, stored)

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.show("fitting")
-        fitted = fit(model, loaded.drives, robust=args.robust)
+        fitted = fit(model, loaded.prepared, robust=args.robust)
         if args.instruments:
             line.show("fitting again with instruments")
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
             nearest = consistent_fit(fitted)
             fitted = nearest.fit
         line.show("simulating the noise floor")
-        parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
+        parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.runs]
         knowledge = Knowledge.of(fitted)
         drawn = None if args.instruments else fitted.bootstrap()
         result = fit_result(fitted, loaded, parts, knowledge=knowledge, drawn=drawn)
@@ -95,8 +95,8 @@ def run(args: argparse.Namespace) -> int:
             pictures += draw_dampers(damper_curves(fitted, knowledge), args.pictures, "dampers")
     if found and nearest:
         result["consistency"] = consistency_result(found, nearest)
-    many = "s" if len(loaded.drives) > 1 else ""
-    print(f"{loaded.vehicle.name}, {len(loaded.drives)} run{many}, {loaded.reference} wheel loads\n")
+    many = "s" if len(loaded.prepared) > 1 else ""
+    print(f"{loaded.vehicle.name}, {len(loaded.prepared)} run{many}, {loaded.reference} wheel loads\n")
     print(tables.parameters(result))
     print("95 %: noise and zeros, residuals correlated. With sheet: gains and latencies of the sensor sheet as well.")
     if result["derived"]:

@@ -15,7 +15,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.services.commands.progress import Line
@@ -86,7 +86,7 @@ class _Start:
     rig: Rig
     filters: Filters
     reference: str
-    drives: tuple[Drive, ...]
+    prepared: tuple[PreparedRun, ...]
     files: tuple[str | Path | None, str | Path | None]
     folder: Path | None
     warnings: tuple[str, ...]
@@ -140,7 +140,7 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         version = study.version()
         fitted, loaded = work.fitted(version), work.loaded
         return _Start(
-            fitted, fitted.model, loaded.vehicle, loaded.rig, study.filters, loaded.reference, loaded.drives,
+            fitted, fitted.model, loaded.vehicle, loaded.rig, study.filters, loaded.reference, loaded.prepared,
             (study.folder / "rig.toml", study.folder / "vehicle.toml"), args.keep or study.folder / "planned",
             loaded.warnings,
         )  # fmt: skip
@@ -151,7 +151,7 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         model = _model(loaded.vehicle, loaded.reference, args.add)
         line.show("fitting")
         return _Start(
-            fit(model, loaded.drives), model, loaded.vehicle, loaded.rig, filters, loaded.reference, loaded.drives,
+            fit(model, loaded.prepared), model, loaded.vehicle, loaded.rig, filters, loaded.reference, loaded.prepared,
             (args.rig, args.vehicle), args.keep, loaded.warnings,
         )  # fmt: skip
     if not (args.rig and args.vehicle):
@@ -176,15 +176,15 @@ def _runs(
         loaded = load(args.like, *start.files, start.filters)
         if loaded.reference != start.reference:
             raise UsageError(f"the runs of --like have {loaded.reference} wheel loads, the others {start.reference}")
-        return like_runs(loaded.drives), (), list(loaded.warnings)
+        return like_runs(loaded.prepared), (), list(loaded.warnings)
     try:
         engine_library()
     except UsageError as missing:
         raise UsageError(f"{missing}\nOr rank runs like those you have: --like RUN…") from None
     like = planned_car(start.vehicle, known_values(start.vehicle, start.fitted, start.reference))
     plans = library(like.car, limits, names, SECONDS)
-    rates = start.drives[0].recording.rates if start.drives else None
-    channels = frozenset(name for drive in start.drives for name in drive.recording.rates) if start.drives else None
+    rates = start.prepared[0].recording.rates if start.prepared else None
+    channels = frozenset(name for drive in start.prepared for name in drive.recording.rates) if start.prepared else None
     runs, problems = simulated_runs(
         plans, like, start.vehicle, start.rig, start.filters, limits, start.folder, line.progress, rates, channels
     )
@@ -201,7 +201,7 @@ def plan_result(
     best = first.runs[0] if useful else None
     out_of_reach = [{"name": n, "half95": present[n].half, "unit": present[n].unit} for n in first.out_of_reach]
     return {
-        "runs": [drive.name for drive in start.drives],
+        "runs": [drive.name for drive in start.prepared],
         "wanted": [
             {"name": n, "value": q.value, "unit": q.unit, "half95": q.half, "goal": goal}
             for n, goal in first.targets.items()
@@ -210,7 +210,7 @@ def plan_result(
         "out_of_reach": out_of_reach,
         "ranking": [_ranked(runs, one) for one in first.runs],
         "best": _ranked(runs, best) if best else None,
-        "says": _sentence(runs, first, bool(start.drives)),
+        "says": _sentence(runs, first, bool(start.prepared)),
         "next": [_ranked(runs, ranking.runs[0]) for ranking in useful],
         "assumed": list(assumed),
         "warnings": list(warnings),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.library.display import html_of
 from lacet.services.workspace.loading import Loaded, default_filters, load
 
@@ -50,9 +50,9 @@ class Runs:
     loaded: Loaded = field(repr=False)
 
     @property
-    def prepared(self) -> tuple[Drive, ...]:
+    def prepared(self) -> tuple[PreparedRun, ...]:
         """The prepared runs."""
-        return self.loaded.drives
+        return self.loaded.prepared
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,7 +64,7 @@ class Runs:
         """Point that the wheel loads are given at: ``contact`` or ``hub``."""
         return self.loaded.reference
 
-    def __iter__(self) -> Iterator[Drive]:
+    def __iter__(self) -> Iterator[PreparedRun]:
         return iter(self.prepared)
 
     def __len__(self) -> int:

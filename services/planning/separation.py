@@ -118,7 +118,7 @@ def recommend(
     compared, found = _compared(fitted, known, diagnosis, wanted)
     why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
     faults = [fault for e in known.values() if (fault := e.as_fault) and fault.tolerance not in _UNTOUCHED]
-    rig = fitted.drives[0].recording.rig
+    rig = fitted.runs[0].recording.rig
     question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
     progress(Step(Stage.PRESENT_INFORMATION))
     present = present_runs(question, work.floor(work.study.version()), diagnosis.louder)
@@ -131,14 +131,14 @@ def recommend(
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         progress(Step(Stage.RUN_INFORMATION, number, len(planned), one.label))
-        lacking = [reason for c in compared if (reason := one.drive.can(c.effect))]
+        lacking = [reason for c in compared if (reason := one.prepared.can(c.effect))]
         if lacking:
             problems.append(f"left out: {one.label}: {lacking[0]}")
             continue
-        told = planned_run(question, one.drive, diagnosis.louder)
+        told = planned_run(question, one.prepared, diagnosis.louder)
         runs.append(_judged(question, present, before, one, told, chosen, bool(why)))
-        one.drive.forget_motion()
-        one.drive.forget_columns()
+        one.prepared.forget_motion()
+        one.prepared.forget_columns()
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)
@@ -174,8 +174,8 @@ def _compared(
             raise UsageError(f"{key} is in the model: only effects that are not can be told apart")
         if not effect.parameters:
             raise UsageError(f"{key} has no parameters: the measurements hold it already")
-        for drive in fitted.drives:
-            if why := drive.can(effect):
+        for run in fitted.runs:
+            if why := run.can(effect):
                 raise UsageError(f"{key} cannot be computed on these runs: {why}")
         c = by_key.get(key)
         real = c is not None and c.answer in ("missing", "undecided") and bool(c.values)
@@ -208,7 +208,7 @@ def _sized(before: Separations, found: Sequence[bool]) -> list[Compared]:
 def ordinary(fitted: Fit, effect: Effect) -> Array:
     """(p,) sizes that are plausible: of physics 1 σ of what is, of a sensor fault four of its tolerance."""
     sizes = np.array([q.prior * (-1.0 if q.expect == "negative" else 1.0) for q in effect.parameters])
-    if (tolerance := effect.sheet_bound(fitted.drives[0].recording.rig)) > 0.0:
+    if (tolerance := effect.sheet_bound(fitted.runs[0].recording.rig)) > 0.0:
         return np.minimum(sizes, FAULT * tolerance)
     return sizes
 
@@ -220,10 +220,10 @@ def _library(
     loaded = work.loaded
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
-    channels = frozenset(name for drive in loaded.drives for name in drive.recording.rates)
+    channels = frozenset(name for run in loaded.prepared for name in run.recording.rates)
     return simulated_runs(
         plans, like, loaded.vehicle, loaded.rig, work.study.filters, limits, work.study.folder / "planned", progress,
-        loaded.drives[0].recording.rates, channels,
+        loaded.prepared[0].recording.rates, channels,
     )  # fmt: skip
 
 

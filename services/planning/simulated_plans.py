@@ -29,7 +29,7 @@ from lacet.identify.design.run_information import (
 from lacet.identify.design.run_ranking import Ranking, rank
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.services.planning.manoeuvre_library import Limits, Plan
@@ -52,7 +52,7 @@ class PlannedRun:
     like a measured one), `speed` [m/s] and `lateral`, the peak lateral acceleration [m/s²], of a simulated one."""
 
     label: str
-    drive: Drive
+    prepared: PreparedRun
     settings: Mapping[str, Any]
     manoeuvre: str = ""
     speed: float | None = None
@@ -80,9 +80,9 @@ def simulated_runs(
             run, lateral, factor = _motion(plan, like, rig, limits, folder)
             if channels is not None:
                 run = replace(run, signals={name: s for name, s in run.signals.items() if name in channels})
-            drive = Drive.of(run, vehicle, rig, filters)
+            drive = PreparedRun.of(run, vehicle, rig, filters)
             own = {name: (rates or {}).get(name, CHANNELS[name].rate) for name in drive.recording.rates}
-            drive = Drive(replace(drive.recording, rates=own))
+            drive = PreparedRun(replace(drive.recording, rates=own))
         except LacetError as error:
             if not isinstance(error, SimulationFailed):
                 raise
@@ -136,14 +136,14 @@ def _drive(car: Any, bars: Sequence[Hidden], plan: Plan) -> tuple[SimulatedMotio
     return motion, float(np.max(np.abs(smooth)))
 
 
-def like_runs(drives: Sequence[Drive]) -> list[PlannedRun]:
+def like_runs(runs: Sequence[PreparedRun]) -> list[PlannedRun]:
     """Runs like measured ones."""
-    return [PlannedRun(f"another run like {drive.name}", drive, {}) for drive in drives]
+    return [PlannedRun(f"another run like {run.name}", run, {}) for run in runs]
 
 
 def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
     """The model with the values of the planned car, where no run has been made yet."""
-    return fit(model, [run.drive for run in runs], zeros=False, unbias=False)
+    return fit(model, [run.prepared for run in runs], zeros=False, unbias=False)
 
 
 def next_runs(
@@ -160,8 +160,8 @@ def next_runs(
     told: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
         progress(Step(Stage.RUN_INFORMATION, number, len(runs), run.label))
-        told.append(run_information(run.drive, values, excess))
-        run.drive.forget_motion()
+        told.append(run_information(run.prepared, values, excess))
+        run.prepared.forget_motion()
     present = values if measured else predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):

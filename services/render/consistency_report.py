@@ -11,8 +11,8 @@ from lacet.identify.regression.wls import Fit
 def left_open(fitted: Fit) -> list[str]:
     """What the runs of a fit merge or leave no better known than plausible, one line each; never empty."""
     known = Information.of(fitted)
-    lines = explain_grouping(fitted.base, fitted.model, fitted.drives)
-    lines += explain_weak(known.root, known.names, fitted.model, fitted.drives)
+    lines = explain_grouping(fitted.base, fitted.model, fitted.runs)
+    lines += explain_weak(known.root, known.names, fitted.model, fitted.runs)
     return lines or ["nothing"]
 
 

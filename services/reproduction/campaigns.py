@@ -176,7 +176,7 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
     loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
     fitted = _fitted(campaign, loaded, progress)
     progress(Step(Stage.NOISE_FLOOR, campaign=campaign.name))
-    result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives])
+    result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.runs])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
     return result
@@ -193,10 +193,10 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
         for value in values:
             progress(Step(Stage.FITTING, values={name: value}, campaign=campaign.name))
             model = Model.of([*base, *_shaped(extra, name, value)])
-            tried[value] = _misfit(fit(model, loaded.drives, unbias=False))
+            tried[value] = _misfit(fit(model, loaded.prepared, unbias=False))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
     progress(Step(Stage.FITTING, campaign=campaign.name))
-    return fit(Model.of([*base, *extra]), loaded.drives)
+    return fit(Model.of([*base, *extra]), loaded.prepared)
 
 
 def _shaped(effects: list[Effect], name: str, value: float) -> list[Effect]:

@@ -140,9 +140,9 @@ class Desk:
             fitted = work.fitted(version)
             pairs = work.pairs(version)
             progress(Step(Stage.CONTRIBUTIONS))
-            shares = tuple(shares_of(fitted, drive, part) for part, drive in pairs)
+            shares = tuple(shares_of(fitted, run, part) for part, run in pairs)
             progress(Step(Stage.MANOEUVRE_PHASES))
-            phases = tuple(phases_of(drive.motion) for _, drive in pairs)
+            phases = tuple(phases_of(run.motion) for _, run in pairs)
             parts = tuple(part for part, _ in pairs)
             kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, work))
         _keep(self._compared, version.number, kept)
@@ -202,9 +202,7 @@ class Desk:
 def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work) -> dict[str, Any]:
     """Scores of every row of every run, as ``lacet compare`` has them."""
     used, held = scores([p for p in parts if p.used]), scores([p for p in parts if not p.used])
-    seconds = {
-        drive.name: float(drive.recording.t[-1] - drive.recording.t[0]) for drive in (*work.loaded.drives, *work.held)
-    }
+    seconds = {run.name: float(run.recording.t[-1] - run.recording.t[0]) for run in (*work.loaded.prepared, *work.held)}
     return plain(
         {
             "version": version.number,

@@ -22,12 +22,12 @@ def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str,
     ready = found.against(row).get(state) if row in found.worst else None
     if ready is None:
         with desk.computing(WAIT):
-            every = against_states(found.fitted.drives, found.fitted.residual, row, None)
+            every = against_states(found.fitted.runs, found.fitted.residual, row, None)
             if not every:
                 raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
             if state not in every:
                 raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
-            clear = against_states(found.fitted.drives, found.fitted.residual, row, [state], found.clear)
+            clear = against_states(found.fitted.runs, found.fitted.residual, row, [state], found.clear)
             ready = clear[state]
     return plain(_against(ready))
 
@@ -74,7 +74,7 @@ def preview_body(desk: Desk, version: int, key: str, run: str, row: str) -> byte
     with desk.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
         work, beside = desk.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
-        drive = next(d for d in (*work.loaded.drives, *work.held) if d.name == run)
+        drive = next(d for d in (*work.loaded.prepared, *work.held) if d.name == run)
         after = beside.residual(drive, part)
     now = part.residual(row)
     rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))

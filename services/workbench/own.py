@@ -61,7 +61,7 @@ def _tried(desk: Desk, study: Study, cls: type[OneLine]) -> tuple[list[dict[str,
     try:
         with desk.computing(WAIT):
             loaded = desk.work(study, silent).loaded
-            tried = try_effect(cls, loaded.drives[0], loaded.vehicle, loaded.reference)
+            tried = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
     except Busy:
         return [], "not tried on a run yet: lacet is at work on something else"
     return tried, f"tried on {study.paths()[0].name}: {outcome(tried)}"

@@ -10,16 +10,16 @@ import numpy as np
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 
 
-def try_effect(cls: type[PhysicalEffect], drive: Drive, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
+def try_effect(cls: type[PhysicalEffect], run: PreparedRun, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
     """Each variant, with every combination of its constants, on the first minute of a run.
 
     Plain data (``docs/json.md``, ``effect``, `tried`): rows it acts on, or why it cannot be tested. Raises UsageError
     where the law gives values that are not finite.
     """
-    part = next(drive.pieces())
+    part = next(run.pieces())
     out: list[dict[str, Any]] = []
     for effect in cls.variants(vehicle, reference):
         why = part.can(effect)

@@ -42,10 +42,10 @@ def load_floor(study: Study, key: str) -> NoiseFloor | None:
     arrays = _load(study, f"floor-{key}")
     if arrays is None:
         return None
-    drives = 1 + max(int(name.split("|")[0]) for name in arrays)
+    runs = 1 + max(int(name.split("|")[0]) for name in arrays)
     draws = tuple(
-        {name.split("|")[1]: a.astype(float) for name, a in arrays.items() if name.startswith(f"{drive}|")}
-        for drive in range(drives)
+        {name.split("|")[1]: a.astype(float) for name, a in arrays.items() if name.startswith(f"{run}|")}
+        for run in range(runs)
     )
     return NoiseFloor.of(draws)
 

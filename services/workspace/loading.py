@@ -13,7 +13,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.plausibility import exchanged_wheels
 from lacet.services.plausible import implausible
@@ -23,19 +23,19 @@ from lacet.services.plausible import implausible
 class Loaded:
     """Drives with the car and rig they belong to, and what a user must know about them, one line each.
 
-    `runs` are what the drives were made from, channels left out gone.
+    `runs` are what the prepared runs were made from, channels left out gone.
     """
 
     vehicle: Vehicle
     rig: Rig
-    drives: tuple[Drive, ...]
+    prepared: tuple[PreparedRun, ...]
     warnings: tuple[str, ...]
     runs: tuple[Run, ...] = ()
 
     @property
     def reference(self) -> str:
         """Wheel reference of the runs: ``contact`` or ``hub``."""
-        return self.drives[0].recording.reference
+        return self.prepared[0].recording.reference
 
 
 def find_rig(run: Run, given: str | Path | None) -> Rig:
@@ -99,7 +99,7 @@ def load(
     if twice := sorted({str(p) for p in places if places.count(p) > 1}):
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
     warnings: list[str] = []
-    drives: list[Drive] = []
+    drives: list[PreparedRun] = []
     runs: list[Run] = []
     failed: list[LacetError] = []
     car: Vehicle | None = None
@@ -125,8 +125,10 @@ def load(
     return Loaded(car, sensors, tuple(drives), tuple(warnings), tuple(runs))
 
 
-def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> tuple[Run, Drive]:
-    drive = Drive.of(run, vehicle, rig, filters)
+def _drive(
+    run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]
+) -> tuple[Run, PreparedRun]:
+    drive = PreparedRun.of(run, vehicle, rig, filters)
     warnings += [f"{run.name}: {line}" for line in implausible(drive)]
     moved = exchanged_wheels(drive)
     if moved:
@@ -141,7 +143,7 @@ def _drive(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnin
             if name.split(".")[0] != "wheel" or name.split(".")[1] not in moved
         }
         run = replace(run, signals=kept)
-        drive = Drive.of(run, vehicle, rig, filters)
+        drive = PreparedRun.of(run, vehicle, rig, filters)
     warnings += [f"{run.name}: {note}" for note in drive.motion.notes]
     if not drive.rows:
         reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"

@@ -35,7 +35,7 @@ class Asked:
     @property
     def brakes(self) -> str:
         """``off`` when any run declares it, for its spin rows; without runs they are taken to be off."""
-        declared = {drive.recording.brakes for drive in self.loaded.drives} if self.loaded else {"off"}
+        declared = {run.recording.brakes for run in self.loaded.prepared} if self.loaded else {"off"}
         return "off" if "off" in declared else sorted(declared)[0]
 
 
@@ -84,7 +84,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     by_name: dict[str, Estimate] = {}
     if asked.loaded is not None:
         progress(Step(Stage.FITTING))
-        by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.drives))}
+        by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.prepared))}
     tree = car_tree(asked.vehicle)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]
     return {
@@ -99,7 +99,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
             "base_rank": found.base.rank,
             "singular_gap": found.base.gap,
             "parameters": lines,
-            "runs": [drive.name for drive in asked.loaded.drives] if asked.loaded else [],
+            "runs": [run.name for run in asked.loaded.prepared] if asked.loaded else [],
             "warnings": list(asked.loaded.warnings) if asked.loaded else [],
         }
     }

@@ -29,8 +29,8 @@ def fit_result(
     found = estimates(fitted, drawn)
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
-    for drive in fitted.drives:
-        left_out |= {f"{drive.name}: {row}": why for row, why in drive.motion.left_out.items()}
+    for run in fitted.runs:
+        left_out |= {f"{run.name}: {row}": why for row, why in run.motion.left_out.items()}
     return plain(
         {
             "vehicle": loaded.vehicle.name,

@@ -13,7 +13,7 @@ from lacet.daq.errors import UsageError
 from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.progress import Stage, Step, silent
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
@@ -41,8 +41,8 @@ def fit_run(path: str | Path) -> dict[str, Any]:
 
 def _fit_run(path: str | Path) -> dict[str, Any]:
     loaded = load([path])
-    fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.drives)
-    parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.drives]
+    fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.prepared)
+    parts = [compare(fitted, run, FLOOR_DRAWS) for run in fitted.runs]
     return fit_result(fitted, loaded, parts, drawn=fitted.bootstrap())
 
 
@@ -79,7 +79,7 @@ class Work:
         self.study, self.progress = study, progress
         progress(Step(Stage.READING_RUNS, total=len(study.used), subject="used"))
         self.loaded = self._read(study.paths(), "used")
-        self._held: tuple[Drive, ...] | None = None
+        self._held: tuple[PreparedRun, ...] | None = None
         self._fits: dict[int, Fit] = {}
         self._knowledge: dict[int, Knowledge] = {}
         self._floors: dict[int, NoiseFloor] = {}
@@ -93,7 +93,7 @@ class Work:
         )  # fmt: skip
 
     @property
-    def held(self) -> tuple[Drive, ...]:
+    def held(self) -> tuple[PreparedRun, ...]:
         """The runs held out."""
         if self._held is None:
             self._held = ()
@@ -106,7 +106,7 @@ class Work:
                     )
                 known = self.loaded.warnings
                 self.loaded = replace(self.loaded, warnings=(*known, *(w for w in loaded.warnings if w not in known)))
-                self._held = loaded.drives
+                self._held = loaded.prepared
         return self._held
 
     def fitted(self, version: Version) -> Fit:
@@ -115,7 +115,7 @@ class Work:
             self.progress(Step(Stage.FITTING, names=tuple(version.effects), version=version.number))
             model = self.study.model(version, self.loaded.reference)
             self._fits[version.number] = fit(
-                model, self.loaded.drives, progress=lambda step: self.progress(replace(step, version=version.number))
+                model, self.loaded.prepared, progress=lambda step: self.progress(replace(step, version=version.number))
             )
         return self._fits[version.number]
 
@@ -152,17 +152,17 @@ class Work:
         if key not in self._compared:
             fitted = self.fitted(version)
             knowledge = self.knowledge(version) if held else None
-            drives = self.held if held else self.loaded.drives
+            runs = self.held if held else self.loaded.prepared
             parts: list[Comparison] = []
-            for drive in drives:
-                self.progress(Step(Stage.COMPARING, subject=drive.name, version=version.number))
-                parts.append(compare(fitted, drive, FLOOR_DRAWS, knowledge=knowledge))
+            for run in runs:
+                self.progress(Step(Stage.COMPARING, subject=run.name, version=version.number))
+                parts.append(compare(fitted, run, FLOOR_DRAWS, knowledge=knowledge))
             self._compared[key] = parts
         return self._compared[key]
 
-    def pairs(self, version: Version) -> list[tuple[Comparison, Drive]]:
+    def pairs(self, version: Version) -> list[tuple[Comparison, PreparedRun]]:
         """Every run of a version with its comparison, those used first."""
-        used = zip(self.comparisons(version, held=False), self.loaded.drives, strict=True)
+        used = zip(self.comparisons(version, held=False), self.loaded.prepared, strict=True)
         return [*used, *zip(self.comparisons(version, held=True), self.held, strict=True)]
 
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:

@@ -10,7 +10,7 @@ from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, at_faults, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
@@ -57,20 +57,20 @@ def exact_with(hidden: Effect | None = None, *sizes: float) -> Recording:
     return cars.fulfil(record, (*MODEL.effects, *further), np.append(theta(), sizes))
 
 
-def driven(record: Recording, seed: int, loud: float = 1.0) -> Drive:
+def driven(record: Recording, seed: int, loud: float = 1.0) -> PreparedRun:
     """The drive as its instruments record it: with `loud` times the sheet's noise."""
     noise = draw_noise(record, record.signals.value, np.random.default_rng([3, seed]))
     values = {name: a + loud * noise[name] for name, a in record.signals.value.items()}
-    return Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
+    return PreparedRun(record.with_signals(Signals.differentiated(values, record.filters.rate)))
 
 
-def later(key: str, seconds: float, seed: int, loud: float = 1.0) -> Drive:
+def later(key: str, seconds: float, seed: int, loud: float = 1.0) -> PreparedRun:
     """The drive with one kind of instrument, by its fault's key, stamped that much too late."""
     fault = KNOWN[key]
     assert isinstance(fault, SensorFault)
     return driven(at_faults(exact(), [fault], np.array([-seconds])), seed, loud)
 
 
-def fit_of(drive: Drive, like: Fit | None = None) -> Fit:
+def fit_of(drive: PreparedRun, like: Fit | None = None) -> Fit:
     """The model on it; what depends on the motion alone is taken from another run of the same."""
     return fit(MODEL, [drive], draws=2, stored=like.stored if like else None)

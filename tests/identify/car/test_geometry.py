@@ -18,7 +18,7 @@ from lacet.identify.car.kinematics import build_motion, reconstruct
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
@@ -245,7 +245,7 @@ def test_a_laser_that_is_not_above_its_wheel_cannot_tell_tyre_damping(ahead: flo
     moved = tuple(
         replace(s, from_wheel_centre=(ahead, 0.0, 0.3)) if s.from_wheel_centre is not None else s for s in RIG.sensors
     )
-    drive = Drive.of(run, VEHICLE, replace(RIG, sensors=moved))
+    drive = PreparedRun.of(run, VEHICLE, replace(RIG, sensors=moved))
     assert any(told in note for note in drive.motion.notes) if told else not drive.motion.notes
     every = catalogue(VEHICLE, "hub")
     assert bool(drive.can(every["tyre_damping.front"])) == bool(told)
@@ -277,7 +277,7 @@ def test_missing_channels_cost_their_rows_and_no_others(lost: tuple[str, ...], g
     """What is not measured is named; the rest is fitted."""
     run, _ = made_run()
     run = replace(run, signals={k: v for k, v in run.signals.items() if k not in lost})
-    drive = Drive.of(run, VEHICLE, RIG)
+    drive = PreparedRun.of(run, VEHICLE, RIG)
     full = {*(f"{kind}.{c}" for kind in ("suspension", "tyre") for c in CORNERS), "spin.rl", "spin.rr"}
     full |= {f"chassis.{x}{k}" for x in "fm" for k in "xyz"}
     expected = {row for row in full if row not in gone and row.partition(".")[0] not in gone}
@@ -305,7 +305,7 @@ def test_nothing_measured_is_said() -> None:
     run, _ = made_run()
     bare = replace(run, signals={"correvit.speed": run.signals["correvit.speed"]})
     with pytest.raises(NotIdentifiable, match="not measured"):
-        fit(Model.of(base_model(VEHICLE, "hub")), [Drive.of(bare, VEHICLE, RIG)])
+        fit(Model.of(base_model(VEHICLE, "hub")), [PreparedRun.of(bare, VEHICLE, RIG)])
 
 
 @pytest.mark.parametrize(("seconds", "message"), [(1.5, r"overlap for 1\.\d+ s; at least 2\.17 s"), (0.03, "samples")])
@@ -313,7 +313,7 @@ def test_a_run_too_short_is_said(seconds: float, message: str) -> None:
     """With how long it should be."""
     run, _ = made_run(seconds)
     with pytest.raises(RunError, match=message):
-        Drive.of(run, VEHICLE, RIG)
+        PreparedRun.of(run, VEHICLE, RIG)
 
 
 def test_channels_that_do_not_overlap_name_the_culprits() -> None:
@@ -322,7 +322,7 @@ def test_channels_that_do_not_overlap_name_the_culprits() -> None:
     late = run.signals["imu.rate"]
     signals = {**run.signals, "imu.rate": Signal(late.t + 11.5, late.values, late.flags)}
     with pytest.raises(RunError, match=r"latest start: imu\.rate"):
-        Drive.of(replace(run, signals=signals), VEHICLE, RIG)
+        PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG)
 
 
 def test_correction_of_a_latency_undoes_it() -> None:

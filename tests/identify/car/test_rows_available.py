@@ -14,7 +14,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import reconstruct
 from lacet.identify.car.rows import RELEASED, ROWS, Torque, available, needs, torque_in
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from tests.identify import cars
 
@@ -141,7 +141,7 @@ def test_released_brakes_cost_nothing_and_brakes_never_released_cost_the_rows() 
     quiet = reconstruct(braked(np.full(t.size, 0.5 * RELEASED)), vehicle, RIG)
     assert not quiet.notes
     assert np.array_equal(quiet.usable["suspension.fl"], quiet.usable["chassis.fx"])
-    pressed = Drive.of(braked(np.full(t.size, 20e5)), vehicle, RIG)
+    pressed = PreparedRun.of(braked(np.full(t.size, 20e5)), vehicle, RIG)
     for c in CORNERS:
         assert f"suspension.{c}" not in pressed.rows
         assert "the brakes act" in pressed.motion.left_out[f"suspension.{c}"]

@@ -23,7 +23,7 @@ from lacet.identify.design.run_information import (
 from lacet.identify.design.run_ranking import chosen, quantities, rank
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify.cars import reference_car
 from tests.support.tables import piece
@@ -32,8 +32,8 @@ VEHICLE, RIG = reference_car()
 
 
 @cache
-def drive(name: str, start: float = 5.0, stop: float = 12.0) -> Drive:
-    return Drive.of(piece(name, start, stop), VEHICLE, RIG)
+def drive(name: str, start: float = 5.0, stop: float = 12.0) -> PreparedRun:
+    return PreparedRun.of(piece(name, start, stop), VEHICLE, RIG)
 
 
 @cache

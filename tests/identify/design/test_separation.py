@@ -23,7 +23,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.cars import reference_car
@@ -34,8 +34,8 @@ KNOWN = catalogue(VEHICLE, "hub")
 
 
 @cache
-def drive(name: str) -> Drive:
-    return Drive.of(piece(name, 5.0, 12.0), VEHICLE, RIG)
+def drive(name: str) -> PreparedRun:
+    return PreparedRun.of(piece(name, 5.0, 12.0), VEHICLE, RIG)
 
 
 @cache

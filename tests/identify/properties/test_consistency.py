@@ -20,7 +20,7 @@ from lacet.identify.properties.body_consistency import bodies, check_bodies, clu
 from lacet.identify.properties.consistent_fit import ConsistentFit, certain_sign, consistency, consistent_fit
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
 
@@ -84,7 +84,7 @@ def fitted() -> Fit:
     """A sine and a rough road of the reference car, with its bars."""
     known = catalogue(VEHICLE, "hub")
     model = Model.of(base_model(VEHICLE, "hub")) + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]
-    drives = [Drive.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in ("sine", "rough")]
+    drives = [PreparedRun.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in ("sine", "rough")]
     return fit(model, drives, unbias=False)
 
 

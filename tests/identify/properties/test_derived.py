@@ -21,7 +21,7 @@ from lacet.identify.properties.corner_rates import CornerNumbers, corner_numbers
 from lacet.identify.properties.derived import Derived, damper_curves, derived_values, ranges
 from lacet.identify.properties.ride_model import G, modes, ride_values, roll_centre
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from tests.identify import cars
@@ -193,11 +193,11 @@ def test_static_loads_are_in_balance_and_of_least_energy() -> None:
     np.testing.assert_allclose(load, n.static + G * n.unsprung - n.tyre * q[3:], atol=0.5)
 
 
-def exact_drive() -> Drive:
+def exact_drive() -> PreparedRun:
     """A lively drive of exact signals."""
     rng = np.random.default_rng(8)
     t = np.arange(2000) / 125.0
-    return Drive(cars.recording(cars.exact_signals(cars.drive_curves(rng), t), VEHICLE, RIG))
+    return PreparedRun(cars.recording(cars.exact_signals(cars.drive_curves(rng), t), VEHICLE, RIG))
 
 
 def test_corner_numbers_are_the_laws_best_lines() -> None:
@@ -206,7 +206,7 @@ def test_corner_numbers_are_the_laws_best_lines() -> None:
     keys = ("spring.fl", "damper.fl", "offset.fl", "tyre_stiffness.fl", "outboard_mass.fl", "anti_roll_bar.front",
             "coulomb.front", "spring_cubic.fl", "damper_asymmetry.fr", "tyre_progression.front")  # fmt: skip
     model = Model.of(cast(Effect, known[key]) for key in keys)
-    fitted = cast(Fit, SimpleNamespace(model=model, drives=(drive,)))
+    fitted = cast(Fit, SimpleNamespace(model=model, runs=(drive,)))
     one = [CornerNumbers.unpack(column) for column in corner_numbers(fitted).T]
     by_key = dict(zip(keys, one, strict=True))
     assert by_key["spring.fl"].stiffness == pytest.approx([1, 0, 0, 0], abs=1e-9)
@@ -278,7 +278,7 @@ def test_a_corner_that_no_run_measures_is_not_taken_for_a_car_without_a_spring(
     """Roll stiffness, its share and the roll modes stand on all corners they are made of; the other axle's are told."""
     run = cars.piece("rough", 2.0, 14.0)
     run = replace(run, signals={n: s for n, s in run.signals.items() if n != f"wheel.{corner}.force"})
-    fitted = fit(models["base"], [Drive.of(run, VEHICLE, RIG)])
+    fitted = fit(models["base"], [PreparedRun.of(run, VEHICLE, RIG)])
     found = {d.name: d for d in derived_values(fitted, VEHICLE, Knowledge.of(fitted))}
     own, other = ("front", "rear") if corner == "fl" else ("rear", "front")
     for name in (f"roll_stiffness.{own}", "roll_stiffness_share.front", "roll_gradient", f"ride_rate.{corner}"):

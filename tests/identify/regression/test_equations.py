@@ -14,7 +14,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations, narrow_triangle, triangle
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
@@ -124,13 +124,13 @@ def model() -> Model:
 @pytest.fixture(scope="module")
 def whole(rough: Run, model: Model) -> Fit:
     """Its fit in one piece."""
-    return fit(model, [Drive.of(rough, VEHICLE, RIG)])
+    return fit(model, [PreparedRun.of(rough, VEHICLE, RIG)])
 
 
 def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pieces keep every sample once, and their fit is that of the whole run to a part of its interval."""
-    monkeypatch.setattr(Drive.pieces, "__defaults__", (5.0,))
-    drive = Drive.of(rough, VEHICLE, RIG)
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    drive = PreparedRun.of(rough, VEHICLE, RIG)
     assert len(list(drive.pieces())) == 3
     parts = fit(whole.model, [drive])
     for row, residual in whole.residual[0].items():
@@ -146,9 +146,9 @@ def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.
 
 def test_pieces_give_the_same_equations(rough: Run, whole: Fit, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise correction and zeros, pieces differ from the whole by filter transients alone."""
-    together = fit(model, [whole.drives[0]], zeros=False, unbias=False)
-    monkeypatch.setattr(Drive.pieces, "__defaults__", (5.0,))
-    apart = fit(model, [Drive.of(rough, VEHICLE, RIG)], zeros=False, unbias=False)
+    together = fit(model, [whole.runs[0]], zeros=False, unbias=False)
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    apart = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], zeros=False, unbias=False)
     sigma = np.sqrt(np.diag(together.covariance))[together.place]
     assert np.max(np.abs(apart.solution - together.solution) / sigma) < 1e-3
 
@@ -169,11 +169,11 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
     Pieces are kept up to a bound, which is lowered here below both runs.
     """
     monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 10.0)
-    monkeypatch.setattr(Drive.pieces, "__defaults__", (6.0,))
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (6.0,))
     springs = Model.of(effect for effect in base_model(VEHICLE, "hub") if effect.name != "body")
     peaks, channels = [], []
     for times in (2, 6):
-        drive = Drive.of(repeated(part(rough, 10.0), times), VEHICLE, RIG)
+        drive = PreparedRun.of(repeated(part(rough, 10.0), times), VEHICLE, RIG)
         parts = (drive.recording.signals.value, drive.recording.signals.rate, drive.recording.signals.accel)
         channels.append(sum(a.nbytes for part in parts for a in part.values()))
         tracemalloc.start()
@@ -191,9 +191,9 @@ def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit, model: Mod
     hit = (t > 5.0) & (t < 7.0)
     wrong[hit] += 4000.0 * np.sin(2 * np.pi * 2.0 * t[hit])[:, None]
     spoilt = replace(rough, signals={**rough.signals, "wheel.fl.force": replace(signal, values=wrong)})
-    bad = Drive.of(spoilt, VEHICLE, RIG)
+    bad = PreparedRun.of(spoilt, VEHICLE, RIG)
     plain, robust = (fit(model, [bad], unbias=False, robust=way) for way in (False, True))
-    clean = fit(model, [whole.drives[0]], unbias=False)
+    clean = fit(model, [whole.runs[0]], unbias=False)
     sigma = dict(zip(model.names, np.sqrt(np.diag(clean.covariance)), strict=True))
     assert abs(plain.value("damper.fl.c") - clean.value("damper.fl.c")) > 15 * sigma["damper.fl.c"]
     for name in ("damper.fl.c", "spring.fl.k", "tyre_stiffness.fl.kt", "YY6"):

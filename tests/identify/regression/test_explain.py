@@ -22,7 +22,7 @@ from lacet.identify.regression.identifiability import (
 )
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from tests.identify import cars
 
@@ -70,12 +70,12 @@ def test_plausible_sizes_decide_what_is_badly_scaled() -> None:
         explain_singular(np.diag([1.0, np.nan, 1.0]), names, np.ones(3))
 
 
-def hardly_moving(amplitude: float) -> Drive:
+def hardly_moving(amplitude: float) -> PreparedRun:
     """A run of the reference car whose front left suspension moves by `amplitude` [m] only, by its laser."""
     run = open_run(cars.CAR / "sine.parquet")
     hub = run.signals["laser.fl.hub"]
     values = np.mean(hub.values) + 0.01 + amplitude * np.sin(7.0 * hub.t)[:, None]
-    return Drive.of(run.with_values({"laser.fl.hub": values}), VEHICLE, RIG)
+    return PreparedRun.of(run.with_values({"laser.fl.hub": values}), VEHICLE, RIG)
 
 
 def test_a_travel_that_does_not_move_merges_spring_and_load_and_is_told() -> None:
@@ -116,7 +116,7 @@ class Broken(SuspensionForce):
 
 def test_values_that_are_not_finite_are_placed() -> None:
     """Effect, run, row and instant; nothing is said of what is sound."""
-    drive = Drive.of(open_run(cars.CAR / "sine.parquet"), VEHICLE, RIG)
+    drive = PreparedRun.of(open_run(cars.CAR / "sine.parquet"), VEHICLE, RIG)
     sound = Model.of(base_model(VEHICLE, "hub")).physics
     assert not_finite(sound, [drive]) == []
     refuse_not_finite(sound, [drive])

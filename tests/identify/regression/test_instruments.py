@@ -16,7 +16,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Instruments, Pair, fit_instruments, pair_of, pairs_of
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from tests.identify import cars
 
@@ -41,7 +41,7 @@ def noisier(run: Run, factor: float, seed: int = 0) -> Run:
 
 def fitted(runs: list[Run], unbias: bool = True) -> Fit:
     """Both bars in the model."""
-    return fit(BARS, [Drive.of(run, VEHICLE, RIG) for run in runs], unbias=unbias)
+    return fit(BARS, [PreparedRun.of(run, VEHICLE, RIG) for run in runs], unbias=unbias)
 
 
 def against(runs: list[Run]) -> Instruments:
@@ -64,7 +64,7 @@ def plain(rough: Run) -> Fit:
 
 def test_a_run_as_its_own_instrument_is_least_squares(plain: Fit) -> None:
     """With both halves the run itself the equations are those of least squares, and nothing may differ."""
-    found = fit_instruments(plain, [Pair(plain.drives[0], plain.drives[0])])
+    found = fit_instruments(plain, [Pair(plain.runs[0], plain.runs[0])])
     spread = np.sqrt(np.maximum(np.diag(plain.covariance), 1e-30))
     np.testing.assert_array_less(np.abs(found.fit.theta - plain.theta) / spread, 1e-3)
     np.testing.assert_allclose(found.plain.difference / spread, 0.0, atol=1e-6)
@@ -77,7 +77,7 @@ def test_a_run_as_its_own_instrument_is_least_squares(plain: Fit) -> None:
 
 def test_halves_carry_the_same_motion_and_other_noise(rough: Run, plain: Fit) -> None:
     """The halves' mean is the recording, and their difference is noise of twice the pre-filtered density."""
-    drive = plain.drives[0]
+    drive = plain.runs[0]
     pair = pair_of(rough, drive.recording)
     inside = slice(200, -200)
     for name in ("wheel.fl.force", "laser.rr.hub", "imu.accel", "camera.fl.steer"):
@@ -139,7 +139,7 @@ def test_a_channel_too_short_to_be_halved_is_named(rough: Run, plain: Fit) -> No
     flags[:40] = 0
     short = replace(rough, signals={**rough.signals, "correvit.speed": replace(signal, flags=flags)})
     with pytest.raises(NotIdentifiable, match=r"correvit\.speed has too few usable samples to be halved"):
-        pair_of(short, plain.drives[0].recording)
+        pair_of(short, plain.runs[0].recording)
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.regression.latency import TESTABLE, Timings, estimate_latencies, shifted_rig, time_base
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -70,8 +70,8 @@ def test_reading_again_is_what_the_fault_takes_out() -> None:
     lasers = next(sensor for sensor in RIG.sensors if sensor.name == "lasers")
     fault = SensorLatency.of_sensor(lasers)
     assert fault.channels() == lasers.channels
-    drive = Drive.of(run, VEHICLE, RIG)
-    late = Drive.of(run, VEHICLE, shifted_rig(RIG, {"lasers": 0.010}))
+    drive = PreparedRun.of(run, VEHICLE, RIG)
+    late = PreparedRun.of(run, VEHICLE, shifted_rig(RIG, {"lasers": 0.010}))
     rate = drive.recording.filters.rate
     lag = round((late.recording.t[0] - drive.recording.t[0]) * rate)
     n = late.recording.t.size

@@ -12,7 +12,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.reconstruct import Recording, Signals
 from tests.identify import cars
@@ -21,14 +21,14 @@ VEHICLE, RIG = cars.reference_car()
 
 
 @pytest.fixture(scope="module")
-def whole() -> Drive:
+def whole() -> PreparedRun:
     """Five seconds of a run with every channel."""
     run = open_run(cars.CAR / "sine.parquet")
     signals = {}
     for name, s in run.signals.items():
         keep = (s.t >= 5.0) & (s.t < 10.0)
         signals[name] = replace(s, t=s.t[keep], values=s.values[keep], flags=s.flags[keep])
-    return Drive.of(replace(run, signals=signals), VEHICLE, RIG)
+    return PreparedRun.of(replace(run, signals=signals), VEHICLE, RIG)
 
 
 def lacking(recording: Recording, *lost: str) -> Recording:
@@ -45,14 +45,14 @@ FAMILIES = {channel.family: name for name, channel in reversed(CHANNELS.items())
 """One channel of each family, the first corner's."""
 
 
-def said_to_be(drive: Drive, reference: str, tables: bool) -> Drive:
+def said_to_be(drive: PreparedRun, reference: str, tables: bool) -> PreparedRun:
     """The same signals of a car with or without bench tables, in another wheel reference, brakes off for spin rows."""
     vehicle = cars.with_tables(VEHICLE) if tables else VEHICLE
-    return Drive(replace(drive.recording, reference=reference, brakes="off", vehicle=vehicle))
+    return PreparedRun(replace(drive.recording, reference=reference, brakes="off", vehicle=vehicle))
 
 
 @pytest.fixture(scope="module")
-def cars_of(whole: Drive) -> dict[tuple[str, bool], Drive]:
+def cars_of(whole: PreparedRun) -> dict[tuple[str, bool], PreparedRun]:
     """Both wheel references, with and without bench tables."""
     return {(ref, tables): said_to_be(whole, ref, tables) for ref in ("contact", "hub") for tables in (True, False)}
 
@@ -65,14 +65,14 @@ def cars_of(whole: Drive) -> dict[tuple[str, bool], Drive]:
     ],
 )
 def test_rows_without_their_channel_disappear_and_the_others_stay_as_they_are(
-    cars_of: dict[tuple[str, bool], Drive], lost: str, reference: str, tables: bool
+    cars_of: dict[tuple[str, bool], PreparedRun], lost: str, reference: str, tables: bool
 ) -> None:
     """Every row that stays has the very same left side and columns as with the channel: nothing was filled in.
 
     Ground lasers alone may move tyre rows a little: three give the road's plane as four do, with other noise.
     """
     full = cars_of[reference, tables]
-    less = Drive(lacking(full.recording, lost))
+    less = PreparedRun(lacking(full.recording, lost))
     for row in full.rows:
         if row not in less.rows:
             assert lost in less.motion.left_out[row], row
@@ -91,10 +91,10 @@ def test_rows_without_their_channel_disappear_and_the_others_stay_as_they_are(
 
 
 @pytest.mark.parametrize("lost", FAMILIES.values(), ids=FAMILIES.keys())
-def test_the_fit_still_runs_and_names_the_channel(whole: Drive, lost: str) -> None:
+def test_the_fit_still_runs_and_names_the_channel(whole: PreparedRun, lost: str) -> None:
     """Parameters of rows that are gone are absent, by name, not zero columns that were fitted."""
     whole = said_to_be(whole, "contact", tables=False)
-    drive = Drive(lacking(whole.recording, lost))
+    drive = PreparedRun(lacking(whole.recording, lost))
     model = Model.of(base_model(VEHICLE, "contact"))
     fitted = fit(model, [drive], unbias=False)
     gone = set(whole.rows) - set(drive.rows)

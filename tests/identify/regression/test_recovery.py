@@ -14,7 +14,7 @@ from lacet.daq.run import Run, Signal
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
@@ -86,24 +86,24 @@ def relative(fitted: Fit, theta: Array) -> dict[str, float]:
 def test_exact_signals_give_exact_parameters(reference: str, tables: bool) -> None:
     """Every base parameter to 1e-8 through the parallel filter and decimation: the filter does nothing to W θ."""
     record, model, theta = exact(100.0, 24.0, reference, tables, (0.15, 4.0), 3)
-    fitted = fit(model, [Drive(record)], zeros=False, unbias=False)
+    fitted = fit(model, [PreparedRun(record)], zeros=False, unbias=False)
     assert {row.partition(".")[0] for row in fitted.rows} == {"chassis", "suspension", "tyre", "spin"}
     worst = relative(fitted, theta)
     assert max(map(abs, worst.values())) < 1e-8, {k: v for k, v in worst.items() if abs(v) >= 1e-8}
     # What the equations cannot tell apart is grouped, not invented: the rank is that of a rank-revealing SVD.
-    scaled = np.concatenate([fitted.drives[0].matrix(model.effects, row) for row in fitted.rows])
+    scaled = np.concatenate([fitted.runs[0].matrix(model.effects, row) for row in fitted.rows])
     scaled = scaled / np.maximum(np.linalg.norm(scaled, axis=0), 1e-300)
     s = np.linalg.svd(scaled, compute_uv=False)
     assert fitted.base.rank == int(np.sum(s > 1e-9 * s[0]))
-    for row in fitted.drives[0].rows:
-        assert np.max(np.abs(fitted.residual[0][row])) < 1e-7 * np.max(np.abs(fitted.drives[0].measured[row]))
+    for row in fitted.runs[0].rows:
+        assert np.max(np.abs(fitted.residual[0][row])) < 1e-7 * np.max(np.abs(fitted.runs[0].measured[row]))
 
 
 def test_two_runs_are_one_campaign() -> None:
     """Half of the parameters' excitation in each run: together they give everything; order does not matter."""
     record, model, theta = exact(100.0, 24.0, "hub", True, (0.15, 4.0), 3)
     half = record.t.size // 2
-    drives = [Drive(record.at(slice(0, half))), Drive(record.at(slice(half, None)))]
+    drives = [PreparedRun(record.at(slice(0, half))), PreparedRun(record.at(slice(half, None)))]
     one, other = (fit(model, runs, zeros=False, unbias=False) for runs in (drives, drives[::-1]))
     assert max(map(abs, relative(one, theta).values())) < 1e-7
     np.testing.assert_allclose(one.theta, other.theta, rtol=1e-6, atol=1e-7)
@@ -112,8 +112,8 @@ def test_two_runs_are_one_campaign() -> None:
 def test_frozen_weights_do_not_change_an_exact_fit() -> None:
     """Any weights give the same answer when nothing is left over."""
     record, model, theta = exact(100.0, 24.0, "hub", False, (0.15, 4.0), 3)
-    weights = {row: 10.0 ** (k % 3) * 1e-6 for k, row in enumerate(Drive(record).rows)}
-    fitted = fit(model, [Drive(record)], weights=weights, zeros=False, unbias=False)
+    weights = {row: 10.0 ** (k % 3) * 1e-6 for k, row in enumerate(PreparedRun(record).rows)}
+    fitted = fit(model, [PreparedRun(record)], weights=weights, zeros=False, unbias=False)
     assert fitted.sigma == weights
     assert max(map(abs, relative(fitted, theta).values())) < 1e-6
 
@@ -143,7 +143,7 @@ def biases() -> dict[str, dict[str, float]]:
     numeric = slow.with_signals(Signals.differentiated(slow.signals.value, 250.0))
     whole = bring_together(as_run(record), record.vehicle, record.rig, Filters())
     return {
-        what: {k: 100 * v for k, v in relative(fit(model, [Drive(r)], zeros=False, unbias=False), theta).items()}
+        what: {k: 100 * v for k, v in relative(fit(model, [PreparedRun(r)], zeros=False, unbias=False), theta).items()}
         for what, r in (
             ("exact derivatives", slow),
             ("differences", numeric),

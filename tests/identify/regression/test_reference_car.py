@@ -13,7 +13,7 @@ import pytest
 from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.score import compare
 from tests.identify import cars
@@ -111,7 +111,7 @@ def test_zeros_stay_within_the_sheet(fitted: Fit) -> None:
         assert np.max(off) < 4.0, names[int(np.argmax(off))]
 
 
-def test_runs_used_are_at_the_noise_floor(fitted: Fit, drives: dict[str, Drive]) -> None:
+def test_runs_used_are_at_the_noise_floor(fitted: Fit, drives: dict[str, PreparedRun]) -> None:
     """Direct validation: every row of every run within 15 % of what the sensors' noise leaves."""
     for name, drive in drives.items():
         comparison = compare(fitted, drive, draws=6)
@@ -120,7 +120,7 @@ def test_runs_used_are_at_the_noise_floor(fitted: Fit, drives: dict[str, Drive])
             np.testing.assert_allclose(comparison.residual(row), comparison.measured[row] - comparison.modelled[row])
 
 
-def test_a_run_held_out_is_predicted(drives: dict[str, Drive], models: dict[str, Model]) -> None:
+def test_a_run_held_out_is_predicted(drives: dict[str, PreparedRun], models: dict[str, Model]) -> None:
     """Cross validation with the rough road held out, the hardest: no other run has its frequencies."""
     others = [drive for name, drive in drives.items() if name != "rough"]
     scores = compare(fit(models["bars"], others), drives["rough"], draws=6).scores
@@ -130,14 +130,14 @@ def test_a_run_held_out_is_predicted(drives: dict[str, Drive], models: dict[str,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("held", ["sine", "sweep", "liftoff"])
-def test_each_run_held_out_is_predicted(held: str, drives: dict[str, Drive], models: dict[str, Model]) -> None:
+def test_each_run_held_out_is_predicted(held: str, drives: dict[str, PreparedRun], models: dict[str, Model]) -> None:
     """Cross validation, each of the other runs held out: at the noise floor, within the floor's own scatter."""
     others = [drive for name, drive in drives.items() if name != held]
     scores = compare(fit(models["bars"], others), drives[held], draws=20).scores
     assert {row: round(s.ratio, 2) for row, s in scores.items() if s.ratio > 1.1} == {}
 
 
-def test_without_bars_the_suspension_rows_fail(drives: dict[str, Drive], models: dict[str, Model]) -> None:
+def test_without_bars_the_suspension_rows_fail(drives: dict[str, PreparedRun], models: dict[str, Model]) -> None:
     """The base model is wrong for this car, and the rows say so: suspensions stand above the floor, drag does not."""
     base = fit(models["base"], [drives["sine"], drives["rough"]], unbias=False)
     scores = compare(base, drives["sine"], draws=4).scores

@@ -8,7 +8,7 @@ import pytest
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.wls import fit
@@ -21,7 +21,7 @@ SIZE = {"kg": 25.0, "kg·m": 2.0, "kg·m²": 1.0, "N/m": 25000.0, "N·s/m": 1700
 
 
 @pytest.fixture(scope="module")
-def seen() -> tuple[Drive, Sensitivity, tuple, Array]:
+def seen() -> tuple[PreparedRun, Sensitivity, tuple, Array]:
     """A drive with smooth signals, a plausible model and its sensitivity."""
     curves = cars.drive_curves(np.random.default_rng(8), (0.15, 2.5))
     curves |= {name: cars.MultiSine(np.random.default_rng(9), 3, 500.0, (0.0, 0.0, 3000.0)) for name in cars.LOADS}
@@ -30,23 +30,23 @@ def seen() -> tuple[Drive, Sensitivity, tuple, Array]:
     effects = tuple(base_model(VEHICLE, "hub"))
     theta = np.array([205000.0 if p.name.endswith("kt") else SIZE[p.unit] for e in effects for p in e.parameters])
     theta[9] = 1270.0
-    drive = Drive(cars.recording(signals, VEHICLE, RIG))
+    drive = PreparedRun(cars.recording(signals, VEHICLE, RIG))
     return drive, Sensitivity.of(drive.recording, effects, theta), effects, theta
 
 
-def change(drive: Drive, effects: tuple, theta: Array, moved: dict[str, Array]) -> dict[str, Array]:
+def change(drive: PreparedRun, effects: tuple, theta: Array, moved: dict[str, Array]) -> dict[str, Array]:
     """By brute force: channels moved, differentiated, the motion built anew; central difference of the residual."""
     values = drive.recording.signals.value
     out: dict[str, Array] = {}
     for sign in (1.0, -1.0):
         changed = {**values, **{name: values[name] + sign * part for name, part in moved.items()}}
         record = drive.recording.with_signals(Signals.differentiated(changed, drive.recording.filters.rate))
-        for row, series in drive.decimated(residual(Drive(record).motion, effects, theta)).items():
+        for row, series in drive.decimated(residual(PreparedRun(record).motion, effects, theta)).items():
             out[row] = out.get(row, 0.0) + 0.5 * sign * series
     return out
 
 
-def compare(drive: Drive, found: dict[str, Array], brute: dict[str, Array], tolerance: float, what: str) -> None:
+def compare(drive: PreparedRun, found: dict[str, Array], brute: dict[str, Array], tolerance: float, what: str) -> None:
     """Rows that answer, by the size of the answer; rows that do not, by that of the strongest row."""
     found = drive.decimated(found)
     strongest = max(np.sqrt(np.mean(series**2)) for series in brute.values())
@@ -158,10 +158,10 @@ def test_a_fits_sensitivities_are_those_of_what_it_found_at_last() -> None:
     off = {"laser.rl.ground": 0.002, "laser.fr.ground": -0.002}
     moved = {name: record.signals.value[name] + size for name, size in off.items()}
     record = record.with_signals(record.signals.changed(moved, record.filters.rate))
-    fitted = fit(exact_car.MODEL, [Drive(record)], unbias=False)
+    fitted = fit(exact_car.MODEL, [PreparedRun(record)], unbias=False)
     mine = fitted.sensitivities[0].slopes
     right = Sensitivity.of(record, fitted.model.physics, fitted.physics).slopes
-    before = fit(exact_car.MODEL, [Drive(record)], zeros=False, unbias=False)
+    before = fit(exact_car.MODEL, [PreparedRun(record)], zeros=False, unbias=False)
     for corner in ("rl", "fr"):
         key, row = (f"laser.{corner}.ground", 0, 0), f"tyre.{corner}"
         found, kt = float(np.mean(right[key][row])), f"tyre_stiffness.{corner}.kt"

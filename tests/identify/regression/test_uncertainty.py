@@ -12,7 +12,7 @@ import pytest
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.uncertainty import at_least, spread_of
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import derivative
@@ -28,8 +28,8 @@ def plain() -> Fit:
     """The model the car needs on its rough run, weights frozen at its own."""
     known = catalogue(VEHICLE, "hub")
     model = Model.of([*base_model(VEHICLE, "hub"), known["anti_roll_bar.front"], known["anti_roll_bar.rear"]])
-    record = Drive.of(open_run(cars.CAR / "rough.parquet"), VEHICLE, RIG).recording
-    drive = Drive(record.at(slice(0, int(12.0 * record.filters.rate))))
+    record = PreparedRun.of(open_run(cars.CAR / "rough.parquet"), VEHICLE, RIG).recording
+    drive = PreparedRun(record.at(slice(0, int(12.0 * record.filters.rate))))
     sigma = fit(model, [drive], unbias=False).sigma
     return fit(model, [drive], weights=sigma, unbias=False)
 
@@ -47,7 +47,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
     (push,) = [p for (kind, name, k), p in told.items() if kind == what and name.startswith(channel) and k == component]
     root = plain.root[:, :-1]
     expected = np.linalg.solve(root.T @ root, push)
-    record = plain.drives[0].recording
+    record = plain.runs[0].recording
     values = dict(record.signals.value)
     for name in values:
         if what == "latency" and name.startswith("laser"):
@@ -55,7 +55,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
         elif name == channel:
             values[name] = values[name].copy()
             values[name][component] *= 1.0 + RIG.tolerance(name, what)
-    off = Drive(record.with_signals(Signals.differentiated(values, record.filters.rate)))
+    off = PreparedRun(record.with_signals(Signals.differentiated(values, record.filters.rate)))
     found = fit(plain.model, [off], weights=plain.sigma, unbias=False)
     sigma = np.sqrt(np.diag(plain.covariance + plain.covariance_sheet))[plain.place]
     assert np.max(np.abs(found.solution - plain.solution) / sigma) > 0.05
@@ -67,7 +67,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
 def test_a_fault_in_the_model_is_not_counted_in_the_sheet_again(plain: Fit) -> None:
     """A gain that is estimated has its own interval, and adds nothing as a tolerance."""
     gain = catalogue(VEHICLE, "hub")["sensor_gain.force.fl"]
-    freed = fit(Model.of([*plain.model.effects, gain]), plain.drives, weights=plain.sigma, unbias=False)
+    freed = fit(Model.of([*plain.model.effects, gain]), plain.runs, weights=plain.sigma, unbias=False)
     k = freed.model.names.index("spring.fl.k")
     assert freed.covariance_sheet[k, k] < plain.covariance_sheet[k, k]
 

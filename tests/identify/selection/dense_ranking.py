@@ -44,7 +44,7 @@ class Dense:
         known[:, 0] = prior @ self.mean[:last]
         full = np.concatenate([sides, known])
         left = (full - both / lengths @ np.linalg.lstsq(both / lengths, full, rcond=1e-13)[0])[: len(columns)]
-        names = np.concatenate([np.full(self.fitted.drives[r].index[row].size, row) for r, row in self.parts()])
+        names = np.concatenate([np.full(self.fitted.runs[r].index[row].size, row) for r, row in self.parts()])
         squares = np.array([np.sum(left[names == row] ** 2, axis=0) for row in self.floor.sigma])
         return max(1.0, float(np.sqrt(np.mean(squares[:, 0] / np.mean(squares[:, 1:], axis=1)))))
 
@@ -61,11 +61,11 @@ class Dense:
     @property
     def rig(self) -> Rig:
         """With the sheet."""
-        return self.fitted.drives[0].recording.rig
+        return self.fitted.runs[0].recording.rig
 
     def parts(self) -> list[tuple[int, str]]:
         """Run and row of every stretch of samples."""
-        return [(r, row) for r, drive in enumerate(self.fitted.drives) for row in drive.rows]
+        return [(r, row) for r, drive in enumerate(self.fitted.runs) for row in drive.rows]
 
     @cached_property
     def base(self) -> tuple[Array, Array, Array]:
@@ -77,13 +77,13 @@ class Dense:
     def table(self) -> tuple[Array, Array, Array]:
         """(n, m) columns, (m,) 1 / σ, (n,) what the fit's parameters leave."""
         fitted, keep = self.fitted, self.fitted.base.independent
-        zeros = [zeros_of(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
-        sheets = [sheet_responses(d, s) for d, s in zip(fitted.drives, fitted.sensitivities, strict=True)]
+        zeros = [zeros_of(d, s) for d, s in zip(fitted.runs, fitted.sensitivities, strict=True)]
+        sheets = [sheet_responses(d, s) for d, s in zip(fitted.runs, fitted.sensitivities, strict=True)]
         entries = list(dict.fromkeys(entry for sheet in sheets for entry in sheet))
         faults = np.column_stack([self.column(e) for e in self.faults]) if self.faults else None
         out, right = [], []
         for r, row in self.parts():
-            drive, sigma = fitted.drives[r], self.floor.sigma[row]
+            drive, sigma = fitted.runs[r], self.floor.sigma[row]
             W = drive.matrix(fitted.model.physics, row)[:, keep]
             own = [z.columns[row] if k == r else np.zeros((len(W), len(z.names))) for k, z in enumerate(zeros)]
             sheet = np.column_stack([sheets[r].get(e, {}).get(row, np.zeros(len(W))) for e in entries])
@@ -118,13 +118,13 @@ class Dense:
         """(n, p) weighted columns of a candidate."""
         out = []
         made = []
-        for drive, sensitivity in zip(self.fitted.drives, self.fitted.sensitivities, strict=True):
+        for drive, sensitivity in zip(self.fitted.runs, self.fitted.sensitivities, strict=True):
             if isinstance(effect, SensorFault):
                 made.append({row: a[None] for row, a in drive.decimated(sensitivity.fault(effect)).items()})
             else:
                 made.append(drive.columns(effect))
         for r, row in self.parts():
-            n = len(self.fitted.drives[r].index[row])
+            n = len(self.fitted.runs[r].index[row])
             out.append(made[r].get(row, np.zeros((len(effect.parameters), n))).T / self.floor.sigma[row])
         return np.concatenate(out)
 
@@ -133,7 +133,7 @@ class Dense:
         """(n,) number of each sample's two seconds, counted over all runs."""
         first, starts = 0, []
         numbers: dict[tuple[int, str], Array] = {}
-        for r, drive in enumerate(self.fitted.drives):
+        for r, drive in enumerate(self.fitted.runs):
             filters = drive.recording.filters
             for row, index in drive.index.items():
                 numbers[r, row] = index // filters.step * filters.step / filters.rate // BLOCK

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import diagnose, structured
@@ -64,7 +64,7 @@ def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space:
     force = values["wheel.fl.force"].copy()
     force[2] += 60.0 * np.sin(2 * np.pi * 1.7 * record.t)
     values["wheel.fl.force"] = force
-    spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
+    spoilt = fit_of(PreparedRun(record.with_signals(replace(record.signals, value=values))), fitted)
     left = TrialSpace.of(Reading.of(spoilt, floor), CANDIDATES, 0, space.noise).left_by([])
     assert "suspension.fl" in left.above
     assert structured(left)

@@ -9,7 +9,7 @@ import pytest
 import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.cross_products import Reading, TrialColumns, columns_of
 from lacet.identify.selection.partial_regression import Partialled, at_gain
@@ -24,7 +24,7 @@ from tests.identify.selection.exact_ranking import CANDIDATES
 def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
-    quiet = fit(MODEL, [Drive(replace(fitted.drives[0].recording, rig=rig))], unbias=False)
+    quiet = fit(MODEL, [PreparedRun(replace(fitted.runs[0].recording, rig=rig))], unbias=False)
     calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma)
     assert calm.labels == space.noise.labels
     for row, total in space.noise.totals.items():
@@ -47,7 +47,7 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fit
     (piece,) = fitted.assembly.pieces_of(0)
     zeros = {row: block[:, : len(taken)] * fitted.zeros[0][1] / sums.temper for row, block in piece.blocks.items()}
 
-    def products(noisy: Drive | None) -> dict[str, Array]:
+    def products(noisy: PreparedRun | None) -> dict[str, Array]:
         out = {}
         for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma, noisy):
             columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
@@ -59,7 +59,7 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fit
     found = {row: np.zeros(len(places)) for row in before}
     for draw in range(NOISE_PAIRS):
         for sign in (1, -1):
-            for row, after in products(piece.drive.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
+            for row, after in products(piece.prepared.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
                 found[row] += (after - before[row]) / (2 * NOISE_PAIRS)
     size = np.sqrt(np.diag(space.partialled.whole)[places])
     turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
@@ -103,7 +103,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     fitted: Fit, floor: NoiseFloor, space: TrialSpace, monkeypatch: pytest.MonkeyPatch
 ):
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
-    runs = [Drive(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
+    runs = [PreparedRun(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
     four = fit(MODEL, runs, unbias=False)
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0, 1.0).sums
     looked = list[int]()

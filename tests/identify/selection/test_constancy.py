@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.chow_test import Constancy, constancy
 from lacet.identify.selection.cross_products import Reading
@@ -23,10 +23,10 @@ CUBIC = KNOWN["spring_cubic.front"]
 TRIED = [CUBIC, *(KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.force.rr"))]
 
 
-def run(number: int, size: float) -> Drive:
+def run(number: int, size: float) -> PreparedRun:
     """A run of the exact car with a cubic spring of that size."""
     drive = driven(exact_with(CUBIC, size), number)
-    return Drive(replace(drive.recording, run=f"run {number}"))
+    return PreparedRun(replace(drive.recording, run=f"run {number}"))
 
 
 def fit_of_runs(*sizes: float) -> Fit:
@@ -187,7 +187,7 @@ def test_with_the_others_as_one_all_noise_is_taken_out(same: TrialSpace, monkeyp
 
 def test_runs_of_one_name_are_told_apart(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
     found = {c.key: c for c in same.try_all()}
-    monkeypatch.setattr(Drive, "name", "sinus")
+    monkeypatch.setattr(PreparedRun, "name", "sinus")
     told = constancy(same, found[CUBIC.key])
     assert told
     assert set(told.values) == {"sinus (1)", "sinus (2)"}

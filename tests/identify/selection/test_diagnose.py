@@ -12,7 +12,7 @@ import pytest
 from lacet.daq.run import Run
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.forward_selection import ALIKE
@@ -34,9 +34,9 @@ def model(*added: str) -> Model:
     return Model.of([*(e for e in KNOWN.values() if e.base), *(KNOWN[key] for key in added)])
 
 
-def drives(runs: list[Run]) -> list[Drive]:
+def drives(runs: list[Run]) -> list[PreparedRun]:
     """The runs, brought together."""
-    return [Drive.of(run, VEHICLE, RIG) for run in runs]
+    return [PreparedRun.of(run, VEHICLE, RIG) for run in runs]
 
 
 @pytest.fixture(scope="module")

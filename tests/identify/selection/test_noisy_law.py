@@ -29,8 +29,8 @@ def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: TrialSpa
     values = np.array([20000.0 if effect.key.startswith("tyre") else 400.0])
     fitted = space.fitted
     physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
-    beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.drives]
-    before, after = (simulate_floor(fitted.drives, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
+    beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.runs]
+    before, after = (simulate_floor(fitted.runs, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
     told = noise_through(space.fitted, space.floor.sigma, space.louder, effect, values)
     counts = dict.fromkeys(told, 0)
     for block in space.sums.blocks:

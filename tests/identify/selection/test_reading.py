@@ -10,7 +10,7 @@ import pytest
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import Reading
@@ -39,7 +39,7 @@ def very_late(key: str, seconds: float) -> tuple[Reading, Reading]:
 def test_all_instruments_late_are_the_same_motion_later():
     """Changes of all clocks add up to nothing; where the model is right the time base's column is what it is alone."""
     record = exact()
-    drive, sensitivity = Drive(record), Sensitivity.of(record, MODEL.physics, theta())
+    drive, sensitivity = PreparedRun(record), Sensitivity.of(record, MODEL.physics, theta())
     base = KNOWN["sensor_latency.wheel"]
     assert isinstance(base, SensorLatency)
     assert base_channel(record.signals.value) in base.channels()

@@ -70,7 +70,7 @@ class Touched(type(KNOWN["bump_stop.front"])):
 
 def test_a_gap_passed_by_a_hair_does_not_hide_the_others(fitted: Fit, floor: NoiseFloor):
     """Its column is next to nothing, and the correction for noise in it is no fall."""
-    corners = fitted.drives[0].motion.corners
+    corners = fitted.runs[0].motion.corners
     travel = np.concatenate([corners[c].travel for c in ("fl", "fr")])
     hair = float(np.max(travel)) - 1e-5
     effect = Touched("front")

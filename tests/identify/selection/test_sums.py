@@ -13,7 +13,7 @@ from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.cross_products import FOLDS, Reading, Trial, TrialSums
 from lacet.identify.selection.diagnose import diagnose
@@ -35,14 +35,14 @@ CANDIDATES = [KNOWN[key] for key in TRIED]
 
 
 @pytest.fixture(scope="module")
-def drives() -> list[Drive]:
+def drives() -> list[PreparedRun]:
     """Two short runs of different length."""
     runs = (cars.piece("rough", 0.0, 9.0), cars.piece("sine", 4.0, 11.0))
-    return [Drive.of(run, VEHICLE, RIG) for run in runs]
+    return [PreparedRun.of(run, VEHICLE, RIG) for run in runs]
 
 
 @pytest.fixture(scope="module")
-def fitted(drives: list[Drive]) -> Fit:
+def fitted(drives: list[PreparedRun]) -> Fit:
     """The base model on them."""
     return fit(Model.of(e for e in KNOWN.values() if e.base), drives, draws=2)
 
@@ -262,9 +262,9 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
     """Pieces differ by filter transients and by the slopes of their own comb alone."""
     run = cars.piece("rough", 0.0, 9.0)
     model = Model.of(e for e in KNOWN.values() if e.base)
-    whole = silent_of(model, Drive.of(run, VEHICLE, RIG))
-    monkeypatch.setattr(Drive.pieces, "__defaults__", (5.0,))
-    drive = Drive.of(run, VEHICLE, RIG)
+    whole = silent_of(model, PreparedRun.of(run, VEHICLE, RIG))
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    drive = PreparedRun.of(run, VEHICLE, RIG)
     assert len(list(drive.pieces())) == 2
     parts = silent_of(model, drive)
     assert [t.effect for t in parts.layout.trials] == [t.effect for t in whole.layout.trials]
@@ -283,7 +283,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
     assert order[0] == order[1]
 
 
-def silent_of(model: Model, drive: Drive) -> TrialSpace:
+def silent_of(model: Model, drive: PreparedRun) -> TrialSpace:
     """Candidates on one run."""
     fitted = fit(model, [drive], unbias=False)
     return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)

@@ -11,7 +11,7 @@ import pytest
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Tell
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
 from lacet.identify.selection.diagnose import Diagnosis, Look, diagnose
@@ -248,12 +248,12 @@ def test_negative_friction_does_not_hide_in_the_best_set(
     """A car with less friction than none: the ranking does not propose it."""
     record = driven(exact(), 4).recording
     friction = KNOWN["coulomb.front"]
-    columns = friction.columns(fitted.drives[0].motion)
+    columns = friction.columns(fitted.runs[0].motion)
     values = dict(record.signals.value)
     for row, series in columns.items():
         name = f"wheel.{row.partition('.')[2]}.force"
         values[name] = values[name] - np.array([[0.0], [0.0], [1.0]]) * 120.0 * series
-    spoilt = fit_of(Drive(record.with_signals(replace(record.signals, value=values))), fitted)
+    spoilt = fit_of(PreparedRun(record.with_signals(replace(record.signals, value=values))), fitted)
     monkeypatch.setattr("lacet.identify.selection.diagnose.propose", lambda *_: [])  # the formulas are another test's
     found = diagnose(spoilt, floor, CANDIDATES, noise=space.noise)
     told = next(c for c in found.candidates if c.key == "coulomb.front")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
 from lacet.identify.validation.score import compare
@@ -21,7 +21,7 @@ def sine_knowledge(sine_only: Fit) -> Knowledge:
 
 
 def test_sinus_steering_leaves_pitch_out_and_says_so(
-    sine_only: Fit, sine_knowledge: Knowledge, drives: dict[str, Drive]
+    sine_only: Fit, sine_knowledge: Knowledge, drives: dict[str, PreparedRun]
 ) -> None:
     """Figure 9 of the paper: a lift-off held out fails in pitch; YY6 and the run that shows it are named."""
     held = compare(sine_only, drives["liftoff"], draws=20, knowledge=sine_knowledge)
@@ -42,7 +42,7 @@ def test_sinus_steering_leaves_pitch_out_and_says_so(
 
 
 def test_a_failure_beyond_what_is_open_is_a_failure(
-    sine_only: Fit, sine_knowledge: Knowledge, drives: dict[str, Drive]
+    sine_only: Fit, sine_knowledge: Knowledge, drives: dict[str, PreparedRun]
 ) -> None:
     """A model whose pitch inertia is wrong by far more than its doubt is judged, and fails."""
     theta = sine_only.theta.copy()
@@ -83,7 +83,9 @@ def test_the_responsible_parameter_is_the_one_whose_knowledge_helps() -> None:
 
 
 @pytest.mark.slow
-def test_a_straight_run_does_not_pass_noise_for_yaw_inertia(drives: dict[str, Drive], models: dict[str, Model]) -> None:
+def test_a_straight_run_does_not_pass_noise_for_yaw_inertia(
+    drives: dict[str, PreparedRun], models: dict[str, Model]
+) -> None:
     """A lift-off alone: ZZ6 stands on noise. Its interval is the prior's, and no steering run is judged by it."""
     straight = fit(models["bars"], [drives["liftoff"]])
     i = straight.model.names.index("ZZ6")
@@ -98,7 +100,7 @@ def test_a_straight_run_does_not_pass_noise_for_yaw_inertia(drives: dict[str, Dr
 
 
 @pytest.mark.slow
-def test_three_runs_judge_the_fourth(drives: dict[str, Drive], models: dict[str, Model]) -> None:
+def test_three_runs_judge_the_fourth(drives: dict[str, PreparedRun], models: dict[str, Model]) -> None:
     """With pitch in the runs used, every row of the rough road can be judged, and none is far off."""
     known = fit(models["bars"], [drives[name] for name in ("sine", "sweep", "liftoff")])
     held = compare(known, drives["rough"], draws=20)

@@ -9,7 +9,7 @@ from lacet.daq.run import Run
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.validation.contributions import shares_of
 from lacet.identify.validation.one_step_update import CLOSE, preview
@@ -21,9 +21,9 @@ VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")
 
 
-def drive_of(run: Run) -> Drive:
+def drive_of(run: Run) -> PreparedRun:
     """A run of the reference car brought together."""
-    return Drive.of(run, VEHICLE, RIG)
+    return PreparedRun.of(run, VEHICLE, RIG)
 
 
 @pytest.fixture(scope="module")
@@ -34,15 +34,15 @@ def base() -> Fit:
 
 
 @pytest.fixture(scope="module")
-def held() -> Drive:
+def held() -> PreparedRun:
     """A run that is not used."""
     return drive_of(piece("liftoff", 3.0, 13.0))
 
 
 @pytest.fixture(scope="module")
-def compared(base: Fit, held: Drive) -> list[tuple[Drive, Comparison]]:
+def compared(base: Fit, held: PreparedRun) -> list[tuple[PreparedRun, Comparison]]:
     """All three runs against it."""
-    return [(drive, compare(base, drive, 5)) for drive in (*base.drives, held)]
+    return [(drive, compare(base, drive, 5)) for drive in (*base.runs, held)]
 
 
 def rms(x: np.ndarray) -> float:
@@ -50,7 +50,7 @@ def rms(x: np.ndarray) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def test_shares_add_up(base: Fit, compared: list[tuple[Drive, Comparison]]):
+def test_shares_add_up(base: Fit, compared: list[tuple[PreparedRun, Comparison]]):
     for drive, part in compared:
         shares = shares_of(base, drive, part)
         assert set(shares.effects) == set(part.modelled)
@@ -61,10 +61,10 @@ def test_shares_add_up(base: Fit, compared: list[tuple[Drive, Comparison]]):
 
 
 @pytest.mark.parametrize("key", ["anti_roll_bar.front", "coulomb.rear"])
-def test_a_preview_is_a_true_fit(base: Fit, compared: list[tuple[Drive, Comparison]], key: str):
+def test_a_preview_is_a_true_fit(base: Fit, compared: list[tuple[PreparedRun, Comparison]], key: str):
     effect = KNOWN[key]
     found = preview(base, effect)
-    true = fit(base.model + effect, base.drives)
+    true = fit(base.model + effect, base.runs)
     assert found.values == pytest.approx([true.value(q.name) for q in effect.parameters], rel=0.05)
     for drive, part in compared:
         after, then = found.residual(drive, part), compare(true, drive, 5)
@@ -73,7 +73,7 @@ def test_a_preview_is_a_true_fit(base: Fit, compared: list[tuple[Drive, Comparis
             assert off < CLOSE * rms(part.residual(row)) + 0.1 * part.scores[row].floor, (drive.name, row)
 
 
-def test_what_is_hidden_falls_and_what_is_not_there_does_not(base: Fit, compared: list[tuple[Drive, Comparison]]):
+def test_what_is_hidden_falls_and_what_is_not_there_does_not(base: Fit, compared: list[tuple[PreparedRun, Comparison]]):
     drive, part = compared[0]
     row = "suspension.fl"
     now = rms(part.residual(row))
@@ -81,11 +81,11 @@ def test_what_is_hidden_falls_and_what_is_not_there_does_not(base: Fit, compared
     assert rms(preview(base, KNOWN["coulomb.rear"]).residual(drive, part)[row]) > 0.9 * now
 
 
-def test_a_fault_of_the_instruments_has_a_preview_too(base: Fit, compared: list[tuple[Drive, Comparison]]):
+def test_a_fault_of_the_instruments_has_a_preview_too(base: Fit, compared: list[tuple[PreparedRun, Comparison]]):
     effect: Effect = next(e for key, e in KNOWN.items() if key.startswith("sensor_gain.") and "hub.fl" in key)
     found = preview(base, effect)
     # Linear in the fault: as much as its column times its size, everything else being fitted anew.
-    plain = fit(base.model + effect, base.drives, unbias=False)
+    plain = fit(base.model + effect, base.runs, unbias=False)
     assert found.values == pytest.approx([plain.value(q.name) for q in effect.parameters], rel=0.2, abs=0.003)
     after = found.residual(*compared[0])
     assert all(np.all(np.isfinite(series)) for series in after.values())

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 from lacet.identify.car.manoeuvre_phases import PHASES, SHORTEST, phases_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.validation.blocks import block_numbers
@@ -29,7 +29,7 @@ DRAWS = 39
 
 
 @pytest.fixture(scope="module")
-def base(drives: dict[str, Drive], models: dict[str, Model]) -> Fit:
+def base(drives: dict[str, PreparedRun], models: dict[str, Model]) -> Fit:
     """Both bars missing."""
     return fit(models["base"], list(drives.values()))
 
@@ -43,7 +43,7 @@ def floor(fitted: Fit) -> NoiseFloor:
 @pytest.fixture(scope="module")
 def clear(fitted: Fit) -> ClearStates:
     """Its states; those of the base model are the same."""
-    return ClearStates(fitted.drives)
+    return ClearStates(fitted.runs)
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +52,7 @@ def draws(fitted: Fit, floor: NoiseFloor) -> Draws:
     return refitted_draws(fitted, floor)
 
 
-def test_phases_are_those_that_were_driven(drives: dict[str, Drive]):
+def test_phases_are_those_that_were_driven(drives: dict[str, PreparedRun]):
     found = {name: phases_of(drive.motion) for name, drive in drives.items()}
     for name, split in found.items():
         intervals = split.intervals
@@ -68,7 +68,7 @@ def test_phases_are_those_that_were_driven(drives: dict[str, Drive]):
     assert not any("rough road" in found[name].present for name in ("sine", "liftoff"))
 
 
-def test_left_and_right_change_places_in_a_mirror(drives: dict[str, Drive]):
+def test_left_and_right_change_places_in_a_mirror(drives: dict[str, PreparedRun]):
     motion = drives["sine"].motion
     turned = motion.body.accel * np.array([[1.0], [-1.0], [1.0]])
     seen, mirrored = (
@@ -81,7 +81,7 @@ def test_left_and_right_change_places_in_a_mirror(drives: dict[str, Drive]):
     assert np.any(seen == left)
 
 
-def test_what_is_not_measured_is_told(drives: dict[str, Drive]):
+def test_what_is_not_measured_is_told(drives: dict[str, PreparedRun]):
     motion = drives["sine"].motion
     split = phases_of(replace(motion, channels=frozenset(), velocity=None))
     assert set(split.unseen) == {"accelerations", "steer", "travel", "speed"}
@@ -153,7 +153,7 @@ def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor
     rng = np.random.default_rng(4)
     x = rng.standard_normal((fitted.place.size, 1)) * np.sqrt(np.diag(fitted.covariance))[fitted.place][:, None]
     moved = []
-    for drive, part in zip(fitted.drives, floor.draws, strict=True):
+    for drive, part in zip(fitted.runs, floor.draws, strict=True):
         added = {row: (drive.matrix(fitted.model.physics, row)[:, fitted.place] @ x).T for row in part}
         moved.append({row: series + added[row] for row, series in part.items()})
     plain = refitted_draws(fitted, floor, sheet=False)
@@ -171,7 +171,7 @@ def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor
 
 
 def test_states_are_blurred_by_their_own_noise(fitted: Fit, clear: ClearStates):
-    drive, row = fitted.drives[0], "suspension.fl"
+    drive, row = fitted.runs[0], "suspension.fl"
     names = clear.names(row)
     assert {"travel", "travel rate", "travel difference across the axle", "lateral acceleration"} <= set(names)
     assert "vertical wheel load" not in names  # the row's left side is made of it
@@ -214,7 +214,7 @@ def test_nothing_is_left_in_a_complete_model(fitted: Fit, floor: NoiseFloor, cle
 def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws):
     """A mass on a mount of 1.3 Hz pushes on the body: not on the resonators' grid, and no state shows it."""
     residual = []
-    for drive, part in zip(fitted.drives, fitted.residual, strict=True):
+    for drive, part in zip(fitted.runs, fitted.residual, strict=True):
         force = _mounted_mass(drive.motion.body.accel[2] - 9.81, drive.recording.filters.rate)
         residual.append(
             {**part, "chassis.fz": part["chassis.fz"] + drive.decimated({"chassis.fz": force})["chassis.fz"]}
@@ -255,7 +255,7 @@ def test_coherence_has_its_level(base: Fit, fitted: Fit, floor: NoiseFloor, clea
     assert np.median(loud.residual / loud.floor) > 5.0
 
 
-def test_blocks_do_not_reach_over_runs(drives: dict[str, Drive]):
+def test_blocks_do_not_reach_over_runs(drives: dict[str, PreparedRun]):
     both = [drives["sine"], drives["rough"]]
     blocks = block_numbers(both, "chassis.fx")
     n = len(both[0].index["chassis.fx"])

@@ -22,7 +22,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.validation.noise_floor import floor_of
@@ -140,11 +140,11 @@ def decode_all(raw: LogReader) -> dict[str, Block]:
     return decode_frames(Decoder(rig, raw.start.documents), [raw.frames(source) for source in raw.sources()])
 
 
-def drives(campaign: str, decoded: dict[Path, Path]) -> tuple[Vehicle, dict[str, Drive]]:
+def drives(campaign: str, decoded: dict[Path, Path]) -> tuple[Vehicle, dict[str, PreparedRun]]:
     told = expected(campaign)
     loaded = load([decoded[LOGS / campaign / name] for name in told["used"] + told["held"]])
     assert not loaded.warnings
-    return loaded.vehicle, {f"{drive.name}.mcap": drive for drive in loaded.drives}
+    return loaded.vehicle, {f"{drive.name}.mcap": drive for drive in loaded.prepared}
 
 
 def check_parameters(fitted: Fit, vehicle: Vehicle, told: dict[str, Any]) -> None:

@@ -20,7 +20,7 @@ from lacet.identify.design.run_information import (
 from lacet.identify.design.run_ranking import rank
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.services.planning.manoeuvre_library import Limits, Plan, library
@@ -35,14 +35,14 @@ MODEL = Model.of(base_model(VEHICLE, "contact"))
 SECONDS = 12.0
 
 
-def driven(manoeuvre: Manoeuvre, seed: int) -> Drive:
+def driven(manoeuvre: Manoeuvre, seed: int) -> PreparedRun:
     """A run as it is measured: other noise, zeros and road than any plan knows of."""
     motion = run(CAR, manoeuvre, [], seed, settle=1.0, step=0.001)
-    return Drive.of(exchange_run(motion, RIG, seed, sheet=Sheet()), VEHICLE, RIG)
+    return PreparedRun.of(exchange_run(motion, RIG, seed, sheet=Sheet()), VEHICLE, RIG)
 
 
 @cache
-def sinus() -> Drive:
+def sinus() -> PreparedRun:
     return driven(make_manoeuvre("sinus", duration=SECONDS), 11)
 
 
@@ -96,7 +96,7 @@ def test_a_braking_run_shrinks_what_was_predicted():
     chosen = plans("braking")
     (one,) = planned(chosen)
     now = fit_information(present())
-    guess = predicted(present(), now + run_information(one.drive, present(), residual_excess(present())).lasting())
+    guess = predicted(present(), now + run_information(one.prepared, present(), residual_excess(present())).lasting())
     found = after(chosen[0], 23)
     ratios = compared(guess, found, present())
     assert within(ratios) >= 0.9, ratios
@@ -148,5 +148,5 @@ def campaign():
     """Plans of every kind, what each would tell, and the fit once each has been driven."""
     chosen = plans("sinus", "sweep", "liftoff", "braking", "rough", "kerb")
     excess = residual_excess(present())
-    told = tuple(run_information(one.drive, present(), excess) for one in planned(chosen))
+    told = tuple(run_information(one.prepared, present(), excess) for one in planned(chosen))
     return chosen, told, tuple(after(plan, 31 + i) for i, plan in enumerate(chosen))

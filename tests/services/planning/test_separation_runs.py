@@ -18,7 +18,7 @@ from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
@@ -70,10 +70,10 @@ def left_by(fitted: Fit) -> Compared:
     return Compared(Left(), np.ones(1))
 
 
-def driven(name: str, settings: Mapping[str, Any], hidden: tuple[Hidden, ...], seed: int) -> Drive:
+def driven(name: str, settings: Mapping[str, Any], hidden: tuple[Hidden, ...], seed: int) -> PreparedRun:
     """A run as it is measured: other noise, zeros and road than any plan knows of."""
     motion = run(CAR, make_manoeuvre(name, **settings), list(hidden), seed, settle=1.0, step=0.001)
-    return Drive.of(exchange_run(motion, RIG, seed, sheet=Sheet()), VEHICLE, RIG)
+    return PreparedRun.of(exchange_run(motion, RIG, seed, sheet=Sheet()), VEHICLE, RIG)
 
 
 def truth(one: Compared) -> tuple[Hidden, ...]:
@@ -101,7 +101,7 @@ def compared(pair: str, true: int, kinds: Sequence[str] = KINDS) -> dict[str, tu
     now = present_runs(question, floor_of(fitted, 20))
     like = planned_car(VEHICLE, known_values(VEHICLE, fitted, "contact"))
     plans: list[Plan] = [library(like.car, Limits(), [kind], SECONDS)[-1] for kind in kinds]
-    rates = fitted.drives[0].recording.rates
+    rates = fitted.runs[0].recording.rates
     made, problems = simulated_runs(
         plans, like, VEHICLE, RIG, Filters(), Limits(), None, lambda text: None, rates=rates
     )
@@ -109,7 +109,7 @@ def compared(pair: str, true: int, kinds: Sequence[str] = KINDS) -> dict[str, tu
     a, b = true, 1 - true
     out: dict[str, tuple[float, ...]] = {}
     for i, (plan, one) in enumerate(zip(plans, made, strict=True)):
-        guess = Separations(question, now, planned_run(question, one.drive).lasting())
+        guess = Separations(question, now, planned_run(question, one.prepared).lasting())
         settings = {key: value for key, value in asdict(plan.manoeuvre).items() if key != "road_seed"}
         real = driven(plan.manoeuvre.name, settings, truth(PAIRS[pair][true]), 31 + i)
         after = Separations(question, now, planned_run(question, real).lasting())

@@ -16,7 +16,7 @@ import lacet.services.workspace.session
 from lacet.daq.formats.exchange import write_table
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.regressor_noise import ColumnNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
@@ -37,7 +37,7 @@ def few(study: Study, reference: str) -> dict[str, Effect]:
     return {key: e for key, e in _all_effects(study, reference).items() if e.base or key in TRIED}
 
 
-def fit_once(model: Model, drives: tuple[Drive, ...], **_: Any) -> Fit:
+def fit_once(model: Model, drives: tuple[PreparedRun, ...], **_: Any) -> Fit:
     """Every study here has the same run and model: they are fitted once."""
     if not _fits:
         _fits.append(fit(model, drives, unbias=False))
@@ -156,7 +156,7 @@ def test_a_floor_is_read_as_it_was_used(folder: Path):
     read = load_floor(study, "some")
     assert read is not None
     assert read.sigma == used.sigma
-    assert read.by_drive == used.by_drive
+    assert read.by_run == used.by_run
     for a, b, c in zip(read.draws, used.draws, draws, strict=True):
         for row in a:
             np.testing.assert_array_equal(a[row], b[row])

@@ -14,7 +14,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.commands.__main__ import main
 from lacet.services.commands.effect import DESCRIPTION
 from lacet.services.workspace.session import Work
@@ -160,14 +160,14 @@ class Mine(SuspensionForce):
 
 
 @pytest.fixture(scope="module")
-def drive() -> Drive:
+def drive() -> PreparedRun:
     """Some seconds brought together once."""
-    return Drive.of(piece(), Vehicle.load(FILES[3]), Rig.load(FILES[1]))
+    return PreparedRun.of(piece(), Vehicle.load(FILES[3]), Rig.load(FILES[1]))
 
 
-def columns_of(study: Study, drive: Drive) -> None:
+def columns_of(study: Study, drive: PreparedRun) -> None:
     """The user's effect on a run."""
-    Drive(drive.recording).matrix([study.effects("hub")["mine.front"]], "suspension.fl")
+    PreparedRun(drive.recording).matrix([study.effects("hub")["mine.front"]], "suspension.fl")
 
 
 @pytest.mark.parametrize(("old", "new", "says"), [
@@ -183,7 +183,7 @@ def columns_of(study: Study, drive: Drive) -> None:
     ('(self.named("k", "N", -1.0, 1.0),)', "1/0", r"Mine\.parameters fails: line 14: ZeroDivisionError"),
     ("-1.0, 1.0", "1.0, 1.0", r"mine\.front\.k needs finite bounds"),
 ])  # fmt: skip
-def test_a_users_file_that_is_not_right_is_named(study: Study, drive: Drive, old: str, new: str, says: str):
+def test_a_users_file_that_is_not_right_is_named(study: Study, drive: PreparedRun, old: str, new: str, says: str):
     file = study.folder / "effects" / "mine.py"
     file.write_text(OWN, encoding="utf-8")
     columns_of(study, drive)
@@ -213,7 +213,7 @@ def test_the_lines_of_page_and_help_are_laws():
             assert effect_class(read_line(line)).name
 
 
-def test_the_pages_file_is_an_effect(study: Study, drive: Drive):
+def test_the_pages_file_is_an_effect(study: Study, drive: PreparedRun):
     """The class of the page is found in the study, and gives columns."""
     page = (HOME / "docs" / "effects.md").read_text(encoding="utf-8")
     (code,) = re.findall(r"^```python\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
@@ -221,4 +221,4 @@ def test_the_pages_file_is_an_effect(study: Study, drive: Drive):
     found = study.effects("hub")["bench_curve.front"].shapes()
     assert len(found) == 3
     for one in found:
-        Drive(drive.recording).columns(one)
+        PreparedRun(drive.recording).columns(one)

@@ -15,7 +15,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.plausible import implausible
 from lacet.services.workspace.loading import load
 from tests.support.tables import CAR, piece, without, written
@@ -52,8 +52,8 @@ SEEN = (
 )  # fmt: skip
 
 
-def drive_of(run: Run) -> Drive:
-    return Drive.of(run, VEHICLE, RIG)
+def drive_of(run: Run) -> PreparedRun:
+    return PreparedRun.of(run, VEHICLE, RIG)
 
 
 def changed(run: Run, pattern: str, components: str, factor: float | Callable[[np.ndarray], np.ndarray]) -> Run:
@@ -126,7 +126,7 @@ def test_a_model_car_is_not_taken_for_one_in_kilonewtons() -> None:
     }
     small = replace(VEHICLE, corners=corners)
     run = changed(changed(piece(), "wheel.*.force", "xyz", 1e-3), "laser.*", "x", 0.1)
-    found = implausible(Drive.of(changed(run, "correvit.speed", "xy", 0.1), small, RIG))
+    found = implausible(PreparedRun.of(changed(run, "correvit.speed", "xy", 0.1), small, RIG))
     assert not any("kN" in line for line in found), found
 
 
