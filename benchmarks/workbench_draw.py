@@ -40,7 +40,7 @@ PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "workbench.md"
 
 PREPARE = """
 async ({charts, each, height, samples, rate}) => {
-  const { timeChart, pending } = await import("/js/chart.js");
+  const { timeChart, pending } = await import("/js/charts/time_chart.js");
   const root = document.createElement("div");
   root.style.cssText = "position:fixed;inset:0;overflow:auto;background:var(--panel);z-index:99";
   document.body.append(root);
@@ -211,7 +211,7 @@ FOOT = """Medians are held to the limits; single times are longer where somethin
 
 Charts out of sight (more than 400 px away) are drawn when the browser has nothing else to do, or when they are
 scrolled to. Where there are more than 1.5 samples to a pixel (4 with 16 lines or fewer), the lowest and the highest of
-each column of pixels are drawn (`js/pyramid.js`): no peak is lost."""
+each column of pixels are drawn (`js/charts/pyramid.js`): no peak is lost."""
 
 
 if __name__ == "__main__":

@@ -1,20 +1,20 @@
 /** The workbench page: views, keyboard, theme, and what the views share (`app`). */
 
-import * as api from "./api.js";
-import { h } from "./dom.js";
-import { createJobs } from "./jobs.js";
-import { installKeys } from "./keys.js";
-import { createRail } from "./rail.js";
-import { createJobBar, createToasts } from "./shell.js";
-import { createState, readHash, rowsOf, runsOf, writeHash } from "./state.js";
+import * as api from "./net/api.js";
+import { h } from "./widgets/dom.js";
+import { createJobs } from "./net/jobs.js";
+import { installKeys } from "./widgets/keys.js";
+import { createRail } from "./widgets/rail.js";
+import { createJobBar, createToasts } from "./widgets/shell.js";
+import { createState, readHash, rowsOf, runsOf, writeHash } from "./net/state.js";
 
 const VIEWS = {
   runs: { title: "Runs", load: () => import("./views/runs.js") },
   compare: { title: "Compare", load: () => import("./views/compare.js") },
   where: { title: "Where it fails", load: () => import("./views/where.js") },
   missing: { title: "What is missing", load: () => import("./views/missing.js") },
-  falls: { title: "The error falls", load: () => import("./views/falls.js") },
-  live: { title: "Live", load: () => import("./live.js") },
+  falls: { title: "The error falls", load: () => import("./views/error_history.js") },
+  live: { title: "Live", load: () => import("./views/live.js") },
 };
 const NAMES = Object.keys(VIEWS);
 

@@ -11,7 +11,7 @@ from tests.services.workbench.browser.bench import Opened, opening, serving
 
 _EXTREMES = """
 async ([n, from, count, columns]) => {
-  const { Pyramid } = await import("/js/pyramid.js");
+  const { Pyramid } = await import("/js/charts/pyramid.js");
   let seed = 7;
   const random = () => { seed = (seed * 48271) % 2147483647; return seed / 2147483647 - 0.5; };
   const values = Float32Array.from({ length: n }, (_, i) => (i > 0.4 * n && i < 0.5 * n ? NaN : random()));
@@ -36,7 +36,7 @@ async ([n, from, count, columns]) => {
 """
 _STACK = """
 async () => {
-  const { stacked } = await import("/js/area.js");
+  const { stacked } = await import("/js/charts/area.js");
   const shares = [[3, -1, 2, 0], [-2, -4, 5, 1], [4, 2, -6, 0]].map((x) => Float32Array.from(x));
   const layers = stacked(shares);
   const off = (l, k, i) => Math.abs(l.high[i] - l.low[i] - Math.abs(shares[k][i]));
@@ -49,7 +49,7 @@ async () => {
 """
 _LANGUAGE = """
 async () => {
-  const { validLanguage } = await import("/js/locale.js");
+  const { validLanguage } = await import("/js/charts/locale.js");
   return ["en-US@posix", "C", "de-DE"].map(validLanguage);
 }
 """

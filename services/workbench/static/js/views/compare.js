@@ -1,12 +1,12 @@
 /** Compare: measured against modelled, row by row, with the share of each effect and any channel on the same time. */
 
-import { needing, veil } from "../asking.js";
-import { timeChart } from "../chart.js";
-import { scoresOf, strip, table, validation } from "../compare_scores.js";
-import { rowStack } from "../compare_stack.js";
-import { h } from "../dom.js";
-import { times } from "../format.js";
-import { runName } from "../state.js";
+import { needing, veil } from "../widgets/pending.js";
+import { timeChart } from "../charts/time_chart.js";
+import { scoresOf, strip, table, validation } from "./compare_scores.js";
+import { rowStack } from "./compare_stack.js";
+import { h } from "../widgets/dom.js";
+import { times } from "../widgets/format.js";
+import { runName } from "../net/state.js";
 
 const SYNC = "compare";
 const KEPT = 40; // series kept, so that going back to a row is immediate

@@ -1,11 +1,11 @@
 /** What is missing: the verdict, the ranked effects, the model's effects, an effect of one's own, the next run. */
 
-import { h } from "../dom.js";
-import { short, times } from "../format.js";
-import { createNextRun } from "../next_run.js";
-import { createOwnLine } from "../own_line.js";
-import { createPreview } from "../preview.js";
-import { createRanking } from "../ranking.js";
+import { h } from "../widgets/dom.js";
+import { short, times } from "../widgets/format.js";
+import { createNextRun } from "./next_run.js";
+import { createOwnLine } from "./user_effect.js";
+import { createPreview } from "./preview.js";
+import { createRanking } from "./ranking.js";
 
 const VERDICTS = {
   missing: { mark: "!", kind: "warn", text: (best) => `Missing: ${best}` },

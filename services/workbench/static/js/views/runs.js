@@ -1,8 +1,8 @@
 /** Runs: what is there, bringing files in, and which runs the model is made from. */
 
-import { h } from "../dom.js";
-import { duration, short, size, unitText } from "../format.js";
-import { jobId } from "../jobs.js";
+import { h } from "../widgets/dom.js";
+import { duration, short, size, unitText } from "../widgets/format.js";
+import { jobId } from "../net/jobs.js";
 
 const ROLES = [
   ["used", "used"],

@@ -1,12 +1,12 @@
 /** Where it fails: the residual map, phases, what is left to explain, what the error follows, restoring-force surfaces. */
 
-import { needing, veil } from "../asking.js";
-import { h } from "../dom.js";
-import { residualMap } from "../heatmap.js";
-import { times } from "../format.js";
-import { surfaceMaps } from "../surface.js";
-import { rowPictures } from "../where_row.js";
-import { leftKey, leftTable, phaseTable } from "../where_tables.js";
+import { needing, veil } from "../widgets/pending.js";
+import { h } from "../widgets/dom.js";
+import { residualMap } from "../charts/residual_map.js";
+import { times } from "../widgets/format.js";
+import { surfaceMaps } from "../charts/restoring_surface.js";
+import { rowPictures } from "./where_row.js";
+import { leftKey, leftTable, phaseTable } from "./where_tables.js";
 
 const AROUND = 2; // seconds shown on either side of a place of the map
 

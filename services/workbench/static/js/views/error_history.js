@@ -1,8 +1,8 @@
 /** The error falls: the waterfall by version, the parameters and how they changed, and what can be taken away. */
 
-import { h } from "../dom.js";
-import { number, short, times, unitText } from "../format.js";
-import { createWaterfall, legend } from "../waterfall.js";
+import { h } from "../widgets/dom.js";
+import { number, short, times, unitText } from "../widgets/format.js";
+import { createWaterfall, legend } from "../charts/waterfall.js";
 
 /**
  * Show the view.

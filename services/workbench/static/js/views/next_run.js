@@ -1,7 +1,7 @@
 /** The run to drive next: the one that tells tied candidates apart, or shows an effect these runs cannot. */
 
-import { h } from "./dom.js";
-import { short } from "./format.js";
+import { h } from "../widgets/dom.js";
+import { short } from "../widgets/format.js";
 
 /**
  * @param {Object} app

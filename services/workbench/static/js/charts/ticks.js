@@ -1,6 +1,6 @@
 // Ticks of axes and colour bars.
 
-import { minus } from "./format.js";
+import { minus } from "../widgets/format.js";
 
 /** As many decimals as the distance of the ticks needs. */
 export function tick(value, step) {

@@ -2,7 +2,7 @@
 
 import { sharpCanvas } from "./canvas.js";
 import { resolved } from "./colours.js";
-import { h } from "./dom.js";
+import { h } from "../widgets/dom.js";
 
 const SIDE = 16;
 const BAR = 12;

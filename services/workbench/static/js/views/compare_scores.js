@@ -1,8 +1,8 @@
 /** Scores of a run's rows: a strip for the chosen row, a table for all. */
 
-import { h } from "./dom.js";
-import { minus, short, times } from "./format.js";
-import { failing } from "./state.js";
+import { h } from "../widgets/dom.js";
+import { minus, short, times } from "../widgets/format.js";
+import { failing } from "../net/state.js";
 
 /**
  * A run's scores, by row.

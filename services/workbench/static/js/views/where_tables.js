@@ -1,8 +1,8 @@
 /** Where a model fails, in numbers: by phase of driving, and how much is left to explain. */
 
-import { h } from "./dom.js";
-import { percent, short, times } from "./format.js";
-import { ratioScale } from "./scales.js";
+import { h } from "../widgets/dom.js";
+import { percent, short, times } from "../widgets/format.js";
+import { ratioScale } from "../charts/colour_scales.js";
 
 /**
  * Error ÷ floor by row and phase, each number on its colour.

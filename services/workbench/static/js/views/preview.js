@@ -1,8 +1,8 @@
 /** What a candidate would do to the chosen row: the residual now and with it, before it is added. */
 
-import { needing } from "./asking.js";
-import { debounce, h } from "./dom.js";
-import { short } from "./format.js";
+import { needing } from "../widgets/pending.js";
+import { debounce, h } from "../widgets/dom.js";
+import { short } from "../widgets/format.js";
 
 const HEIGHT = 150;
 
@@ -104,7 +104,7 @@ export function createPreview(app, about) {
       ` RMS residual, `,
       Math.abs(part) < 0.005 ? "no change" : `${Math.abs(100 * part).toFixed(0)} % ${part > 0 ? "less" : "more"}`,
     );
-    library ??= await import("./chart.js");
+    library ??= await import("../charts/time_chart.js");
     const colours = app.palette();
     const series = [
       { name: "now", values: arrays.now, colour: colours.residual, width: 1 },

@@ -3,11 +3,11 @@
 import { pointer, sharpCanvas } from "./canvas.js";
 import { colourBar } from "./colourbar.js";
 import { resolved } from "./colours.js";
-import { h } from "./dom.js";
-import { times } from "./format.js";
-import { mapKeys, worstTable } from "./map_access.js";
-import { tick, ticks } from "./numbers.js";
-import { PHASES, ratioScale } from "./scales.js";
+import { h } from "../widgets/dom.js";
+import { times } from "../widgets/format.js";
+import { mapKeys, worstTable } from "./residual_map_access.js";
+import { tick, ticks } from "./ticks.js";
+import { PHASES, ratioScale } from "./colour_scales.js";
 
 const LEFT = 150;
 const HEAD = 36; // title of a run, its strip of phases

@@ -1,7 +1,7 @@
 /** Live: the channels of a car that is recording now, and how well each arrives. */
 
-import { h } from "./dom.js";
-import { short, unitText } from "./format.js";
+import { h } from "../widgets/dom.js";
+import { short, unitText } from "../widgets/format.js";
 
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SLOW = 0.9; // part of its expected rate below which a channel is slow

@@ -3,10 +3,10 @@
 import { pointer, sharpCanvas } from "./canvas.js";
 import { colourBar } from "./colourbar.js";
 import { resolved } from "./colours.js";
-import { h } from "./dom.js";
-import { short, words } from "./format.js";
-import { tick, ticks } from "./numbers.js";
-import { plainScale, signedScale } from "./scales.js";
+import { h } from "../widgets/dom.js";
+import { short, words } from "../widgets/format.js";
+import { tick, ticks } from "./ticks.js";
+import { plainScale, signedScale } from "./colour_scales.js";
 
 const LEFT = 58;
 const RIGHT = 10;

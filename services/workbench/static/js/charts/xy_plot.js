@@ -2,9 +2,9 @@
 
 import { pointer, sharpCanvas } from "./canvas.js";
 import { faded, resolved } from "./colours.js";
-import { h } from "./dom.js";
-import { short } from "./format.js";
-import { tick, ticks } from "./numbers.js";
+import { h } from "../widgets/dom.js";
+import { short } from "../widgets/format.js";
+import { tick, ticks } from "./ticks.js";
 
 const LEFT = 62;
 const RIGHT = 12;

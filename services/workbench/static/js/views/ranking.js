@@ -1,7 +1,7 @@
 /** The ranked list of candidates: one line each, the chosen one told in full beside its preview. */
 
-import { h } from "./dom.js";
-import { number, percent, short, unitText } from "./format.js";
+import { h } from "../widgets/dom.js";
+import { number, percent, short, unitText } from "../widgets/format.js";
 
 const FEW = 10;
 const ANSWERS = {

@@ -1,13 +1,13 @@
 // A chart over time: uPlot with a head that reads the cursor, areas, linked zoom and cursor, wheel, touch and keys.
 
 import "./locale.js";
-import uPlot from "../vendor/uplot/uPlot.esm.js";
+import uPlot from "../../vendor/uplot/uPlot.esm.js";
 import { areaRange, drawArea, drawColumns, drawLine } from "./area.js";
 import { faded, onTheme, resolved } from "./colours.js";
-import { short } from "./format.js";
+import { short } from "../widgets/format.js";
 import { gestures } from "./gestures.js";
-import { link } from "./link.js";
-import { tick } from "./numbers.js";
+import { link } from "./linked_axes.js";
+import { tick } from "./ticks.js";
 import { Pyramid, first, inWindow } from "./pyramid.js";
 
 const MARGIN = "400px";

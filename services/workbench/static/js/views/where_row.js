@@ -1,9 +1,9 @@
 /** What one row's residual follows: against a state, its spectrum, its coherence with the states. */
 
-import { needing, veil } from "./asking.js";
-import { h } from "./dom.js";
-import { percent, short } from "./format.js";
-import { xyPlot } from "./plot.js";
+import { needing, veil } from "../widgets/pending.js";
+import { h } from "../widgets/dom.js";
+import { percent, short } from "../widgets/format.js";
+import { xyPlot } from "../charts/xy_plot.js";
 
 const CURVES = 5;
 const COLOURS = ["--modelled", "--effect-1", "--effect-2", "--effect-3", "--effect-5"];

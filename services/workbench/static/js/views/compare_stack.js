@@ -1,9 +1,9 @@
 /** The charts of one row: measured and modelled, residual over its floor, the share of each effect. */
 
-import { stacked } from "./area.js";
-import { timeChart } from "./chart.js";
-import { h } from "./dom.js";
-import { words } from "./format.js";
+import { stacked } from "../charts/area.js";
+import { timeChart } from "../charts/time_chart.js";
+import { h } from "../widgets/dom.js";
+import { words } from "../widgets/format.js";
 
 const MOST_LAYERS = 8;
 const NOTHING = new Float32Array(0);

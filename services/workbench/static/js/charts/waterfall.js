@@ -1,7 +1,7 @@
 /** The waterfall: how far above the noise floor every version stands, on the runs used and on those held out. */
 
-import { h, s } from "./dom.js";
-import { times } from "./format.js";
+import { h, s } from "../widgets/dom.js";
+import { times } from "../widgets/format.js";
 
 const WIDTH = 520;
 const HEIGHT = 226;

@@ -1,7 +1,7 @@
 /** An effect of one's own in one line: units are checked while it is written; kept in the study when asked. */
 
-import { debounce, h } from "./dom.js";
-import { unitText } from "./format.js";
+import { debounce, h } from "../widgets/dom.js";
+import { unitText } from "../widgets/format.js";
 
 const WAIT = 300; // after the last key, before the line is checked [ms]
 const EXAMPLE = "bump = suspension: p * travel**2 * sign(rate)";

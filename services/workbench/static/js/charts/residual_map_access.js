@@ -1,8 +1,8 @@
 /** The residual map without a pointer and without eyes for colours: keys, and the same as a table. */
 
-import { h } from "./dom.js";
-import { times } from "./format.js";
-import { tick } from "./numbers.js";
+import { h } from "../widgets/dom.js";
+import { times } from "../widgets/format.js";
+import { tick } from "./ticks.js";
 
 /**
  * Moves the map's cursor by keys.

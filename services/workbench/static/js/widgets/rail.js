@@ -3,7 +3,7 @@
 import { createCar } from "./car.js";
 import { h } from "./dom.js";
 import { times } from "./format.js";
-import { rowsOf, runsOf } from "./state.js";
+import { rowsOf, runsOf } from "../net/state.js";
 
 /**
  * Fill the side and keep it up to date.

@@ -6,7 +6,7 @@ const STEP = 1.25; // zoom of one step of the wheel or one key
  * Lets a plot be zoomed and moved.
  * @param {HTMLElement} over the plotting area: pointer positions are taken in it.
  * @param {HTMLElement} focus the element that has the keyboard.
- * @param {import('./link.js').Link} shared
+ * @param {import('./linked_axes.js').Link} shared
  * @param {{timeAt: (px: number) => number, spacing: () => number}} place
  * @returns {() => void} takes the listeners off.
  */
