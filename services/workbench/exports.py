@@ -11,10 +11,10 @@ from typing import Any
 
 from lacet.daq.formats.result import FORMAT, plain
 from lacet.identify.validation.score import pooled_ratio
-from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.refusals import Needs
+from lacet.services.workbench.session_cache import SessionCache
+from lacet.services.workbench.study_views import parameters_payload
 from lacet.services.workbench.tasks import REPORT
-from lacet.services.workbench.views import parameters_payload
 from lacet.services.workspace.results import study_result
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
@@ -31,17 +31,17 @@ class File:
     policy: str = ""
 
 
-def report(desk: Desk) -> File:
+def report(cache: SessionCache) -> File:
     """The report last written. Raises Needs when there is none newer than the study's last change."""
-    file = desk.folder / REPORT
-    if not file.is_file() or file.stat().st_mtime < (desk.folder / "study.json").stat().st_mtime:
+    file = cache.folder / REPORT
+    if not file.is_file() or file.stat().st_mtime < (cache.folder / "study.json").stat().st_mtime:
         raise Needs("report", "the report of the present version has not been written yet")
-    return File(f"{_name(desk)}-report.html", "text/html", file.read_bytes(), _REPORT_POLICY)
+    return File(f"{_name(cache)}-report.html", "text/html", file.read_bytes(), _REPORT_POLICY)
 
 
-def parameters(desk: Desk) -> File:
+def parameters(cache: SessionCache) -> File:
     """The present version's parameters."""
-    found = parameters_payload(desk.study, None)
+    found = parameters_payload(cache.study, None)
     head = ["parameter", "effect", "value", "unit", "half95", "half95_sheet", "sxr_percent", "a_priori", "why_not"]
     rows = [
         [p["name"], p["effect"], p["value"], p["unit"], p["half95"], p["half95_sheet"], p["sxr_percent"], p["apriori"],
@@ -49,15 +49,15 @@ def parameters(desk: Desk) -> File:
         for p in found["parameters"]
     ]  # fmt: skip
     rows += [[p["name"], p["effect"], *[""] * 6, p["why"]] for p in found["not_identifiable"]]
-    return _table(f"{_name(desk)}-parameters-v{found['version']}.csv", head, rows)
+    return _table(f"{_name(cache)}-parameters-v{found['version']}.csv", head, rows)
 
 
-def versions(desk: Desk) -> File:
+def versions(cache: SessionCache) -> File:
     """Every version's errors, run by run and row by row."""
     head = ["version", "parent", "note", "effects", "kind", "run", "row", "unit", "rms", "floor", "error_in_floors",
             "nrmse_percent", "vaf_percent", "judged"]  # fmt: skip
     rows: list[list[Any]] = []
-    for v in desk.study.versions():
+    for v in cache.study.versions():
         about = [v.number, v.parent, v.note, " ".join(v.effects)]
         for kind in ("used", "held"):
             parts = v.result["rows"][kind]
@@ -68,21 +68,21 @@ def versions(desk: Desk) -> File:
                  s.get("judged", True)]
                 for run, scores in parts.items() for row, s in scores.items()
             ]  # fmt: skip
-    return _table(f"{_name(desk)}-versions.csv", head, rows)
+    return _table(f"{_name(cache)}-versions.csv", head, rows)
 
 
-def study(desk: Desk) -> File:
+def study(cache: SessionCache) -> File:
     """The study as ``lacet study --json`` gives it, with the present version's whole result and diagnosis."""
-    found = desk.study
+    found = cache.study
     body = {
         "format": FORMAT, "command": "study", **study_result(found), "result": found.version().result,
         "diagnosis": found.diagnosis(),
     }  # fmt: skip
     text = json.dumps(plain(body), indent=1, ensure_ascii=False) + "\n"
-    return File(f"{_name(desk)}-study.json", "application/json", text.encode())
+    return File(f"{_name(cache)}-study.json", "application/json", text.encode())
 
 
-MAKERS: dict[str, Callable[[Desk], File]] = {
+MAKERS: dict[str, Callable[[SessionCache], File]] = {
     REPORT: report, "parameters.csv": parameters, "versions.csv": versions, "study.json": study,
 }  # fmt: skip
 
@@ -100,5 +100,5 @@ def _cell(value: Any) -> Any:
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
 
 
-def _name(desk: Desk) -> str:
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in desk.folder.resolve().name) or "study"
+def _name(cache: SessionCache) -> str:
+    return "".join(c if c.isalnum() or c in "-_" else "_" for c in cache.folder.resolve().name) or "study"

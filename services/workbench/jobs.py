@@ -61,7 +61,7 @@ class Job:
         return self.state in ("done", "failed", "cancelled")
 
 
-class Teller:
+class JobProgress:
     """What a job calls to say how far it is; stops the job when it was cancelled."""
 
     def __init__(self, job: Job, publish: Callable[[Job], None]):
@@ -90,7 +90,7 @@ class Teller:
             self._publish(self.job)
 
 
-Do = Callable[[Mapping[str, Any], Teller], Any]
+Do = Callable[[Mapping[str, Any], JobProgress], Any]
 
 
 class Jobs:
@@ -166,7 +166,7 @@ class Jobs:
         began = time.monotonic()
         job.state, job.text = "running", "starting"
         self._say(job)
-        teller = Teller(job, self._say)
+        teller = JobProgress(job, self._say)
         try:
             teller.check()
             job.result = self.tasks[job.do](job.args, teller)

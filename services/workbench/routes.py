@@ -11,15 +11,15 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
-from lacet.services.workbench import exports, own, uploads, views
-from lacet.services.workbench.binary import MEDIA_TYPE
-from lacet.services.workbench.desk import Desk
+from lacet.services.workbench import exports, study_views, uploads, user_effects
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
-from lacet.services.workbench.looking import against_payload, preview_body, spectrum_payload
+from lacet.services.workbench.packed_arrays import MEDIA_TYPE
 from lacet.services.workbench.refusals import NotThere
+from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
+from lacet.services.workbench.session_cache import SessionCache
 
 api = APIRouter(prefix="/api")
 _JSON = Annotated[dict[str, Any], Body()]
@@ -29,7 +29,7 @@ _JSON = Annotated[dict[str, Any], Body()]
 class Bench:
     """All the server is made of; `most_upload` [bytes]."""
 
-    desk: Desk
+    cache: SessionCache
     jobs: Jobs
     events: Events
     files: RunFiles
@@ -51,7 +51,7 @@ def bench(request: Request) -> Bench:
 def study(request: Request) -> Any:
     """The study, its versions, the present one's diagnosis."""
     b = bench(request)
-    return views.study_payload(b.desk, b.jobs.busy.told() if b.jobs.busy else None)
+    return study_views.study_payload(b.cache, b.jobs.busy.told() if b.jobs.busy else None)
 
 
 @api.post("/study/runs")
@@ -64,7 +64,7 @@ def choose(request: Request, body: _JSON) -> Any:
 def runs(request: Request) -> Any:
     """Every run."""
     b = bench(request)
-    waiting = [path for path in undecoded(b.desk) if _decoding(b, path.name) is None]
+    waiting = [path for path in undecoded(b.cache) if _decoding(b, path.name) is None]
     return [*b.files.all(), *map(undecoded_record, waiting)]
 
 
@@ -80,7 +80,7 @@ async def upload(request: Request, filename: str) -> Any:
     b = bench(request)
     length = request.headers.get("content-length")
     announced = int(length) if length and length.isdigit() else None
-    found = await uploads.take(b.desk, filename, announced, request.stream(), b.most_upload)
+    found = await uploads.take(b.cache, filename, announced, request.stream(), b.most_upload)
     if found["raw"]:
         at_work = _decoding(b, found["file"])
         found["job"] = (at_work or b.jobs.submit("decode", {"file": found["file"]})).told()
@@ -91,26 +91,26 @@ async def upload(request: Request, filename: str) -> Any:
 @api.get("/parameters")
 def parameters(request: Request, version: int | None = None) -> Any:
     """A version's parameters."""
-    return views.parameters_payload(bench(request).desk.study, version)
+    return study_views.parameters_payload(bench(request).cache.study, version)
 
 
 @api.get("/effects")
 def effects(request: Request) -> Any:
     """The catalogue with the study's own effects."""
-    return own.catalogue_payload(bench(request).desk)
+    return user_effects.catalogue_payload(bench(request).cache)
 
 
 @api.post("/effect/check")
 def check_effect(request: Request, body: _JSON) -> Any:
     """How a line is read."""
-    return own.check(bench(request).desk, *_line(body))
+    return user_effects.check(bench(request).cache, *_line(body))
 
 
 @api.post("/effect")
 def keep_effect(request: Request, body: _JSON) -> Any:
     """Keep a line."""
     b = bench(request)
-    found = own.keep(b.desk, *_line(body))
+    found = user_effects.keep(b.cache, *_line(body))
     b.events.publish("study", {"changed": ["effects"]})
     return found
 
@@ -118,8 +118,8 @@ def keep_effect(request: Request, body: _JSON) -> Any:
 @api.get("/car")
 def car(request: Request) -> Any:
     """The car from above."""
-    found = bench(request).desk.study
-    return views.car_payload(found.vehicle, found.rig)
+    found = bench(request).cache.study
+    return study_views.car_payload(found.vehicle, found.rig)
 
 
 # -- jobs -------------------------------------------------------------------------------------------------------------
@@ -179,58 +179,58 @@ def live(request: Request) -> Any:
 @api.get("/compare/{version}")
 def compare(request: Request, version: int) -> Any:
     """Scores of a version."""
-    return bench(request).desk.compared(version).payload
+    return bench(request).cache.compared(version).payload
 
 
 @api.get("/series/{version}/{run}/{row}")
 def series(request: Request, version: int, run: str, row: str) -> Response:
     """Measured, modelled, shares."""
-    return _bytes(views.series_body(bench(request).desk.compared(version), run, row))
+    return _bytes(study_views.series_body(bench(request).cache.compared(version), run, row))
 
 
 @api.get("/channel/{run}/{name}")
 def channel(request: Request, run: str, name: str) -> Response:
     """A measured channel."""
-    return _bytes(views.channel_body(open_run(find_run(bench(request).desk, run)), name))
+    return _bytes(study_views.channel_body(open_run(find_run(bench(request).cache, run)), name))
 
 
 @api.get("/map/{version}")
 def residual_map(request: Request, version: int) -> Any:
     """The residual map."""
-    return views.map_payload(bench(request).desk.compared(version))
+    return study_views.map_payload(bench(request).cache.compared(version))
 
 
 @api.get("/where/{version}")
 def where(request: Request, version: int) -> Any:
     """Where a version fails."""
-    return bench(request).desk.found_where(version)[1]
+    return bench(request).cache.found_where(version)[1]
 
 
 @api.get("/against/{version}/{row}/{state}")
 def against(request: Request, version: int, row: str, state: str) -> Any:
     """A row's residual against a state."""
-    return against_payload(bench(request).desk, version, row, state)
+    return against_payload(bench(request).cache, version, row, state)
 
 
 @api.get("/spectrum/{version}/{row}")
 def spectrum(request: Request, version: int, row: str) -> Any:
     """A row's residual in frequency."""
-    return spectrum_payload(bench(request).desk, version, row)
+    return spectrum_payload(bench(request).cache, version, row)
 
 
 @api.get("/preview/{version}/{effect}/{run}/{row}")
 def preview(request: Request, version: int, effect: str, run: str, row: str) -> Response:
     """What an effect would do to a row."""
-    return _bytes(preview_body(bench(request).desk, version, effect, run, row))
+    return _bytes(preview_body(bench(request).cache, version, effect, run, row))
 
 
 @api.get("/export/{name}")
 def export(request: Request, name: str) -> Response:
     """A file to keep."""
-    makers: dict[str, Callable[[Desk], exports.File]] = exports.MAKERS
+    makers: dict[str, Callable[[SessionCache], exports.File]] = exports.MAKERS
     if name not in makers:
         raise NotThere(f"there is no export '{name}': {', '.join(makers)}")
-    file = makers[name](bench(request).desk)
+    file = makers[name](bench(request).cache)
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     if file.policy:
         headers["Content-Security-Policy"] = file.policy

@@ -20,7 +20,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
-from lacet.services.workbench.desk import Desk, one_stamp
+from lacet.services.workbench.session_cache import SessionCache, one_stamp
 from lacet.services.workspace.study import Study
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
@@ -32,33 +32,33 @@ _KEPT_BACK = ("channel_list", "samples_hash")
 """What the list of runs does not tell."""
 
 
-def run_paths(desk: Desk) -> dict[str, Path]:
+def run_paths(cache: SessionCache) -> dict[str, Path]:
     """Name → file of every run of the folder, and of runs elsewhere that the study uses.
 
     The name is the file's stem, with its ending where two have the same stem.
     """
-    files = sorted(p for p in (desk.folder / FOLDER).glob("*") if p.suffix.lower() in KINDS and p.is_file())
-    if desk.exists:
-        study = desk.study
+    files = sorted(p for p in (cache.folder / FOLDER).glob("*") if p.suffix.lower() in KINDS and p.is_file())
+    if cache.exists:
+        study = cache.study
         known = {p.resolve() for p in files}
         files += [p for p in (*study.paths(), *study.paths(held=True)) if p.resolve() not in known]
     stems = [p.stem for p in files]
     return {p.stem if stems.count(p.stem) == 1 else p.name: p for p in files if not p.name.startswith(".")}
 
 
-def find_run(desk: Desk, name: str) -> Path:
+def find_run(cache: SessionCache, name: str) -> Path:
     """A run's file by its name or its file's name. Raises UsageError with the nearest."""
-    paths = run_paths(desk)
+    paths = run_paths(cache)
     by_file = {p.name: p for p in paths.values()}
     if name not in paths and name not in by_file:
         raise UsageError(f"there is no run '{name}'{nearest(name, paths)}")
     return paths.get(name) or by_file[name]
 
 
-def undecoded(desk: Desk) -> list[Path]:
+def undecoded(cache: SessionCache) -> list[Path]:
     """Raw captures that no run was made of: decoding was cancelled or failed, or the machine went down."""
-    made = {p.stem for p in (desk.folder / FOLDER).glob("*.mcap")}
-    return sorted(p for p in (desk.folder / RAW).glob("*.mcap") if p.stem not in made)
+    made = {p.stem for p in (cache.folder / FOLDER).glob("*.mcap")}
+    return sorted(p for p in (cache.folder / RAW).glob("*.mcap") if p.stem not in made)
 
 
 def undecoded_record(path: Path) -> dict[str, Any]:
@@ -71,9 +71,9 @@ def undecoded_record(path: Path) -> dict[str, Any]:
 class RunFiles:
     """Summaries of runs, made once for each state of a file and kept in the study's ``.cache``."""
 
-    def __init__(self, desk: Desk):
-        self._desk, self._lock = desk, threading.Lock()
-        self._file = desk.folder / ".cache" / "runs.json"
+    def __init__(self, cache: SessionCache):
+        self._cache, self._lock = cache, threading.Lock()
+        self._file = cache.folder / ".cache" / "runs.json"
         self._known: dict[str, dict[str, Any]] = {}
         with suppress(OSError, ValueError):
             self._known = json.loads(self._file.read_text(encoding="utf-8"))
@@ -84,7 +84,7 @@ class RunFiles:
 
     def one(self, name: str) -> dict[str, Any]:
         """One run with its channels. Raises UsageError."""
-        path = find_run(self._desk, name)
+        path = find_run(self._cache, name)
         found = next(run for run in self._summaries() if Path(run["path"]) == path)
         return {**{k: v for k, v in found.items() if k not in _KEPT_BACK}, "channels": found["channel_list"]}
 
@@ -102,8 +102,8 @@ class RunFiles:
         return None
 
     def _summaries(self) -> list[dict[str, Any]]:
-        paths = run_paths(self._desk)
-        roles = _roles(self._desk.study) if self._desk.exists else {}
+        paths = run_paths(self._cache)
+        roles = _roles(self._cache.study) if self._cache.exists else {}
         out: list[dict[str, Any]] = []
         fresh = False
         with self._lock:

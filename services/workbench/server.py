@@ -21,17 +21,17 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
 from lacet.daq.errors import LacetError, UsageError
-from lacet.services.workbench.desk import Desk
+from lacet.services.workbench.access_guard import Guard, new_token
 from lacet.services.workbench.events import Events
-from lacet.services.workbench.guard import Guard, new_token
+from lacet.services.workbench.folder_watch import Watch
 from lacet.services.workbench.jobs import Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.refusals import DiskFull, Refusal
 from lacet.services.workbench.routes import Bench, api
 from lacet.services.workbench.run_files import RunFiles, undecoded
+from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.tasks import Tasks
 from lacet.services.workbench.uploads import MOST, sweep
-from lacet.services.workbench.watch import Watch
 
 STATIC = Path(__file__).parent / "static"
 DRAWS = 199
@@ -67,14 +67,14 @@ def create_app(settings: Settings) -> FastAPI:
     @contextlib.asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
         events = Events()
-        desk = Desk(settings.folder)
-        sweep(desk)
-        files = RunFiles(desk)
-        jobs = Jobs(Tasks(desk, files, settings.draws).by_name(), events)
-        for capture in undecoded(desk):  # its decoding was broken off when the server was
+        cache = SessionCache(settings.folder)
+        sweep(cache)
+        files = RunFiles(cache)
+        jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events)
+        for capture in undecoded(cache):  # its decoding was broken off when the server was
             jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events), Watch(settings.folder, events)
-        app.state.bench = Bench(desk, jobs, events, files, live, settings.most_upload)
+        app.state.bench = Bench(cache, jobs, events, files, live, settings.most_upload)
         try:
             yield
         finally:

@@ -11,9 +11,9 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.services.planning.separation import next_result, recommend
-from lacet.services.workbench.desk import Desk
-from lacet.services.workbench.jobs import Do, Teller
+from lacet.services.workbench.jobs import Do, JobProgress
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
+from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
@@ -26,10 +26,10 @@ Found = TypeVar("Found")
 
 
 class Tasks:
-    """What each job does on the study of a desk; `draws` of the noise floor for a study that is made here."""
+    """What each job does on the study of a cache; `draws` of the noise floor for a study that is made here."""
 
-    def __init__(self, desk: Desk, files: RunFiles, draws: int):
-        self.desk, self.files, self.draws = desk, files, draws
+    def __init__(self, cache: SessionCache, files: RunFiles, draws: int):
+        self.cache, self.files, self.draws = cache, files, draws
 
     def by_name(self) -> dict[str, Do]:
         """Every job by its name."""
@@ -41,18 +41,18 @@ class Tasks:
         return {name: self._alone(task) for name, task in own.items()}
 
     def _alone(self, task: Do) -> Do:
-        def run(args: Mapping[str, Any], teller: Teller) -> Any:
-            with self.desk.computing():
+        def run(args: Mapping[str, Any], teller: JobProgress) -> Any:
+            with self.cache.computing():
                 return plain(task(args, teller))
 
         return run
 
     # -- the runs -----------------------------------------------------------------------------------------------------
 
-    def choose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def choose(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Make the study with these runs, or its present model anew on them."""
-        used = [find_run(self.desk, name) for name in _names(args, "used")]
-        held = [find_run(self.desk, name) for name in _names(args, "held")]
+        used = [find_run(self.cache, name) for name in _names(args, "used")]
+        held = [find_run(self.cache, name) for name in _names(args, "held")]
         if not used:
             raise UsageError("choose at least one run to identify with")
         if twice := self.files.twins(used, held):
@@ -61,16 +61,16 @@ class Tasks:
                 f"{one} and {other} hold the same samples: a run held out would be one the fit has seen, or one run "
                 "would count twice. Leave one of them out"
             )
-        if not self.desk.exists:
+        if not self.cache.exists:
             return self._make(used, held, teller)
-        study = self.desk.study
+        study = self.cache.study
         version = study.version()
-        work = self.desk.work(study.with_runs(used, held), teller.progress)
+        work = self.cache.work(study.with_runs(used, held), teller.progress)
         after = work.record(version.effects, f"runs chosen anew: {_named(used)}; held out {_named(held) or 'none'}")
         return self._shown(work, after.number, teller)
 
-    def _make(self, used: list[Path], held: list[Path], teller: Teller) -> dict[str, Any]:
-        folder = self.desk.folder
+    def _make(self, used: list[Path], held: list[Path], teller: JobProgress) -> dict[str, Any]:
+        folder = self.cache.folder
         there = {name: (folder / name).is_file() for name in ("rig.toml", "vehicle.toml")}
         first = open_run(used[0])
         rig = _dropped(find_rig, first, folder / "rig.toml")
@@ -78,7 +78,7 @@ class Tasks:
         (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version
         study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
         try:
-            work = self.desk.work(study, teller.progress)
+            work = self.cache.work(study, teller.progress)
             version = work.record({}, "base model")
         except BaseException:  # half a study would stand in the way of the next attempt
             (folder / "study.json").unlink(missing_ok=True)
@@ -88,13 +88,13 @@ class Tasks:
             raise
         return self._shown(work, version.number, teller)
 
-    def decode(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def decode(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Make a run of a raw capture in the study's folder of captures."""
         name = str(args.get("file", ""))
-        raw = self.desk.folder / RAW / Path(name).name
+        raw = self.cache.folder / RAW / Path(name).name
         if not raw.is_file():
             raise UsageError(f"there is no capture '{name}' in {RAW}")
-        out = self.desk.folder / FOLDER / f"{raw.stem}.mcap"
+        out = self.cache.folder / FOLDER / f"{raw.stem}.mcap"
         if out.exists() and not args.get("again"):
             raise UsageError(f"{out.name} is there already")
         out.parent.mkdir(exist_ok=True)
@@ -102,54 +102,54 @@ class Tasks:
 
     # -- looking ------------------------------------------------------------------------------------------------------
 
-    def compare(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
+    def compare(self, args: Mapping[str, Any], teller: JobProgress) -> Mapping[str, Any]:
         """A version against its runs."""
-        return self.desk.compare(_number(args), teller.progress).payload
+        return self.cache.compare(_number(args), teller.progress).payload
 
-    def where(self, args: Mapping[str, Any], teller: Teller) -> Mapping[str, Any]:
+    def where(self, args: Mapping[str, Any], teller: JobProgress) -> Mapping[str, Any]:
         """Where a version fails."""
-        number = self.desk.version(_number(args))[1].number
-        self.desk.where(number, teller.progress)
-        self.desk.compare(number, teller.progress)
-        return self.desk.found_where(number)[1]
+        number = self.cache.version(_number(args))[1].number
+        self.cache.where(number, teller.progress)
+        self.cache.compare(number, teller.progress)
+        return self.cache.found_where(number)[1]
 
-    def diagnose(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def diagnose(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Rank what is missing; with `auto` add the best until nothing is."""
-        study = self.desk.study
+        study = self.cache.study
         if study.draws < LEAST_DRAWS:
             raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
-        work = self.desk.work(study, teller.progress)
+        work = self.cache.work(study, teller.progress)
         auto = bool(args.get("auto"))
         found = work.add_missing(
             MOST_EFFECTS if auto else 0,
-            lambda diagnosis: self.desk.keep_diagnosis(work.study.current, work.study, diagnosis),
+            lambda diagnosis: self.cache.keep_diagnosis(work.study.current, work.study, diagnosis),
         )  # fmt: skip
         steps = [diagnosis_result(diagnosis) for diagnosis in found.diagnoses]
-        self.desk.compare(work.study.current, teller.progress)
+        self.cache.compare(work.study.current, teller.progress)
         return {**steps[-1], "version": work.study.current, "auto": auto, "added": found.changes, "steps": steps}
 
-    def next(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def next(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Which run to drive next."""
-        study = self.desk.study
-        work = self.desk.work(study, teller.progress)
-        diagnosis = self.desk.diagnosis(study.current)
+        study = self.cache.study
+        work = self.cache.work(study, teller.progress)
+        diagnosis = self.cache.diagnosis(study.current)
         if diagnosis is None:
             diagnosis = work.diagnose()
-            self.desk.keep_diagnosis(study.current, study, diagnosis)
+            self.cache.keep_diagnosis(study.current, study, diagnosis)
         found = recommend(
             work, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
         )
         return {"next": next_result(found) if found else None}
 
-    def report(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Write the report into the study's folder."""
-        file = self.desk.folder / REPORT
-        write_report(self.desk.work(self.desk.study, teller.progress), file, teller.progress)
+        file = self.cache.folder / REPORT
+        write_report(self.cache.work(self.cache.study, teller.progress), file, teller.progress)
         return {"report": REPORT, "bytes": file.stat().st_size}
 
     # -- the model ----------------------------------------------------------------------------------------------------
 
-    def add(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def add(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Add an effect to the present version."""
         key = _effect(args)
         shape = args.get("shape")
@@ -159,38 +159,38 @@ class Tasks:
             raise UsageError("shape: numbers by name")
         return self._changed(key, teller, lambda work: work.add(key, shape or None))
 
-    def remove(self, args: Mapping[str, Any], teller: Teller) -> dict[str, Any]:
+    def remove(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Take an effect out of the present version."""
         key = _effect(args)
         return self._changed(key, teller, lambda work: work.remove(key))
 
-    def _changed(self, key: str, teller: Teller, change: Any) -> dict[str, Any]:
-        study = self.desk.study
-        work = self.desk.work(study, teller.progress)
+    def _changed(self, key: str, teller: JobProgress, change: Any) -> dict[str, Any]:
+        study = self.cache.study
+        work = self.cache.work(study, teller.progress)
         before = study.version()
         after = change(work)
         item = change_result(key, before.result["rows"], after.result["rows"])
         self._shown(work, after.number, teller)
         return {"version": after.number, **item}
 
-    def undo(self, args: Mapping[str, Any], teller: Teller) -> dict[str, object]:
+    def undo(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, object]:
         """Go back to the version the present one was made from."""
-        study = self.desk.study
+        study = self.cache.study
         parent = study.version().parent
         if parent < 1:
             raise UsageError("the present version is the first: there is nothing to undo")
         return study_result(study.go_to(parent))
 
-    def goto(self, args: Mapping[str, Any], teller: Teller) -> dict[str, object]:
+    def goto(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, object]:
         """Make another version the present one."""
         number = _number(args)
         if number is None:
             raise UsageError("name a version")
-        return study_result(self.desk.study.go_to(number))
+        return study_result(self.cache.study.go_to(number))
 
-    def _shown(self, work: Work, number: int, teller: Teller) -> dict[str, Any]:
+    def _shown(self, work: Work, number: int, teller: JobProgress) -> dict[str, Any]:
         """The new version's comparison is made at once: the page will ask for it, and the work is done."""
-        self.desk.compare(number, teller.progress)
+        self.cache.compare(number, teller.progress)
         return {"version": number, "warnings": list(work.loaded.warnings)}
 
 

@@ -22,9 +22,9 @@ from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.mf4 import read_map
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.refusals import DiskFull, InTheWay, TooLarge
 from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
+from lacet.services.workbench.session_cache import SessionCache
 
 MOST = 4_000_000_000
 """Bytes an upload may have unless another number is given."""
@@ -50,7 +50,9 @@ def safe_name(name: str) -> str:
     return name
 
 
-async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[bytes], most: int) -> dict[str, Any]:
+async def take(
+    cache: SessionCache, name: str, length: int | None, body: AsyncIterator[bytes], most: int
+) -> dict[str, Any]:
     """Store an upload; `length` as announced [bytes].
 
     Returns its file, and whether it is a raw capture that has to be decoded. Raises Refusal or UsageError, and leaves
@@ -59,7 +61,7 @@ async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[by
     name = safe_name(name)
     if length is not None and length > most:
         raise TooLarge(f"{name} has {length:,} bytes, more than the {most:,} that are taken (--most-upload)")
-    folder = desk.folder if name in _TOML else desk.folder / FOLDER
+    folder = cache.folder if name in _TOML else cache.folder / FOLDER
     _refuse_there(folder / name)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -70,7 +72,7 @@ async def take(desk: Desk, name: str, length: int | None, body: AsyncIterator[by
     part = folder / f".{secrets.token_hex(8)}.part{Path(name).suffix}"
     try:
         await _written(part, name, body, most)
-        return await run_in_threadpool(_placed, desk, part, folder / name)
+        return await run_in_threadpool(_placed, cache, part, folder / name)
     except ClientDisconnect:
         raise UsageError(f"{name} did not come to its end: drop it again") from None
     except OSError as error:
@@ -97,9 +99,9 @@ async def _written(part: Path, name: str, body: AsyncIterator[bytes], most: int)
         os.fsync(file.fileno())
 
 
-def sweep(desk: Desk) -> None:
+def sweep(cache: SessionCache) -> None:
     """Remove what uploads left behind when the machine went down, a day ago or longer."""
-    for folder in (desk.folder, desk.folder / FOLDER):
+    for folder in (cache.folder, cache.folder / FOLDER):
         for part in folder.glob(".*.part*"):
             with suppress(OSError):
                 if time.time() - part.stat().st_mtime > _DAY:
@@ -117,7 +119,7 @@ def free(folder: Path) -> int:
     return found.f_bavail * found.f_frsize
 
 
-def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
+def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
     raw = False
     if target.suffix in _BESIDE:
         try:
@@ -131,7 +133,7 @@ def _placed(desk: Desk, part: Path, target: Path) -> dict[str, Any]:
         except LacetError:
             pass  # kept: the list of runs says what is wrong with it
     if raw:
-        target = desk.folder / RAW / target.name
+        target = cache.folder / RAW / target.name
         target.parent.mkdir(exist_ok=True)
     # A capture that is there, and no run (else it had been refused): its decoding was broken off, and is done again.
     if not (raw and target.is_file() and filecmp.cmp(part, target, shallow=False)):

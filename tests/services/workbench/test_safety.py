@@ -16,7 +16,7 @@ from asammdf import Signal as MdfSignal
 from fastapi.testclient import TestClient
 
 from lacet.services.workbench import uploads
-from lacet.services.workbench.guard import COOKIE, POLICY, new_token
+from lacet.services.workbench.access_guard import COOKIE, POLICY, new_token
 from lacet.services.workbench.server import Settings, create_app, serve
 from tests.services.workbench.bench_page import Page
 from tests.support.rig import make_capture
@@ -250,9 +250,9 @@ def test_a_line_without_finite_values_is_not_kept(page: Page):
 
 
 def test_a_line_is_kept_untried_while_a_job_is_at_work(page: Page, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("lacet.services.workbench.own.WAIT", 0.05)
+    monkeypatch.setattr("lacet.services.workbench.user_effects.WAIT", 0.05)
     app: Any = page.client.app
-    with app.state.bench.desk.computing():
+    with app.state.bench.cache.computing():
         kept = page.post("effect", {"name": "bump", "line": "suspension: p * travel**2"})
     assert kept["tried"] == []
     assert kept["tells"] == "not tried on a run yet: lacet is at work on something else"

@@ -71,7 +71,7 @@ export function writeHash(view, state) {
  * @param {Object|null} study as /api/study gives it
  * @param {number|null} number of the version
  * @param {string|null} [run] only this run
- * @returns {Array<{row: string, unit: string, ratio: number, run: string, fails: boolean, colour: string}>}
+ * @returns {Array<{row: string, unit: string, ratio: number, run: string, fails: boolean, level: number, colour: string}>}
  */
 export function rowsOf(study, number, run = null) {
   const version = study?.versions?.find((v) => v.version === number);
@@ -89,21 +89,14 @@ export function rowsOf(study, number, run = null) {
           unit: score.unit,
           ratio: score.ratio,
           run: name,
-          fails: failing(score),
+          fails: score.fails,
+          level: score.level,
           colour: score.colour ?? "",
         });
       }
     }
   }
   return [...found.values()];
-}
-
-/** Error ÷ floor above which a row counts as failing; as the command line has it. */
-export const FAILS = 1.2;
-
-/** @param {{ratio: number}} score @returns {boolean} */
-export function failing(score) {
-  return score.ratio > FAILS;
 }
 
 /**

@@ -2,7 +2,6 @@
 
 import { h } from "../widgets/dom.js";
 import { minus, short, times } from "../widgets/format.js";
-import { failing } from "../net/state.js";
 
 /**
  * A run's scores, by row.
@@ -28,7 +27,7 @@ export function validation(used, run) {
 /** Whether a row's error can be judged, and why not. */
 export function judged(score) {
   if (score.judged === false) return `cannot be judged: ${score.why}`;
-  if (failing(score)) return "fails: louder than its noise";
+  if (score.fails) return "fails: louder than its noise";
   return "at its noise floor";
 }
 
@@ -40,7 +39,7 @@ export function judged(score) {
 export function strip(score) {
   const cell = (label, value, more = "") => h("div", { class: `score ${more}` }, h("dt", { text: label }), h("dd", { text: value }));
   if (!score) return h("dl", { class: "scores" }, cell("error", "–"), cell("row", "not in this run"));
-  const bad = score.judged !== false && failing(score);
+  const bad = score.fails;
   return h("dl", { class: "scores", "data-testid": "scores" },
     cell("error, RMS", `${short(score.rms)} ${score.unit}`),
     cell("noise floor, RMS", `${short(score.floor)} ${score.unit}`),
@@ -66,7 +65,7 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
       h("td", { text: score.unit }),
       h("td", { class: "num", text: short(score.rms) }),
       h("td", { class: "num", text: short(score.floor) }),
-      h("td", { class: `num${score.judged !== false && failing(score) ? " bad strong" : ""}`, text: times(score.ratio) }),
+      h("td", { class: `num${score.fails ? " bad strong" : ""}`, text: times(score.ratio) }),
       h("td", { class: "num", text: percent(score.vaf) }),
       h("td", { text: score.colour || "–" }),
       h("td", { class: "why", text: judged(score) }),

@@ -116,7 +116,6 @@ export function createRanking(app, about, act) {
 
   function line(c) {
     const answer = ANSWERS[c.answer] ?? { mark: "", kind: "" };
-    const unit = /^(suspension|tyre|chassis\.f)/.test(c.rows[0] ?? "") ? "N" : "N·m";
     const point = () => choose(c);
     const tested = c.answer !== "not testable";
     return h(
@@ -160,7 +159,7 @@ export function createRanking(app, about, act) {
           : null,
       ),
       h("td", { class: answer.kind }, h("span", { "aria-hidden": "true", text: `${answer.mark} ` }), c.answer),
-      h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${unit}` : "–" }),
+      h("td", { class: "num", text: tested ? `${short(c.gain_rms)} ${c.unit}` : "–" }),
       h("td", { class: "num", text: tested ? percent(c.gain) : "–" }),
       h("td", { class: "num", text: tested && Number.isFinite(c.p) ? short(c.p, 2) : "–" }),
       h("td", { class: "num", text: Number.isFinite(c.coverage) ? short(c.coverage, 2) : "–" }),

@@ -128,7 +128,7 @@ class WhereView {
     const { row } = this.app.state;
     const choose = (name) => this.app.set({ row: name });
     this.phases.replaceChildren(phaseTable(this.found, row, choose));
-    this.left.replaceChildren(Object.keys(this.found.left).length ? leftTable(this.found, row, choose)
+    this.left.replaceChildren(Object.keys(this.found.left).length ? leftTable(this.found, row, choose, this.app.state.study.fails_above)
       : h("p", { class: "muted", text: "The runs are too short to say how much is left to explain." }));
   }
 

@@ -37,11 +37,12 @@ export function phaseTable(found, chosen, onRow) {
  * @param {object} found where_result
  * @param {string} chosen row
  * @param {(row: string) => void} onRow
+ * @param {number} least error ÷ floor that the bars reach at least
  * @returns {HTMLElement}
  */
-export function leftTable(found, chosen, onRow) {
+export function leftTable(found, chosen, onRow, least) {
   const rows = Object.values(found.left).sort((a, b) => b.rms / b.floor - a.rms / a.floor);
-  const longest = Math.max(...rows.map((x) => x.rms / x.floor), 1.2);
+  const longest = Math.max(...rows.map((x) => x.rms / x.floor), least);
   return h("table", { class: "left-table" },
     h("thead", null, h("tr", null, ["row", "residual", "floor", "residual ÷ floor: what it is made of", "in words"].map((text, k) =>
       h("th", { scope: "col", class: k === 1 || k === 2 ? "num" : "", text })))),

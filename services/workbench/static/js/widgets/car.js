@@ -8,21 +8,8 @@ const HEIGHT = 250;
 const LENGTH = 168; // of the wheelbase in the picture
 const OVERHANG = 33;
 const CORNERS = ["fl", "fr", "rl", "rr"];
-const NAMES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right" };
-const SHORT = { suspension: "Susp", tyre: "Tyre", spin: "Spin" };
-const LONG = { suspension: "suspension", tyre: "tyre", spin: "wheel spin" };
 /** Stands in where the study does not say: the proportions of a saloon [m]. */
 const ORDINARY = { wheelbase: 2.7, track: { front: 1.5, rear: 1.5 } };
-
-/**
- * The level of a ratio: 0 at the floor, 4 far above it; the same steps colour the residual map's legend.
- * @param {number|null|undefined} ratio error ÷ noise floor
- * @returns {number} 0 to 4, -1 without a ratio
- */
-export function level(ratio) {
-  if (ratio === null || ratio === undefined || !Number.isFinite(ratio)) return -1;
-  return ratio <= 1.2 ? 0 : ratio <= 1.6 ? 1 : ratio <= 2.5 ? 2 : ratio <= 6 ? 3 : 4;
-}
 
 /**
  * Draw the car into `root` and keep it: `update` draws it anew with the state's study, version and row.
@@ -48,7 +35,7 @@ export function createCar(root, app) {
     said.textContent =
       text ||
       (study?.exists
-        ? "Error ÷ noise floor, worst run. ! is above 1.2."
+        ? `Error ÷ noise floor, worst run. ! is above ${study.fails_above}.`
         : "Sensors and rows show once there are runs.");
   }
 
@@ -76,10 +63,11 @@ export function createCar(root, app) {
     say("");
   }
 
-  function chip(row, x, y, w, tall, rows, label, about) {
+  function chip(row, x, y, w, tall, rows) {
+    const { label, about } = app.state.study?.row_labels?.[row] ?? { label: "", about: row };
     const found = rows.get(row);
     const chosen = app.state.row === row;
-    const lv = level(found?.ratio);
+    const lv = found?.level ?? -1;
     const text = `${about}: ${found ? `${times(found.ratio)} times its noise floor${found.fails ? ", fails" : ""}` : "no error known"}`;
     const choose = () => app.set({ row });
     const number = found ? times(found.ratio) : "–";
@@ -133,12 +121,11 @@ export function createCar(root, app) {
     const cx = left ? 0 : WIDTH - w;
     const out = [
       s("line", { class: "arm", x1: x, y1: y, x2: left ? at.body.x : at.body.x + at.body.w, y2: y }),
-      s("rect", { class: `wheel level${level(worst?.ratio)}`, x: x - 7, y: y - 22, width: 14, height: 44, rx: 4 }),
+      s("rect", { class: `wheel level${worst?.level ?? -1}`, x: x - 7, y: y - 22, width: 14, height: 44, rx: 4 }),
     ];
     const first = y - 33;
     own.forEach((row, k) => {
-      const kind = row.split(".")[0];
-      out.push(chip(row, cx, first + 23 * k, w, 21, rows, SHORT[kind], `${LONG[kind]}, ${NAMES[c]}`));
+      out.push(chip(row, cx, first + 23 * k, w, 21, rows));
     });
     return out;
   }
@@ -156,28 +143,12 @@ export function createCar(root, app) {
       if (mark !== null && y < mark + 8 && y + high > mark - 8) y = mark + 8;
       tops.push(y);
     }
-    const parts = [
-      ["fx", "Fx", "longitudinal force"],
-      ["mx", "Mx", "roll moment"],
-      ["fy", "Fy", "lateral force"],
-      ["my", "My", "pitch moment"],
-      ["fz", "Fz", "vertical force"],
-      ["mz", "Mz", "yaw moment"],
-    ];
+    const parts = ["fx", "mx", "fy", "my", "fz", "mz"];
     return s(
       "g",
       null,
-      parts.map(([key, label, about], k) =>
-        chip(
-          `chassis.${key}`,
-          at.body.x + 2 + (k % 2) * (w + 12),
-          tops[Math.floor(k / 2)],
-          w,
-          high,
-          rows,
-          label,
-          `chassis, ${about}`,
-        ),
+      parts.map((key, k) =>
+        chip(`chassis.${key}`, at.body.x + 2 + (k % 2) * (w + 12), tops[Math.floor(k / 2)], w, high, rows),
       ),
     );
   }

@@ -11,17 +11,17 @@ from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.progress import silent
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
-from lacet.services.workbench.binary import packed
-from lacet.services.workbench.desk import WAIT, Desk
+from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import Needs, NotThere
+from lacet.services.workbench.session_cache import WAIT, SessionCache
 
 
-def against_payload(desk: Desk, version: int, row: str, state: str) -> dict[str, Any]:
+def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
     """A row's residual against a state, clear of noise or not; what the model took up put back where it is clear."""
-    found, _ = desk.found_where(version)
+    found, _ = cache.found_where(version)
     ready = found.against(row).get(state) if row in found.worst else None
     if ready is None:
-        with desk.computing(WAIT):
+        with cache.computing(WAIT):
             every = against_states(found.fitted.runs, found.fitted.residual, row, None)
             if not every:
                 raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
@@ -39,16 +39,16 @@ def _against(a: Against) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectrum_payload(desk: Desk, version: int, row: str) -> dict[str, Any]:
+def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, Any]:
     """A row's residual in frequency beside its floor, and its coherence with the states."""
-    found, _ = desk.found_where(version)
+    found, _ = cache.found_where(version)
     ready = found.spectra.get(row)
     if ready is None:
         if row not in found.fitted.rows:
             raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
-        with desk.computing(WAIT):
-            study, number = desk.version(version)
-            floor = desk.work(study, silent).floor(number)
+        with cache.computing(WAIT):
+            study, number = cache.version(version)
+            floor = cache.work(study, silent).floor(number)
             ready = row_spectrum(found.fitted, floor, row, found.clear)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
@@ -62,18 +62,18 @@ def spectrum_payload(desk: Desk, version: int, row: str) -> dict[str, Any]:
     )  # fmt: skip
 
 
-def preview_body(desk: Desk, version: int, key: str, run: str, row: str) -> bytes:
+def preview_body(cache: SessionCache, version: int, key: str, run: str, row: str) -> bytes:
     """A row's residual now, and with an effect in the model and everything else fitted anew around it."""
-    study, of = desk.version(version)
-    found = next((c for c in _candidates(desk, version) if c["effect"] == key), None)
+    study, of = cache.version(version)
+    found = next((c for c in _candidates(cache, version) if c["effect"] == key), None)
     if found is None:
         raise NotThere(f"the diagnosis of version {version} has no effect '{key}'")
-    part, _ = desk.compared(version).part(run)
+    part, _ = cache.compared(version).part(run)
     if row not in part.measured:
         raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
-    with desk.computing(WAIT):
+    with cache.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
-        work, beside = desk.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
+        work, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
         drive = next(d for d in (*work.loaded.prepared, *work.held) if d.name == run)
         after = beside.residual(drive, part)
     now = part.residual(row)
@@ -85,8 +85,8 @@ def preview_body(desk: Desk, version: int, key: str, run: str, row: str) -> byte
     )  # fmt: skip
 
 
-def _candidates(desk: Desk, version: int) -> list[Any]:
-    study = desk.study
+def _candidates(cache: SessionCache, version: int) -> list[Any]:
+    study = cache.study
     found = replace(study, current=version).diagnosis()
     if found is None:
         raise Needs("diagnose", f"version {version} has not been diagnosed yet")

@@ -11,8 +11,8 @@ from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.progress import silent
-from lacet.services.workbench.desk import WAIT, Desk
 from lacet.services.workbench.refusals import Busy
+from lacet.services.workbench.session_cache import WAIT, SessionCache
 from lacet.services.workspace.effect_list import effect_records
 from lacet.services.workspace.effect_trial import outcome, try_effect
 from lacet.services.workspace.study import Study
@@ -22,9 +22,9 @@ LONGEST = 2000
 """Characters a line may have."""
 
 
-def check(desk: Desk, name: str, line: str) -> dict[str, Any]:
+def check(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
     """How a line is read, or what is wrong with it and where. Raises UsageError without a study."""
-    study = desk.study
+    study = cache.study
     text = _joined(name, line)
     try:
         cls, stored = with_name(text, study)
@@ -42,34 +42,34 @@ def check(desk: Desk, name: str, line: str) -> dict[str, Any]:
     return plain({"ok": True, "says": says, **found, "line": stored, "error": None, "at": None})
 
 
-def keep(desk: Desk, name: str, line: str) -> dict[str, Any]:
+def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
     """Try a line on the study's first run and write it into the study.
 
     Raises UsageError, LineFault, LacetError where its values are not finite: it is then not written.
     """
-    study = desk.study
+    study = cache.study
     cls, stored = with_name(_joined(name, line), study)
     may_have(study, cls)
-    tried, tells = _tried(desk, study, cls)
+    tried, tells = _tried(cache, study, cls)
     replaced = put(study, cls, stored)
     found = line_result(cls, study.vehicle, _reference(study))
     return plain({"ok": True, **found, "line": stored, "replaced": replaced, "tried": tried, "tells": tells})
 
 
-def _tried(desk: Desk, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:
+def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:
     """What comes of trying an effect, and the same in words; while a job is at work nothing is tried."""
     try:
-        with desk.computing(WAIT):
-            loaded = desk.work(study, silent).loaded
+        with cache.computing(WAIT):
+            loaded = cache.work(study, silent).loaded
             tried = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
     except Busy:
         return [], "not tried on a run yet: lacet is at work on something else"
     return tried, f"tried on {study.paths()[0].name}: {outcome(tried)}"
 
 
-def catalogue_payload(desk: Desk) -> dict[str, Any]:
+def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
     """Every effect that can be added, the study's own among them, and what a line may use."""
-    study = desk.study
+    study = cache.study
     in_model = set(study.version().effects)
     own = {cls.name: cls.line.text for cls in own_lines(study)}
     records = effect_records(study, _reference(study))

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from lacet.daq.formats.open_run import open_run
+from lacet.identify.car.rows import row_unit
+from lacet.identify.validation.score import FAILS
 from lacet.services.commands.__main__ import main
-from lacet.services.workbench.binary import packed, unpacked
+from lacet.services.workbench.packed_arrays import packed, unpacked
 from tests.services.workbench.bench_page import Page
 
 
@@ -72,6 +74,8 @@ def test_the_answer_is_the_command_lines(shared: Page, tmp_path: Path):
         for key in set(theirs) - {"format", "command", "pictures"}:
             assert ours[key] == theirs[key], (command, key)
     for run in shared.get("compare/1")["runs"]:
+        assert all(row.pop("fails") is (row["ratio"] > FAILS and row["judged"]) for row in run["rows"])
+        assert all(row.pop("level") in range(5) for row in run["rows"])
         flat = {row["row"]: row for row in run["rows"]}
         assert flat == shared.get("compare/1")["used" if run["used"] else "held"][run["name"]]
 
@@ -80,6 +84,8 @@ def test_the_ranking_is_kept_and_shown(shared: Page):
     found = shared.get("study")["diagnosis"]
     assert {c["effect"] for c in found["candidates"]} == {"anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear"}
     on_disk = json.loads((shared.folder / "diagnoses" / "001.json").read_text(encoding="utf-8"))
+    units = [candidate.pop("unit") for candidate in found["candidates"]]
+    assert units == [row_unit(c["rows"][0]) if c["rows"] else "" for c in on_disk["candidates"]]
     assert found == on_disk
 
 

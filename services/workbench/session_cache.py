@@ -25,6 +25,7 @@ from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
+from lacet.services.render.row_labels import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.results import scores
@@ -63,7 +64,7 @@ class Compared:
         raise UsageError(f"no run {run} in version {self.version.number}: {', '.join(p.name for p in self.parts)}")
 
 
-class Desk:
+class SessionCache:
     """The study of one folder, which may not be there yet.
 
     `compute` guards everything that works on motions: the job at work holds it.
@@ -212,7 +213,7 @@ def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work)
             "runs": [
                 {
                     "name": part.name, "used": part.used, "seconds": seconds[part.name],
-                    "rows": [{"row": row, **score} for row, score in (used | held)[part.name].items()],
+                    "rows": [{"row": row, **with_verdict(score)} for row, score in (used | held)[part.name].items()],
                     "not_judged": part.not_judged,
                 }
                 for part in parts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -14,31 +15,33 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.validation.residual_map import BIN, residual_map
-from lacet.identify.validation.score import pooled_ratio
-from lacet.services.workbench.binary import packed
-from lacet.services.workbench.desk import Compared, Desk
+from lacet.identify.validation.score import FAILS, pooled_ratio
+from lacet.services.render.row_labels import row_label, with_verdict
+from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
+from lacet.services.workbench.session_cache import Compared, SessionCache
 from lacet.services.workspace.study import Study, Version
 
 MOST_CELLS = 1200
 """Cells of the residual map along one run."""
 
 
-def study_payload(desk: Desk, busy: dict[str, Any] | None) -> dict[str, Any]:
+def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str, Any]:
     """The study, its versions and the present one's diagnosis; little of it while there is no study yet."""
-    folder = desk.folder
+    folder = cache.folder
     head = {
-        "folder": str(folder.resolve()), "name": folder.resolve().name, "exists": desk.exists, "busy": busy,
+        "folder": str(folder.resolve()), "name": folder.resolve().name, "exists": cache.exists, "busy": busy,
         "other_writer": (folder / ".writing").exists() and (busy is None),
     }  # fmt: skip
     vehicle, rig = folder / "vehicle.toml", folder / "rig.toml"
+    head |= {"fails_above": FAILS, "row_labels": {row: row_label(row) for row in ROWS}}
     head["vehicle"] = Vehicle.load(vehicle).name if vehicle.is_file() else None
     sensors = Rig.load(rig) if rig.is_file() else None
     head |= {"rig": sensors.name if sensors else None, "reference": sensors.wheel_reference if sensors else None}
-    if not desk.exists:
+    if not cache.exists:
         none: dict[str, Any] = {"used": [], "held": [], "current": 0, "draws": None, "versions": [], "diagnosis": None}
         return {**head, **none, "warnings": []}
-    study = desk.study
+    study = cache.study
     versions = study.versions()
     present = next((v for v in versions if v.number == study.current), None)
     return plain(
@@ -50,19 +53,31 @@ def study_payload(desk: Desk, busy: dict[str, Any] | None) -> dict[str, Any]:
             "draws": study.draws,
             "reference": present.result["wheel_reference"] if present else head["reference"],
             "versions": [version_payload(study, v) for v in versions],
-            "diagnosis": study.diagnosis(),
+            "diagnosis": diagnosis_payload(study.diagnosis()),
             "warnings": present.result.get("warnings", []) if present else [],
         }
     )
 
 
+def diagnosis_payload(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """A diagnosis, each candidate with the `unit` of what it gains."""
+    if found is None:
+        return None
+    candidates = [{**c, "unit": row_unit(c["rows"][0]) if c["rows"] else ""} for c in found["candidates"]]
+    return {**found, "candidates": candidates}
+
+
 def version_payload(study: Study, version: Version) -> dict[str, Any]:
     """A version with its errors; `runs_differ` where they are of other runs than the study's present ones."""
     rows = version.result["rows"]
+    shown = {
+        kind: {run: {row: with_verdict(score) for row, score in part.items()} for run, part in runs.items()}
+        for kind, runs in rows.items()
+    }
     used, held = study.runs_of(version)
     return {
         "version": version.number, "parent": version.parent, "note": version.note, "effects": version.effects,
-        "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": rows, "used": used,
+        "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": shown, "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
     }  # fmt: skip

@@ -17,11 +17,11 @@ from lacet.identify.progress import Stage, Step
 from lacet.services.commands.__main__ import main
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
-from lacet.services.workbench.desk import Desk
 from lacet.services.workbench.events import Events
-from lacet.services.workbench.jobs import Jobs, Teller
+from lacet.services.workbench.folder_watch import state_of
+from lacet.services.workbench.jobs import JobProgress, Jobs
 from lacet.services.workbench.server import Settings, create_app
-from lacet.services.workbench.watch import state_of
+from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
@@ -244,13 +244,13 @@ def test_the_report_is_one_file_that_runs_nothing(page: Page, monkeypatch: pytes
 
 
 def test_while_a_job_computes_small_questions_are_told_so(folder: Path):
-    desk = Desk(folder)
-    with desk.computing(), pytest.raises(UsageError.__base__, match="at work"), desk.computing(0.01):
+    cache = SessionCache(folder)
+    with cache.computing(), pytest.raises(UsageError.__base__, match="at work"), cache.computing(0.01):
         pass
 
 
 def test_a_bug_is_told_and_the_thread_goes_on(capsys: pytest.CaptureFixture[str]):
-    def bug(_: Any, __: Teller) -> None:
+    def bug(_: Any, __: JobProgress) -> None:
         raise ZeroDivisionError("oh")
 
     jobs = Jobs({"bug": bug, "fine": lambda args, teller: args["x"]}, Events())
