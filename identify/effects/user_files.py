@@ -5,6 +5,7 @@ In an effect that ships with lacet the same fault would be a bug, and crashes as
 
 from __future__ import annotations
 
+import ast
 import inspect
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar, cast
@@ -24,10 +25,46 @@ OWN_MODULES = "lacet_user_effects."
 _TEXTS = ("name", "about", "signature", "shown_by", "source")
 T = TypeVar("T")
 
+_ROOMS = ("daq", "drivers", "identify", "services", "simulate")
+"""Packages of lacet: top-level ones before lacet was one package, and its insides since."""
+_RENAMED = {"Effect": "PhysicalEffect"}
+"""Names of earlier versions, and what they are called now."""
+
 
 def is_own(cls: type[Effect]) -> bool:
     """Whether a class comes from a user's file."""
     return cls.__module__.startswith(OWN_MODULES)
+
+
+def check_imports(source: str, file: str) -> None:
+    """Check of what a user's file imports: names of `lacet` itself, and nothing from inside it.
+
+    Raises UsageError with the line, and the line to write instead. A text that is no Python passes: it fails when it
+    is loaded, with its place.
+    """
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):
+        return
+    for node in ast.walk(tree):
+        match node:
+            case ast.ImportFrom(module=str(module), names=names, level=0) if _inside(module):
+                wanted = sorted({_RENAMED.get(one.name, one.name) for one in names})
+            case ast.ImportFrom(module="lacet", names=names, level=0) if any(one.name in _ROOMS for one in names):
+                wanted = ["…"]
+            case ast.Import(names=names) if any(_inside(one.name) for one in names):
+                wanted = ["…"]
+            case _:
+                continue
+        raise UsageError(
+            f"{file}: line {node.lineno}: '{ast.unparse(node)}' reaches inside lacet; effect files import from lacet "
+            f"itself. Write: from lacet import {', '.join(wanted)}"
+        )
+
+
+def _inside(module: str) -> bool:
+    first, _, rest = module.partition(".")
+    return first in _ROOMS or (first == "lacet" and rest.partition(".")[0] in _ROOMS)
 
 
 def vetted(cls: type[Effect]) -> None:

@@ -12,7 +12,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import classes_of, effect_classes
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import LineFault, read_lines
-from lacet.identify.effects.user_files import OWN_MODULES
+from lacet.identify.effects.user_files import OWN_MODULES, check_imports
 
 LINES = "lines.txt"
 """The file of one-line effects in a user's folder."""
@@ -47,6 +47,10 @@ def line_effects(folder: Path) -> list[type[OneLine]]:
 
 def load_file(file: Path) -> ModuleType:
     """A user's file as a module. Raises UsageError when it cannot be loaded."""
+    try:
+        check_imports(file.read_text(encoding="utf-8"), str(file))
+    except (UnicodeDecodeError, OSError) as cause:
+        raise UsageError(f"{file}: {cause}") from None
     name = f"{OWN_MODULES}{file.stem}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None

@@ -280,11 +280,19 @@ def test_a_wrong_key_gets_the_nearest() -> None:
 
 
 _OWN = """
-from lacet.identify.effects.suspension.anti_roll_bar import AntiRollBar
+from lacet import SuspensionForce
 
-class Mine(AntiRollBar):
+class Mine(SuspensionForce):
     name = "mine"
     about = "one of my own"
+    signature, shown_by, source = "a force that follows travel", "rolling", "made up"
+
+    @property
+    def parameters(self):
+        return (self.named("k", "N/m", -1e5, 1e5, "any"),)
+
+    def law(self, travel, rate):
+        return travel
 """
 
 
@@ -298,3 +306,26 @@ def test_a_users_folder_joins_and_faults_in_it_are_named(tmp_path) -> None:
     (tmp_path / "twice.py").write_text("import nothing_of_this_name", encoding="utf-8")
     with pytest.raises(UsageError, match=r"twice\.py"):
         catalogue(VEHICLE, "hub", own_classes(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("line", "instead"),
+    [
+        ("from identify.effect import SuspensionForce, Parameter", "from lacet import Parameter, SuspensionForce"),
+        ("from identify.effect import Effect", "from lacet import PhysicalEffect"),
+        ("from identify.motion import Motion", "from lacet import Motion"),
+        ("from lacet.identify.effects.base import TyreForce", "from lacet import TyreForce"),
+        ("from lacet.identify import effects", "from lacet import effects"),
+        ("from lacet import identify", "from lacet import …"),
+        ("import lacet.identify.effects.base", "from lacet import …"),
+    ],
+)
+def test_a_users_file_of_an_earlier_version_is_refused_naming_the_new_line(tmp_path, line: str, instead: str) -> None:
+    """The line at fault and what to write instead; the same in a comment or a text is nobody's business."""
+    file = tmp_path / "mine.py"
+    file.write_text(f"# from identify.effect import Effect\n{line}\n{_OWN}", encoding="utf-8")
+    with pytest.raises(UsageError) as refused:
+        catalogue(VEHICLE, "hub", own_classes(tmp_path))
+    assert str(file) in str(refused.value)
+    assert "line 2" in str(refused.value)
+    assert str(refused.value).endswith(f"Write: {instead}")
