@@ -1,4 +1,4 @@
-"""How well a run would tell apart effects that look alike, or show one that the present runs cannot test.
+"""Discrimination of effects with nearly the same columns by a run, or detection of one not yet testable.
 
 If effect A is what is missing, its columns at its size, y_A = X_A v_A, are in the data. Effect B, the model, the runs'
 sensor zeros and the sensor sheet's tolerances imitate it as well as they can; what they cannot is the separation
@@ -7,7 +7,7 @@ sensor zeros and the sensor sheet's tolerances imitate it as well as they can; w
 
 in squares of the noise floor σ. The weighted squares that A leaves are then below those of B by T on average, with
 standard deviation 2 √T: the wrong one is picked with probability Φ(−√T / 2). Nothing need be measured for it but the
-motion, so that T is predicted for runs not driven yet, on top of what the present runs tell.
+motion, so that T is predicted for runs not driven yet, on top of the information of the present runs.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ SHOWS = 8.0
 DRAWS = 8
 """Draws of the channels' noise behind the floor of a run not driven yet."""
 _GONE = 1e-7
-"""Part of a column's length below which nothing of it is left."""
+"""Part of a column's length below which it counts as zero."""
 
 
 def wrong_pick(separation: float) -> float:
@@ -55,7 +55,7 @@ class Compared:
 
 
 class Question:
-    """Which effects are to be told apart, and the columns that needs.
+    """The effects to be told apart, and the regressor columns for it.
 
     Columns in order: the model's physics and sensor faults; the sheet's gains and latencies, then `tolerances`, each
     for one σ; of every effect compared, each shape that the ranking tries, its own first.
@@ -141,7 +141,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class RunTold:
+class WeightedRun:
     """The weighted equations of one run before its sensor zeros are eliminated, so that it can be made longer.
 
     `root` (z + w, z + w) R factor of ``[zeros | columns]``; `prior` (z,) 1 σ of the zeros; `seconds` what remains of
@@ -167,15 +167,18 @@ class RunTold:
 
 @dataclass(frozen=True)
 class Present:
-    """What the runs of a fit tell: `root` (w, w) R factor of their columns, weighted by their noise floor, and `noise`
-    (w, w) the same of what is noise in the columns themselves, which sets nothing apart."""
+    """Information of the runs of a fit on the effects compared.
+
+    `root` (w, w) R factor of their columns, weighted by their noise floor; `noise` (w, w) the same of the noise in the
+    columns themselves, which distinguishes nothing.
+    """
 
     root: Array
     noise: Array
 
 
 def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Present:
-    """What the runs of the fit tell, weighted by their noise floor.
+    """Information of the runs of the fit, weighted by their noise floor.
 
     `louder` : row → by how much its noise exceeds the sheet's; 1 where absent.
     """
@@ -186,7 +189,7 @@ def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, flo
     noise: list[Array] = []
     for run in range(len(assembly.runs)):
         pieces = list(assembly.pieces_of(run))
-        roots.append(run_told(question, pieces, sigma).lasting())
+        roots.append(weighted_run(question, pieces, sigma).lasting())
         noise.append(_column_noise(question, pieces, floor.sigma))
     return Present(_merged(*roots), _merged(*noise))
 
@@ -217,8 +220,8 @@ def _samples(piece: Piece) -> int:
 
 def planned_run(
     question: Question, run: PreparedRun, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
-) -> RunTold:
-    """What a motion, driven with the rig's sensors, would tell: weighted by the noise that they bring to its rows."""
+) -> WeightedRun:
+    """Weighted equations of a planned motion, driven with the rig's sensors and weighted by their noise in its rows."""
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
@@ -237,10 +240,10 @@ def planned_run(
         floor = float(np.sqrt(squares[row] / max(1, counts[row]))) * (louder or {}).get(row, 1.0)
         # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
         sigma[row] = max(floor, 1e-9 * float(np.max(np.abs(run.measured[row]), initial=1.0)))
-    return run_told(question, pieces, sigma)
+    return weighted_run(question, pieces, sigma)
 
 
-def run_told(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> RunTold:
+def weighted_run(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> WeightedRun:
     """The equations of one run, piece by piece, weighted by the rows' `sigma`."""
     zeros = pieces[0].zeros
     assert zeros is not None
@@ -253,35 +256,35 @@ def run_told(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, fl
             seen[row] = seen.get(row, 0) + len(block)
     filters = pieces[0].prepared.recording.filters
     seconds = max(seen.values(), default=1) * filters.step / filters.rate
-    return RunTold(root, zeros.sigma, seconds, 2.0 * filters.edge)
+    return WeightedRun(root, zeros.sigma, seconds, 2.0 * filters.edge)
 
 
 class Separations:
-    """What runs together tell of the effects compared.
+    """Separations of the effects compared by several runs together.
 
     Parameters
     ----------
     question : what is compared.
-    present : what the runs at hand tell; None where there are none.
-    runs : (w, w) R factors of runs to come (`RunTold.lasting`).
+    present : information of the runs at hand; None where there are none.
+    runs : (w, w) R factors of runs to come (`WeightedRun.lasting`).
     """
 
     def __init__(self, question: Question, present: Present | None, *runs: Array):
         self.question = question
         whole = _merged(question.known, *((present.root,) if present else ()), *runs)
-        # Tolerances that may be left out come after everything else that is partialled out.
+        # Tolerances that may be left out come after all other nuisance parameters.
         own = question.own(*range(len(question.compared)))
         taken = [i for i in range(question.first) if i not in own]
         order = [*taken, *own, *range(question.first, question.width)]
         R, lengths = scaled_triangle(whole[:, order])
         t = len(taken)
-        # Columns are in units of their own length before anything is partialled out.
-        self._left = R[t:, t:]
+        # Columns are in units of their own length before nuisance parameters are removed.
+        self._remaining = R[t:, t:]
         self._noise = np.zeros((0, len(order) - t))
         if present is not None:
-            taken_up = np.asarray(scipy.linalg.solve_triangular(R[:t, :t], R[:t, t:]), float)
+            explained = np.asarray(scipy.linalg.solve_triangular(R[:t, :t], R[:t, t:]), float)
             noise = present.noise[:, order] / lengths
-            self._noise = noise[:, t:] - noise[:, :t] @ taken_up
+            self._noise = noise[:, t:] - noise[:, :t] @ explained
         self._place = {place: i for i, place in enumerate(order[t:])}
         self._length = {place: float(length) for place, length in zip(order[t:], lengths[t:], strict=True)}
 
@@ -306,15 +309,15 @@ class Separations:
 
     def remaining(self, place: slice, values: Array, others: Sequence[int] = ()) -> float:
         """Weighted squares of columns times values that model, zeros, sheet and the columns `others` leave."""
-        x = np.zeros(self._left.shape[1])
+        x = np.zeros(self._remaining.shape[1])
         for i, value in zip(_places(place), values, strict=True):
             x[self._place[i]] = value * self._length[i]
         if others:
             where = [self._place[i] for i in others]
-            U, s, Vt = np.linalg.svd(self._left[:, where], full_matrices=False)
+            U, s, Vt = np.linalg.svd(self._remaining[:, where], full_matrices=False)
             kept = s > _GONE
-            x[where] -= Vt[kept].T @ ((U[:, kept].T @ (self._left @ x)) / s[kept])
-        return max(0.0, float(np.sum((self._left @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
+            x[where] -= Vt[kept].T @ ((U[:, kept].T @ (self._remaining @ x)) / s[kept])
+        return max(0.0, float(np.sum((self._remaining @ x) ** 2) - np.sum((self._noise @ x) ** 2)))
 
 
 def _places(place: slice) -> range:

@@ -1,4 +1,4 @@
-"""What a run would tell about a model's parameters: its information, and the intervals a fit with it would have.
+"""Information of a run on a model's parameters, and the intervals that a fit with it would have.
 
 Information adds up. A run gives the normal matrix Wᵀ Σ⁻¹ W and the covariance of the scores Wᵀ Σ⁻¹ r that its
 coloured noise brings; both lose what the run's own sensor zeros take (Schur complement). With those of the runs at
@@ -32,7 +32,7 @@ NOISE_DRAWS = 8
 
 @dataclass(frozen=True)
 class Information:
-    """What runs tell about all p parameters of a model, their sensor zeros eliminated, nothing known beforehand.
+    """Information of runs on all p parameters of a model, their sensor zeros eliminated, without priors.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class RunInformation:
 def run_information(
     run: PreparedRun, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
 ) -> RunInformation:
-    """What a motion, driven with the rig's sensors, would tell about the parameters of a fitted model.
+    """Information of a motion, driven with the rig's sensors, on the parameters of a fitted model.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Seq
 
 
 def fit_information(fitted: Fit) -> Information:
-    """What the runs of a fit told, by the covariances that it reports: what is known beforehand is taken out again."""
+    """Information of the runs of a fit, from the covariances that it reports, without its priors."""
     q, rank = len(fitted.place), fitted.base.rank
     physics = len(fitted.physics)
     equations = known_beforehand(fitted.model, fitted.base.independent)

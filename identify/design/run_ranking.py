@@ -1,4 +1,4 @@
-"""Which run is worth most: runs ranked by how much they would shrink the intervals of what is poorly known."""
+"""Ranking of planned runs by how much they would shrink the intervals of poorly known quantities."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from lacet.identify.regression.wls import Fit
 DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
 """Durations tried [s], up to the longest allowed."""
 ENOUGH = 1.15
-"""A run need not last longer than leaves the targets' intervals this factor above those of the longest, on average."""
+"""Factor by which a run's duration may leave the targets' intervals above those of the longest, on average."""
 REACHED = 0.5
-"""A value is within reach when some run brings its half-width below this part of its size."""
+"""Half-width ÷ size below which some run must bring a value for it to be within reach."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Shrink:
-    """What a run does to one quantity: half of its 95 % interval before and after, and the goal [unit]."""
+    """Change of one quantity's interval by a run: half of its 95 % interval before and after, and the goal [unit]."""
 
     name: str
     unit: str
@@ -133,8 +133,8 @@ def rank(
     Parameters
     ----------
     fitted : the model and its present values.
-    now : what the runs at hand told (`fit_information`), or nothing (`Information.none`).
-    runs : what each run would tell.
+    now : information of the runs at hand (`fit_information`), or nothing (`Information.none`).
+    runs : information of each run.
     longest : duration allowed [s].
     names : what is to become better known; by default every parameter whose half-width is above its goal and that some
         run brings within reach.

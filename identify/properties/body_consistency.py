@@ -1,4 +1,4 @@
-"""The bodies of a fit: which parameters make each, whether it stands alone in the grouping, and whether it can exist.
+"""Rigid bodies of a fit: the parameters of each, whether grouping separates them, and their physical consistency.
 
 A fit holds base parameters. What a body's ten numbers are is then a question only for a body of which nothing was
 grouped into another's parameters, or another's into its own; `properties.consistent_fit` answers it for all together.
@@ -24,7 +24,7 @@ WHOLE = "vehicle"
 """Name of all bodies taken as one."""
 
 _REVOLUTION = (("ZZ",), ("XX", "YY"), ("MZ",), ("M",))
-"""Which of the ten each of a balanced body of revolution's four parameters stands for."""
+"""Parameters of the ten that each of the four of a balanced body of revolution stands for."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def whole(fitted: Fit) -> Body | None:
 
 
 def clusters(fitted: Fit) -> tuple[tuple[Body, ...], ...]:
-    """Bodies in groups: together are those that some base parameter counts together."""
+    """Groups of bodies whose parameters share a base parameter."""
     members = bodies(fitted)
     inside = np.array([np.any(body.to_ten != 0.0, axis=0) for body in members], float).reshape(len(members), -1)
     touches = np.abs(fitted.base.grouping()) @ inside.T > 0.0
@@ -143,7 +143,7 @@ def _check(fitted: Fit, body: Body) -> BodyCheck:
 
 
 def _shared(fitted: Fit, body: Body) -> tuple[str, ...]:
-    """Parameters of a body that the grouping does not leave to it alone.
+    """Parameters of a body that are grouped with those of other bodies.
 
     A sum over the body's parameters is its own when grouping leaves it unchanged: it lies in the rows' span then.
     """

@@ -39,7 +39,7 @@ DRAWS = 99
 
 @dataclass(frozen=True)
 class ConsistencyPrice:
-    """What consistency costs.
+    """Rise of the residual and change of the parameters by the consistency constraints.
 
     Attributes
     ----------
@@ -79,7 +79,7 @@ class ConsistentFit:
 
 @dataclass(frozen=True)
 class Consistency:
-    """The answer for a fit.
+    """Result of the consistency analysis of a fit.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Consistency:
 
 
 def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
-    """Whether what a fit found can exist, and how far from it it is.
+    """Consistency of a fit: whether bodies with its parameters can exist, and the distance to the nearest that can.
 
     Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
     """
@@ -206,7 +206,7 @@ class _Projection:
     def margin(self) -> float:
         """Largest possible smallest eigenvalue and signed value with the fitted base values; at most 1.
 
-        The standard parameters that have it are left in `completed`.
+        The standard parameters that have it are stored in `completed`.
         """
         start = self.from_base @ self.fitted.theta[self.fitted.base.independent][self.touched]
         plain = self._smallest(start)
@@ -311,7 +311,7 @@ def _wrong_sign(fitted: Fit) -> dict[str, float]:
 def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np.intp], draws: int) -> Sequence[Array]:
     """Estimates (b,) of simulated campaigns of a car with base parameters `base`.
 
-    The plausible ranges pull what no run determines towards zero and do not scatter: the estimate's mean is x − (RᵀR)⁻¹
+    The plausible ranges draw what no run determines towards zero and do not scatter: the estimate's mean is x − (RᵀR)⁻¹
     P x, its covariance the fit's less the part (RᵀR)⁻¹ P (RᵀR)⁻¹ that stands for the range itself.
     """
     inverse = known.inverse()
@@ -331,7 +331,7 @@ def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np
 
 
 def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
-    """A fit with its unknowns changed by (q,), residuals with it, and what that costs."""
+    """A fit with its unknowns changed by (q,) and its residuals with them, and the rise of the residual."""
     theta, place = fitted.theta.copy(), fitted.place
     theta[place] += change
     fall = [gain @ change for gain, _ in zeros_following(fitted.equations.runs, fitted.sigma)]

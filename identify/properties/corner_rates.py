@@ -1,4 +1,4 @@
-"""The numbers a ride and roll model of the car needs, as linear functions of a fit's parameters.
+"""Rates, masses and static forces of the corners for a ride and roll model, linear in a fit's parameters.
 
 Every effect in the model counts, whoever wrote it: what it does to a suspension or tyre is read from its columns over
 the motions seen in the runs, as the linear spring and damper that fit them best.

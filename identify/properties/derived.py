@@ -1,4 +1,4 @@
-"""Values an engineer thinks in, derived from a fit: ride, roll, load transfer, static loads, dampers.
+"""Derived values of a fit: ride, roll, load transfer, static loads, dampers.
 
 Definitions and formulae: ``docs/derived.md``. Every value is a smooth function of the parameters; its interval follows
 from their covariance (delta method), what the runs leave open included.
@@ -149,7 +149,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
 
 @dataclass(frozen=True)
 class Range:
-    """What a verdict covers: `low` to `high` of a quantity over the runs used [`unit`]."""
+    """Range covered by the runs used: `low` to `high` of a quantity [`unit`]."""
 
     name: str
     low: float

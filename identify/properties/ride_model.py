@@ -128,7 +128,7 @@ def _sprung_shares(n: CornerNumbers, vehicle: Vehicle) -> dict[str, float]:
 
 
 def _axle_ride(n: CornerNumbers, vehicle: Vehicle) -> Values:
-    """Two masses on springs: each axle with half its sprung mass a corner, and each corner for its damping."""
+    """Ride of a quarter car: each axle with half its sprung mass a corner, and each corner for its damping."""
     out: Values = {}
     K, C, share = _stiffness(n), _damping(n), _sprung_shares(n, vehicle)
     both = np.ones(2)

@@ -1,4 +1,4 @@
-"""What a car's equations can tell at all: its tree, and its base parameters for a motion that leaves nothing out."""
+"""Structural identifiability of a car: its tree, and its base parameters for a motion that excites everything."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class Structure:
-    """What the rows of a model depend on, whatever the run.
+    """Base parameters of a model's rows, whatever the run.
 
     `base` groups the parameters `names`; `units` are theirs; `effects` the keys of the effects they belong to; `rows`
     were formed, `left_out` says why others were not.

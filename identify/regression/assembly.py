@@ -43,14 +43,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class Known:
-    """Of each run: how its residual answers to its channels, and what the sensor sheet's entries do to it."""
+    """Sensitivities of each run's residual to its channels, and its responses to the sensor sheet's entries."""
 
     sensitivities: tuple[Sensitivity, ...]
     responses: tuple[dict[SheetEntry, dict[str, Array]], ...]
 
 
 class Assembly:
-    """Makes the pieces of all runs, as often as asked; those of very long runs are made anew each time.
+    """The equations of all runs in pieces; those of very long runs are made anew each time they are read.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Assembly:
         self._kept[piece.run, piece.number] = piece
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
-        """What the sensor sheet's gains and latencies do to a piece."""
+        """Responses of a piece to the sensor sheet's gains and latencies."""
         if self.known:
             return self.known.responses[piece.run]
         assert piece.sensitivity is not None

@@ -26,8 +26,8 @@ class NoiseMoments:
 
     At the true θ the scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). One draw of noise added
     and the same draw subtracted leave just that product and the mean shift of bent laws, and the sum over the samples
-    is its mean. `slopes` (D, p, p), `constants` (D, p). Each run's zeros follow the parameters: they would take the
-    mean shift of a bent law up, and a static load would else be moved by 100 N in their stead.
+    is its mean. `slopes` (D, p, p), `constants` (D, p). Each run's zeros follow the parameters: they would absorb the
+    mean shift of a nonlinear law, and a static load would else be moved by 100 N in their stead.
     """
 
     slopes: Array
@@ -86,8 +86,9 @@ class NoiseMoments:
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
         """The estimate without the bias, and the covariance that the correction leaves in it.
 
-        Left are the finite number of draws, and directions whose columns are mostly noise: least squares takes such a
-        column for a known one and finds the value near zero, with a narrow interval. They are given back to the prior.
+        Two errors remain: the finite number of draws, and directions whose columns are mostly noise: least squares
+        takes such a column for a known one and finds the value near zero, with a narrow interval. They are given back
+        to the prior.
 
         Parameters
         ----------

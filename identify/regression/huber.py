@@ -1,4 +1,4 @@
-"""Huber's weights by row and second: a bad second counts less, and is named."""
+"""Robust weights of rows by second (Huber): a second with a large residual counts less, and is named."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ def huber_weights(
     for piece in assembly.pieces():
         filters = piece.prepared.recording.filters
         for row, block in piece.blocks.items():
-            left = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
+            residual = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
             place = np.floor(piece.instants[row] * filters.step / filters.rate / SECOND).astype(int)
             numbers, which, counts = np.unique(place, return_inverse=True, return_counts=True)
             key = (piece.run, piece.number, row)
-            size[key] = np.sqrt(np.bincount(which, left**2, len(numbers)) / counts)
+            size[key] = np.sqrt(np.bincount(which, residual**2, len(numbers)) / counts)
             second[key] = which
     rows = dict.fromkeys(row for _, _, row in size)
     usual = {row: float(np.median(np.concatenate([s for (_, _, r), s in size.items() if r == row]))) for row in rows}

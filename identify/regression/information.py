@@ -1,4 +1,4 @@
-"""What a fit's equations and priors know of its parameters, as one triangle, and what they know of some of them."""
+"""Information of a fit's equations and priors on its parameters, as one R factor, and on some of them."""
 
 from __future__ import annotations
 

@@ -85,7 +85,7 @@ class Instruments:
     fit : the fit with instruments: parameters, covariance and residuals are its own, weights those of `of`.
     of : the fit it was made from.
     plain : least squares without any correction against the instruments: the alarm.
-    corrected : the fit `of`, which takes out the bias of the sheet's noise, against the instruments: whether the noise
+    corrected : the fit `of`, which removes the bias of the sheet's noise, against the instruments: whether the noise
         in the runs is the sheet's.
     weak : how many directions of the parameters have no instruments worth the name; there `of` stands.
     """
@@ -122,7 +122,7 @@ def pair_of(run: Run, recording: Recording) -> Pair:
 
 
 def pairs_of(fitted: Fit, runs: Sequence[Run]) -> tuple[Pair, ...]:
-    """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults taken out."""
+    """The halves of a fit's runs, given as recorded and in the order of its drives, its sensor faults removed."""
     pairs = [pair_of(run, drive.recording) for run, drive in zip(runs, fitted.runs, strict=True)]
     return tuple(Pair(corrected_run(p.even, fitted), corrected_run(p.odd, fitted)) for p in pairs)
 

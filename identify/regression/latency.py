@@ -2,8 +2,8 @@
 
 A sensor read too late makes every row it enters follow the rate of what it measures. The columns of that are linear for
 small errors only: after each step the runs are read again with the latencies found, until nothing moves. The equations
-of motion do not know what time it is: shifting all sensors alike changes nothing, so one sensor is the time base and
-the others are told against it.
+of motion do not depend on absolute time: shifting all sensors alike changes nothing, so one sensor is the time base
+and the others are estimated against it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class SensorTiming:
 
     @property
     def testable(self) -> bool:
-        """Whether the runs tell it."""
+        """Whether the runs determine it."""
         return not self.why
 
     @property
@@ -95,7 +95,7 @@ class Timings:
 
 
 def time_base(rig: Rig, runs: Sequence[Run]) -> str:
-    """The sensor all others are told against: that of the wheel loads, which every row needs, or the first there is."""
+    """The sensor that all others are estimated against: that of the wheel loads, else the first that the runs have."""
     there = {channel for run in runs for channel in run.signals}
     measured = [s for s in rig.sensors if there.intersection(s.channels)]
     loads = [s for s in measured if any(map(is_load, s.channels))]
@@ -156,8 +156,8 @@ def estimate_latencies(
         SensorTiming(s.name, s.latency, s.latency + float(x), float(h) if ok else np.inf, _why(bool(ok), float(h)))
         for s, x, h, ok in zip(late, shift, half, seen, strict=True)
     )
-    told = shifted_rig(rig, {one.sensor: one.found - one.rig for one in timings if one.testable})
-    return Timings(base, timings, told, fitted, steps, settled)
+    rig_found = shifted_rig(rig, {one.sensor: one.found - one.rig for one in timings if one.testable})
+    return Timings(base, timings, rig_found, fitted, steps, settled)
 
 
 def shifted_rig(rig: Rig, shifts: Mapping[str, float]) -> Rig:

@@ -82,7 +82,7 @@ class RunEquations:
         """Eliminate the zeros.
 
         Returns (z, z + p + 1), the equations that give the zeros from the parameters, and (p + 1, p + 1), the R factor
-        of what is left for the parameters and the right side.
+        of the remaining equations in the parameters and the right side.
         """
         z = len(self.zeros)
         width = next(iter(self.triangles.values())).shape[1]

@@ -1,4 +1,4 @@
-"""How the residual Y − W θ answers to small changes of the measured channels.
+"""Sensitivity of the residual Y − W θ to small changes of the measured channels.
 
 The motion is built point by point, so the residual at one instant depends on the channels and their derivatives at that
 instant alone. Its derivatives by them, taken once on a coarse comb, turn every fault and every noise draw into a few
@@ -69,7 +69,7 @@ class Sensitivity:
         }
 
     def forget_slopes(self) -> None:
-        """Let go of the full-rate slopes, which are made again if asked for."""
+        """Release the memory of the full-rate slopes, which are made again if asked for."""
         self.__dict__.pop("slopes", None)
 
     @classmethod
@@ -131,13 +131,13 @@ class Sensitivity:
         return self.response(fault.changes(self.recording))
 
     def noise(self, rng: np.random.Generator) -> dict[str, Array]:
-        """One draw of what the channels' noise does to the residual, row → (N,)."""
+        """One random draw of the residual's noise from the channels' noise, row → (N,)."""
         seen = dict.fromkeys(name for name, _, _ in self.slopes)
         return self.response(draw_noise(self.recording, seen, rng))
 
 
 def _enters(effect: PhysicalEffect) -> bool:
-    """Whether an effect's answer to the channels is taken along.
+    """Whether an effect's response to the channels is part of the sensitivities.
 
     What has a memory cannot be had on a comb; its part of the slopes is left out: it is
     an addition to a spring, a damper or an inertia that is in them.

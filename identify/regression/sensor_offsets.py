@@ -1,4 +1,4 @@
-"""Sensor zeros: constants each run's instruments are off by, known only to the sensor sheet's tolerance.
+"""Sensor zeros: constant offsets of the instruments in each run, known only to the sensor sheet's tolerance.
 
 They are parameters of a run with the sheet's σ as prior: free zeros would swallow drag and cross-talk, none at all
 would turn a laser's half millimetre into a hundred newtons of tyre load.

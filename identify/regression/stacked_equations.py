@@ -21,7 +21,7 @@ class Columns:
     ----------
     fitted : the fit.
     kept : number of the model's parameters among the columns (those of sensor faults included); zeros follow.
-    start : (q,) the fit's solution. Sensor faults are taken out of its drives: what is left of them is a step from 0.
+    start : (q,) the fit's solution. Sensor faults are removed from its drives: what remains of them is a step from 0.
     known : (k, q) what is known beforehand, as equations with σ = 1 and right side 0: plausible sizes, twins, fault
         bounds, the zeros' tolerances.
     """

@@ -1,4 +1,4 @@
-"""What one tolerance of each gain and latency of the sensor sheet does to a run's equations."""
+"""Responses of a run's equations to one tolerance of each gain and latency of the sensor sheet."""
 
 from __future__ import annotations
 

@@ -93,8 +93,8 @@ def spread_of(
     meat = equations.known.T @ equations.known
     for run, gain, series in zip(equations.runs, gains, scores, strict=True):
         if gain.size:
-            told = gain / run.priors[:, None]
-            meat = meat + told.T @ told
+            following = gain / run.priors[:, None]
+            meat = meat + following.T @ following
         meat = meat + hac(series)
     joined = tuple({row: np.concatenate(parts) for row, parts in run.items()} for run in residual)
     return Spread(joined, meat, systematic)

@@ -38,7 +38,7 @@ _HUBER_TURNS = 6
 
 @dataclass(frozen=True)
 class Stored:
-    """What campaigns on the same motions have in common, so that it is computed once.
+    """Results that fits to the same motions share, so that they are computed once.
 
     `known` of the runs; `moments` of the noise in the regressors.
     """
@@ -54,7 +54,7 @@ class Fit:
     Attributes
     ----------
     model : what was fitted.
-    runs : the runs used, sensor faults of the model taken out.
+    runs : the runs used, sensor faults of the model removed.
     base : grouping of the model's parameters into what the runs' equations depend on at all.
     theta : (p,) every parameter; those grouped into others are zero.
     covariance : (p, p) of `theta`: serial and cross-row correlation (HAC), zeros' priors included; no narrower than
@@ -64,7 +64,7 @@ class Fit:
     sigma : row → weight's σ [N or N·m].
     residual : for each run, row → (n,) Y − W θ − zeros, after filter and decimation.
     zeros : for each run, names, priors (1 σ) and values of its sensor zeros.
-    correction : (p,) what was added to take out the bias of noise in the regressors, from its `moments`.
+    correction : (p,) what was added to remove the bias of noise in the regressors, from its `moments`.
     place : (q,) where the parameters of the equations stand in `theta`: those kept, then sensor faults.
     root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
     assembly, equations : what it was made from, to go through the samples again.
@@ -156,7 +156,7 @@ def fit(
     runs : the runs used.
     weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
     zeros : estimate each run's sensor zeros with the sheet's σ as prior.
-    unbias : take out the bias that the sheet's noise in the regressors brings (errors in variables).
+    unbias : remove the bias that the sheet's noise in the regressors brings (errors in variables).
     robust : let seconds with a residual far beyond their row's usual one count less (Huber).
     draws : pairs of noise draws behind `unbias`.
     stored : what is known already from a fit of the same model on the same motions, other noise.
@@ -169,7 +169,7 @@ def fit(
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
     out = _fit_linear(model, corrected, weights, zeros, unbias and not model.faults, robust, draws, stored, progress)
-    # A sensor fault is linear only for small values: take out what was found and look again.
+    # A sensor fault is linear only for small values: remove what was found and re-linearise.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
@@ -226,7 +226,7 @@ def _fit_linear(
         return there, equations, *((equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least))
 
     assembly, equations, x, sigma = found_at(x if near is None else near[keep])
-    # How the residual answers to the channels depends on the parameters: what is found before the zeros are taken out
+    # How the residual answers to the channels depends on the parameters: what is found before the zeros are removed
     # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
     if need and stored is None and near is None:
         assembly, equations, x, sigma = found_at(x[: len(keep)])
@@ -328,7 +328,7 @@ def _outer(moved: Sequence[Array], p: int) -> Array:
 
 
 def corrected_run(run: PreparedRun, fitted: Fit) -> PreparedRun:
-    """A run with the sensor faults of a fitted model taken out; the run itself when the model has none."""
+    """A run with the sensor faults of a fitted model removed; the run itself when the model has none."""
     if not fitted.model.faults:
         return run
     return PreparedRun(at_faults(run.recording, fitted.model.faults, fitted.theta[len(fitted.physics) :]))
@@ -352,13 +352,13 @@ def extended(fitted: Fit, effect: Effect) -> Fit:
 
 
 def _as_fitted(fitted: Fit) -> tuple[bool, bool, bool, int]:
-    """Whether zeros were estimated, noise's bias taken out and bad seconds counted less; pairs of noise draws."""
+    """Whether zeros were estimated, noise's bias removed and bad seconds counted less; pairs of noise draws."""
     moments = fitted.moments
     return fitted.assembly.zeros, bool(np.any(moments.slopes)), bool(fitted.assembly.weights), moments.draws
 
 
 def at_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:
-    """A recording with sensor faults of these sizes taken out."""
+    """A recording with sensor faults of these sizes removed."""
     for fault, p in zip(faults, values, strict=True):
         there = [channel for channel in fault.channels() if channel in recording.signals.value]
         undone = {channel: fault.correct(channel, recording, float(p)) for channel in there}

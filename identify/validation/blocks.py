@@ -1,4 +1,4 @@
-"""Stretches of about two seconds that count as one observation each: a residual is correlated within them."""
+"""Blocks of about two seconds that count as one observation each, as a residual is correlated within them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each effect of a model contributes to a prediction: the sum taken apart."""
+"""Contribution of each effect of a model to a prediction: the terms of the sum."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Shares:
     """The parts of one run's prediction, after filter and decimation.
 
     `effects` row → effect → (n,) of each effect that acts on the row [N or N·m]; `zeros` row → (n,) of the run's sensor
-    zeros. They add up to `Comparison.modelled`. A sensor fault of the model has no part: it is taken out of the
+    zeros. They add up to `Comparison.modelled`. A sensor fault of the model has no part: it is removed from the
     measurement before.
     """
 
@@ -25,7 +25,7 @@ class Shares:
 
 
 def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
-    """Take the prediction of a run apart; `comparison` is that of this fit and run."""
+    """The terms of a run's prediction, effect by effect; `comparison` is that of this fit and run."""
     run = corrected_run(run, fitted)
     run.prepare(fitted.model.physics)
     zeros, values = comparison.zeros

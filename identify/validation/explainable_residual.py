@@ -1,7 +1,7 @@
-"""How much of what a model leaves could still be explained by any smooth function of the measured states.
+"""Explainable residual: the part of a model's residual that smooth functions of the measured states predict.
 
 The residual of each row is predicted, in blocks of two seconds that the prediction was not made from, by smooth
-functions of the row's states; then by those and the states' history. What is predicted is left to explain: an effect
+functions of the row's states; then by those and the states' history. The part predicted is explainable: an effect
 that is not in the model, whether anybody has listed it or not. The same is done to simulated residuals of a model
 that lacks nothing, so that chance is known.
 
@@ -31,12 +31,12 @@ SIGNIFICANCE = 0.05
 MATTERS = 0.1
 """Part of the excess over the floor from which history counts."""
 _LEAST_PART = 0.02
-"""A row that chance never predicts is not told from one of which it predicts 2 %."""
+"""Least 95 % level of chance that rows are compared by: a row that chance never predicts counts as one at 2 %."""
 
 
 @dataclass(frozen=True)
-class Left:
-    """What is left to explain in one row, all runs together.
+class ExplainableResidual:
+    """The explainable residual of one row, all runs together.
 
     Attributes
     ----------
@@ -100,11 +100,11 @@ class Left:
         return out
 
 
-def left_to_explain(
+def explainable_residual(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None,
     progress: Progress = silent,
-) -> dict[str, Left]:  # fmt: skip
-    """What is left to explain, row by row, on the runs a model was fitted to.
+) -> dict[str, ExplainableResidual]:  # fmt: skip
+    """The explainable residual of each row, on the runs a model was fitted to.
 
     `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
     (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left
@@ -139,7 +139,8 @@ def left_to_explain(
     beyond = {row: (least - more).sum(axis=0) for row, (_, least, more, *_) in found.items()}
     history_p = _family_wise(beyond, wholes)
     return {
-        row: _left(fitted, row, *found[row], (parts[row], *p[row]), (histories[row], *history_p[row])) for row in found
+        row: _of_row(fitted, row, *found[row], (parts[row], *p[row]), (histories[row], *history_p[row]))
+        for row in found
     }
 
 
@@ -164,10 +165,10 @@ def _family_wise(predicted: Mapping[str, Array], wholes: Mapping[str, Array]) ->
     return {row: (chance(float(x[0]), x[1:]), chance(float(x[0]), largest)) for row, x in sizes.items()}
 
 
-def _left(
+def _of_row(
     fitted: Fit, row: str, whole: Array, least: Array, more: Array, floor: float, states: int,
     present: tuple[Array, float, float], history: tuple[Array, float, float],
-) -> Left:  # fmt: skip
+) -> ExplainableResidual:  # fmt: skip
     count = sum(len(part[row]) for part in fitted.residual if row in part)
     total = float(whole[:, 0].sum())
     rms = float(np.sqrt(total / count))
@@ -176,7 +177,7 @@ def _left(
     half = 1.96 * _spread(whole[:, 0], least[:, 0])
     excess = 1.0 - floor**2 / rms**2
     above = excess > 0.0
-    return Left(
+    return ExplainableResidual(
         row=row, unit=row_unit(row), rms=rms, floor=floor,
         part=part, low=max(0.0, part - half), high=min(1.0, part + half), usual=usual,
         p=present[1], p_all=present[2], part_rms=rms * float(np.sqrt(max(0.0, part))),
@@ -188,11 +189,11 @@ def _left(
     )  # fmt: skip
 
 
-def _spread(whole: Array, left: Array) -> float:
-    """1 σ of 1 − Σ left ÷ Σ whole, blocks drawn at random."""
-    ratio = float(left.sum() / whole.sum())
+def _spread(whole: Array, remaining: Array) -> float:
+    """1 σ of 1 − Σ remaining ÷ Σ whole, blocks drawn at random."""
+    ratio = float(remaining.sum() / whole.sum())
     count = whole.size
-    return float(np.sqrt(count / (count - 1.0) * np.sum((left - ratio * whole) ** 2)) / whole.sum())
+    return float(np.sqrt(count / (count - 1.0) * np.sum((remaining - ratio * whole) ** 2)) / whole.sum())
 
 
 def _rms(series: Array) -> float:

@@ -1,4 +1,4 @@
-"""Where a fitted model fails: rows, phases of driving, states the residual follows, and what is left to explain."""
+"""Where a fitted model fails: rows, phases of driving, states the residual follows, and the explainable residual."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from lacet.identify.car.manoeuvre_phases import Phases
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.validation.explainable_residual import Left, left_to_explain
+from lacet.identify.validation.explainable_residual import ExplainableResidual, explainable_residual
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.projected_noise import refitted_draws
 from lacet.identify.validation.residual_map import Against, Follows, InPhase, against_states, by_phase, followed_states
@@ -32,7 +32,7 @@ class FailureAnalysis:
     ratios : row → RMS of residual ÷ noise floor over the runs used asked for (over all, where none of them was used).
     worst : rows that fail, farthest from their floor first, or the farthest alone when none does.
     in_phase : phase → row → residual ÷ floor, over `parts`.
-    left, follows, spectra, surfaces : explainable residual, states followed, spectra of the worst rows and
+    explainable, follows, spectra, surfaces : explainable residual, states followed, spectra of the worst rows and
         restoring-force surfaces, from all runs used.
     clear : the states that are clear of noise.
     """
@@ -43,7 +43,7 @@ class FailureAnalysis:
     ratios: Mapping[str, float]
     worst: tuple[str, ...]
     in_phase: Mapping[str, Mapping[str, InPhase]]
-    left: Mapping[str, Left]
+    explainable: Mapping[str, ExplainableResidual]
     follows: Mapping[str, Sequence[Follows]]
     spectra: Mapping[str, RowSpectrum]
     surfaces: Mapping[str, Surface]
@@ -82,11 +82,11 @@ def analyse_failure(
     found = {name: row_spectrum(fitted, floor, name, clear) for name in worst}
     follows = followed_states(fitted, floor, worst, clear, draws, progress)
     progress(Step(Stage.EXPLAINABLE_RESIDUAL))
-    left = left_to_explain(fitted, floor, clear, draws=draws, progress=progress)
+    explainable = explainable_residual(fitted, floor, clear, draws=draws, progress=progress)
     progress(Step(Stage.RESTORING_FORCES))
     return FailureAnalysis(
         fitted=fitted, parts=tuple(parts), phases=tuple(phases), ratios=ratios, worst=worst,
-        in_phase=by_phase(parts, phases), left=left, follows=follows,
+        in_phase=by_phase(parts, phases), explainable=explainable, follows=follows,
         spectra={name: s for name, s in found.items() if s is not None}, surfaces=restoring_surfaces(fitted),
         clear=clear,
     )  # fmt: skip

@@ -1,7 +1,7 @@
-"""What an effect would do to the residual: the model's parameters fitted anew around it, without fitting from scratch.
+"""One-step update of a fit by an effect: the parameters fitted anew around it on the equations of the present fit.
 
 The equations of the present fit are kept; the effect's columns are put beside them, and the weights go to their fixed
-point again: a tenth of a second. A true fit does two things more: it takes the bias out that noise in the new columns
+point again: a tenth of a second. A true fit does two things more: it removes the bias that noise in the new columns
 brings, and linearises sensor zeros at the new parameters. On the runs used the residual differs from the true fit's by
 at most `CLOSE` of what the row leaves now (RMS, tested). On runs held out an effect whose columns are mostly noise, or
 that the runs hardly determine, can be farther off: a cubic spring that is not there by a third.
@@ -52,8 +52,8 @@ class Preview:
         if model.faults or self.effect.as_fault is not None:
             sensitivity = Sensitivity.of(run.recording, model.physics, self.fitted.physics)
         for fault, size in zip(model.faults, self.faults, strict=True):
-            _take(plain, run.effect_columns(fault, sensitivity), np.array([size]))
-        _take(plain, run.effect_columns(self.effect, sensitivity), self.values)
+            _subtract(plain, run.effect_columns(fault, sensitivity), np.array([size]))
+        _subtract(plain, run.effect_columns(self.effect, sensitivity), self.values)
         values = profile_zeros(run, zeros, plain, floor)
         return {row: plain[row] - zeros.columns[row] @ values for row in run.rows}
 
@@ -83,7 +83,7 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
     return Preview(fitted, effect, physics, x[len(keep) : p], x[p:])
 
 
-def _take(left: dict[str, Array], columns: Mapping[str, Array], values: Array) -> None:
+def _subtract(residual: dict[str, Array], columns: Mapping[str, Array], values: Array) -> None:
     for row, column in columns.items():
-        if row in left:
-            left[row] = left[row] - values @ column
+        if row in residual:
+            residual[row] = residual[row] - values @ column

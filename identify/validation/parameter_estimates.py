@@ -1,4 +1,4 @@
-"""Parameters as a reader wants them: value, unit, interval, and in plain words what the runs cannot tell."""
+"""Parameter estimates of a fit: value, unit, interval, and the reason where the runs do not identify one."""
 
 from __future__ import annotations
 

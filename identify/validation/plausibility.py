@@ -1,4 +1,4 @@
-"""Checks of a run against itself, before anything is believed: wires that were exchanged."""
+"""Plausibility checks of a run against itself: wires that were exchanged."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ class Knowledge:
 
     @classmethod
     def of(cls, fitted: Fit) -> Knowledge:
-        """What the runs of a fit tell."""
+        """The parameter knowledge of a fit, from the runs it used."""
         parameters = [q for effect in fitted.model.physics for q in effect.parameters]
         hints = [hint(q.name, effect) for effect in fitted.model.physics for q in effect.parameters]
         p = len(parameters)
@@ -60,18 +60,20 @@ class Knowledge:
         One after the other, each time the one that would take most away, of those whose own column (or slope) matters:
         a static load can be as uncertain as the mass it was confused with and still move nothing.
         """
-        left = self.covariance
+        covariance = self.covariance
         found: list[int] = []
-        while len(found) < most and float(np.sum(gram * left)) > enough:
-            own = np.diag(left)
-            total = float(np.sum(gram * left))
+        while len(found) < most and float(np.sum(gram * covariance)) > enough:
+            own = np.diag(covariance)
+            total = float(np.sum(gram * covariance))
             moves = (own > 1e-12 * np.diag(self.covariance)) & (np.diag(gram) * own > 0.05 * total)
-            effect = np.where(moves, np.einsum("ij,jk,ki->i", left, gram, left) / np.where(moves, own, 1.0), 0.0)
+            effect = np.where(
+                moves, np.einsum("ij,jk,ki->i", covariance, gram, covariance) / np.where(moves, own, 1.0), 0.0
+            )
             best = int(np.argmax(effect))
             if effect[best] < 0.02 * total:
                 break
             found.append(best)
-            left = left - np.outer(left[best], left[best]) / own[best]
+            covariance = covariance - np.outer(covariance[best], covariance[best]) / own[best]
         return tuple(found)
 
     def prediction(
@@ -79,7 +81,7 @@ class Knowledge:
     ) -> dict[str, tuple[float, str]]:
         """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and why it is large (empty when it is not).
 
-        What the run's own zeros take up is no matter of the car and does not count.
+        What the run's own zeros absorb does not concern the car and does not count.
         """
         weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in run.rows}
         W = {row: weight[row] * run.matrix(effects, row) for row in run.rows}
@@ -89,8 +91,8 @@ class Knowledge:
         taken = np.linalg.solve(normal, moments)
         out: dict[str, tuple[float, str]] = {}
         for row in run.rows:
-            left = W[row] - Z[row] @ taken
-            gram = left.T @ left / len(left)
+            column = W[row] - Z[row] @ taken
+            gram = column.T @ column / len(column)
             ratio = float(np.sqrt(max(0.0, float(np.sum(gram * self.covariance)))))
             why = self.reason(self.responsible(gram, ENOUGH**2)) if ratio > ENOUGH else ""
             out[row] = (ratio, why)

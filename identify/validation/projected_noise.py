@@ -1,4 +1,4 @@
-"""Simulated residuals as a fit would leave them: what its parameters and each run's zeros take away is taken away.
+"""Simulated residuals after the projection of a fit: without the part its parameters and each run's zeros explain.
 
 The noise floor's draws are what the channels' noise does to Y − W θ. A residual is less: the fit has followed the
 noise with all its parameters. And it can be more without anything being missing in the model: gains and latencies are
@@ -52,11 +52,11 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
         right_side = c[:z] - factor[:z, z:] @ theta
         own = np.asarray(scipy.linalg.solve_triangular(factor[:z, :z], right_side), float) if z else right_side
         x = np.concatenate([own, theta])
-        left: dict[str, list[Array]] = {}
+        remaining: dict[str, list[Array]] = {}
         for piece, draws in zip(pieces[run], noise[run], strict=True):
             for row, block in piece.blocks.items():
-                left.setdefault(row, []).append(draws[row] - (block @ x).T)
-        out.append({row: np.concatenate(series, axis=1) for row, series in left.items()})
+                remaining.setdefault(row, []).append(draws[row] - (block @ x).T)
+        out.append({row: np.concatenate(series, axis=1) for row, series in remaining.items()})
     return tuple(out)
 
 

@@ -142,7 +142,7 @@ class Follows:
     """How far a row's residual follows one state.
 
     `part` of its squares that a smooth function of this state predicts, cross-validated in blocks, once the model's own
-    springs, dampers and masses may change with it: a fit that lacks an effect has bent them to take up what they could.
+    springs, dampers and masses may change with it: a fit that lacks an effect has biased them to absorb part of it.
     `p` that chance does as well in this or any other state of the row; `rms` the same as a force [`row_unit`].
     """
 
@@ -209,7 +209,7 @@ class Against:
     """A row's residual against a state at the same instants, all runs together.
 
     `values` (n,) of the state [`mean.unit`]; `residual` (n,) [`row_unit`]; `mean` its conditional mean. Where it is
-    `put_back`, what the model's own springs, dampers and masses took up of it is added to the residual again.
+    `put_back`, what the model's own springs, dampers and masses absorbed of it is added to the residual again.
     """
 
     row: str
@@ -227,14 +227,14 @@ def against_states(
     """State → the residual of a row against it.
 
     By default every state of the row, what the row's left side is made of included: this shows, it proves nothing.
-    With `clear`, what the model took up is put back where the state is clear of noise.
+    With `clear`, what the model absorbed is put back where the state is clear of noise.
     """
     having = [i for i, run in enumerate(runs) if row in run.index and row in residual[i]]
     each = [states_of(runs[i].motion, row) for i in having]
     if not each:
         return {}
     shared = [name for name in each[0] if all(name in other for other in each)]
-    left = np.concatenate([residual[i][row] for i in having])
+    measured = np.concatenate([residual[i][row] for i in having])
     blocks = block_numbers([runs[i] for i in having], row)
     clean = clear.names(row) if clear else ()
     columns = ColumnMaker(clear, history=False).columns(row, clean) if clear and clean else None
@@ -243,9 +243,9 @@ def against_states(
         values = np.concatenate(
             [filtered(runs[i], row, states[name].series) for i, states in zip(having, each, strict=True)]
         )
-        shown = left if columns is None or name not in clean else _put_back(left, columns, clean.index(name))
+        shown = measured if columns is None or name not in clean else _put_back(measured, columns, clean.index(name))
         mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)
-        out[name] = Against(row, row_unit(row), values, shown, mean, shown is not left)
+        out[name] = Against(row, row_unit(row), values, shown, mean, shown is not measured)
     return out
 
 

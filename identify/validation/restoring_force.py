@@ -57,9 +57,9 @@ def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
             continue
         moving = [_moving(fitted.runs[i], row, corner) for i in having]
         travel, rate = np.concatenate(moving, axis=1)
-        left = np.concatenate([fitted.residual[i][row] for i in having])
-        force = left + np.concatenate([_modelled(fitted, fitted.runs[i], row) for i in having])
-        out[corner] = surface(corner, travel, rate, left, force, block_numbers(fitted.runs, row), cells)
+        residual = np.concatenate([fitted.residual[i][row] for i in having])
+        force = residual + np.concatenate([_modelled(fitted, fitted.runs[i], row) for i in having])
+        out[corner] = surface(corner, travel, rate, residual, force, block_numbers(fitted.runs, row), cells)
     return out
 
 

@@ -131,8 +131,8 @@ def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:
 
 def _judged(score: RowScore, doubt: float, why: str) -> RowScore:
     """A row that fails is judged when it fails by more than what the runs used leave open, at two σ."""
-    excused = bool(why) and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
-    return replace(score, doubt=doubt, judged=not excused, why=why)
+    within = bool(why) and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
+    return replace(score, doubt=doubt, judged=not within, why=why)
 
 
 def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:

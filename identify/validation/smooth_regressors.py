@@ -40,19 +40,19 @@ _PAIRED = ("travel", "travel rate", "tyre deflection", "travel difference across
            "vertical acceleration", "roll rate", "pitch rate", "yaw rate", "speed", "heave", "heave, rate")  # fmt: skip
 _DRIVING = ("travel rate", "deflection rate", "rate difference across the axle", "longitudinal acceleration",
             "lateral acceleration", "vertical acceleration", "roll rate", "pitch rate", "yaw rate")  # fmt: skip
-TAKEN_UP: Mapping[str, tuple[str, ...]] = {
+MODEL_STATES: Mapping[str, tuple[str, ...]] = {
     "chassis": ("longitudinal acceleration", "lateral acceleration", "vertical acceleration", "roll acceleration",
                 "pitch acceleration", "yaw acceleration"),
     "suspension": ("travel", "travel rate", "vertical acceleration"),
     "tyre": ("tyre deflection", "vertical acceleration"),
     "spin": (),
 }  # fmt: skip
-"""By kind of row, what the base model is linear in: a fit that lacks an effect bends these to take up what it can."""
+"""Kind of row → states that the base model is linear in, by which a fit absorbs part of a missing effect."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Columns of one row over all runs, mean taken out and of unit size.
+    """Regressor columns of one row over all runs, of zero mean and unit size.
 
     `present` : (n, m) smooth functions; `of` (m,) the state each is of, −1 for a product; `names` of those states;
     `lines` (l,) places of the states that the model itself has a line of in this row (spring, damper, inertia);
@@ -95,7 +95,7 @@ class ColumnMaker:
         stacked = stacked / np.where(keep, size, 1.0)
         first, second = keep[:present], keep[present:]
         own = of[first]
-        starts = [int(np.argmax(own == names.index(name))) for name in TAKEN_UP[kind] if name in names]
+        starts = [int(np.argmax(own == names.index(name))) for name in MODEL_STATES[kind] if name in names]
         lines = np.asarray([k for k in starts if own[k] >= 0], np.intp)
         return Columns(names, stacked[:, :present][:, first], own, lines, stacked[:, present:][:, second])
 
@@ -175,7 +175,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Array:
 
 
 def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:
-    """Squares left in every block when it is predicted by a ridge regression on the folds that do not hold it.
+    """Squared residual of every block when it is predicted by a ridge regression on the folds that do not hold it.
 
     Parameters
     ----------
@@ -202,8 +202,8 @@ def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> 
         for k, ridge in enumerate(RIDGE):
             predicted[k, test] = seen @ (turned / (values + ridge * count)[:, None])
     whole = np.add.reduceat(targets**2, starts, axis=0)
-    left = [np.add.reduceat((targets - p) ** 2, starts, axis=0) for p in predicted]
-    return np.stack([whole, *left])
+    losses = [np.add.reduceat((targets - p) ** 2, starts, axis=0) for p in predicted]
+    return np.stack([whole, *losses])
 
 
 def best(losses: Array) -> Array:

@@ -137,7 +137,7 @@ def _level(segments: float, states: int, tests: int) -> float:
 
 
 def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) -> list[int]:
-    """Up to `most` states in order, none of which another one tells already."""
+    """Up to `most` states in order, none of which is nearly a linear function of another."""
     chosen: list[int] = []
     for k in order:
         x = states[:, int(k)]

@@ -130,7 +130,7 @@ def filtered(run: PreparedRun, row: str, series: Array) -> Array:
 class ClearStates:
     """The states that the residuals of some runs can be said to follow, blurred.
 
-    A residual holds the channels' noise, and so do the states: where several states together tell what one of them
+    A residual holds the channels' noise, and so do the states: where several states together determine what one of them
     ought to be, its noise is known from them, and the residual would seem to follow the states though nothing is
     missing. So the states get `BLUR` times their own noise once more, drawn from the sensor sheet for all channels
     together: of a residual made of noise no more than 1 ÷ (1 + `BLUR`²) can then be predicted.

@@ -1,4 +1,4 @@
-"""Whether a residual looks like noise: its spectrum and autocorrelation against those of the simulated noise floor.
+"""Whiteness of a residual: its spectrum and autocorrelation against those of the simulated noise floor.
 
 The floor is filtered and comes from many sensors, so it is not white itself; a test for whiteness alone would call
 every residual coloured. Everything here is relative to the floor's own spectrum, known from simulated draws.
@@ -66,7 +66,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     draws : (D, n) simulated residuals of a model that lacks nothing.
     place : (n,) position of each sample on a comb of `spacing` [s]; what is missing on it are holes.
 
-    None when there are too few samples to tell (fewer than 32).
+    None when there are too few samples (fewer than 32).
     """
     if residual.size < 32:
         return None
@@ -111,7 +111,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
 
 
 def _on_comb(series: Array, place: NDArray[np.intp]) -> Array:
-    """(k, n) samples on their comb, their mean taken out, zero in the holes."""
+    """(k, n) samples on their comb, without their mean, zero in the holes."""
     start = int(place.min())
     out = np.zeros((series.shape[0], int(place.max()) - start + 1))
     constant = bool(np.all(series == series[:, :1]))

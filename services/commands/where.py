@@ -8,7 +8,7 @@ from pathlib import Path
 from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render.failure_report import write_where
-from lacet.services.render.failure_text import failure_sentences, follows_table, left_table, phase_table
+from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"{failure_sentences(found)}\n")
     print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")
     print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found)}\n")
-    print(f"Left to explain (history: beyond the present states):\n{left_table(found)}")
+    print(f"Left to explain (history: beyond the present states):\n{explainable_table(found)}")
     if args.report:
         print(f"\nreport: {args.report}")
     report = {"report": args.report} if args.report else {}

@@ -16,8 +16,8 @@ from lacet.identify.design.discrimination import (
     Compared,
     Present,
     Question,
-    RunTold,
     Separations,
+    WeightedRun,
     planned_run,
     present_runs,
     wrong_pick,
@@ -228,7 +228,7 @@ def _library(
 
 
 def _judged(
-    question: Question, present: Present, before: Separations, run: PlannedRun, told: RunTold, limits: Limits,
+    question: Question, present: Present, before: Separations, run: PlannedRun, told: WeightedRun, limits: Limits,
     blocked: bool,
 ) -> Recommended:  # fmt: skip
     """One manoeuvre, as long as allowed, and the shortest duration that is enough."""

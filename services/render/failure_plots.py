@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
-from lacet.identify.validation.explainable_residual import Left
+from lacet.identify.validation.explainable_residual import ExplainableResidual
 from lacet.identify.validation.residual_map import Against, InPhase, residual_map
 from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
 from lacet.identify.validation.score import Comparison
@@ -191,15 +191,15 @@ def spectrum_figure(spectrum: RowSpectrum) -> Figure:
     return figure
 
 
-def left_figure(left: Mapping[str, Left]) -> Figure:
-    """What each row's residual is made of: noise, what follows the states, their history, the rest."""
-    rows = list(left)
+def explainable_figure(explainable: Mapping[str, ExplainableResidual]) -> Figure:
+    """Composition of each row's residual: noise, what follows the states, their history, the rest."""
+    rows = list(explainable)
     figure = Figure(figsize=(9.4, 1.1 + 0.25 * len(rows)), layout="constrained")
     axes = figure.subplots()
     y = np.arange(len(rows))
-    total = np.array([left[r].rms / left[r].floor for r in rows])
-    present = np.array([max(0.0, left[r].part) if left[r].something else 0.0 for r in rows])
-    history = np.array([max(0.0, left[r].history) if left[r].depends_on_history else 0.0 for r in rows])
+    total = np.array([explainable[r].rms / explainable[r].floor for r in rows])
+    present = np.array([max(0.0, explainable[r].part) if explainable[r].something else 0.0 for r in rows])
+    history = np.array([max(0.0, explainable[r].history) if explainable[r].depends_on_history else 0.0 for r in rows])
     rest = 1.0 - present - history
     start = np.zeros(len(rows))
     for share, colour, label in (
@@ -211,7 +211,7 @@ def left_figure(left: Mapping[str, Left]) -> Figure:
         start = start + share * total
     axes.axvline(1.0, color=MEASURED, lw=1.2, ls="--", label="noise floor")
     for k, row in enumerate(rows):
-        one = left[row]
+        one = explainable[row]
         found = one.something or one.depends_on_history
         text = f" {max(one.part_rms, one.history_rms):.3g} {one.unit} left to find" if found else ""
         axes.text(float(total[k]), k, text, va="center", fontsize=8, color=FAULT)

@@ -9,13 +9,13 @@ from pathlib import Path
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.services.render.failure_plots import (
     against_figure,
-    left_figure,
+    explainable_figure,
     map_figure,
     phase_figure,
     spectrum_figure,
     surface_figure,
 )
-from lacet.services.render.failure_text import failure_sentences, follows_table, left_table, phase_table
+from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.render.html import details, page, picture, pre, section
 
 MOST_ROWS = 3
@@ -30,8 +30,11 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
         f"<h3>By phase</h3>{picture(phase_figure(found.in_phase))}",
         details("the table", pre(phase_table(found))),
     ]
-    if found.left:
-        out += [f"<h3>How much is left to explain</h3>{picture(left_figure(found.left))}", pre(left_table(found))]
+    if found.explainable:
+        out += [
+            f"<h3>How much is left to explain</h3>{picture(explainable_figure(found.explainable))}",
+            pre(explainable_table(found)),
+        ]
     out.append(f"<h3>What the error follows</h3>{pre(follows_table(found))}")
     for k, row in enumerate(found.worst[:MOST_ROWS]):
         own: list[str] = []

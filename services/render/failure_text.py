@@ -25,15 +25,15 @@ def failure_sentences(found: FailureAnalysis) -> str:
     if strongest:
         f = strongest[0]
         out += f" Its residual follows {f.state}: {100 * f.part:.0f} % ({f.rms:.3g} {f.row_unit} RMS)."
-    rows = [r for r, x in found.left.items() if x.something or x.depends_on_history]
-    if not found.left:
+    rows = [r for r, x in found.explainable.items() if x.something or x.depends_on_history]
+    if not found.explainable:
         out += " The runs are too short to say how much is left to explain."
     elif rows:
-        total = {r: max(found.left[r].part_rms, found.left[r].history_rms) for r in rows}
-        out += f" Left to explain in {', '.join(f'{r} ({total[r]:.3g} {found.left[r].unit})' for r in rows)}."
+        total = {r: max(found.explainable[r].part_rms, found.explainable[r].history_rms) for r in rows}
+        out += f" Left to explain in {', '.join(f'{r} ({total[r]:.3g} {found.explainable[r].unit})' for r in rows)}."
     else:
         out += " Nothing is left to find that follows the measured states."
-    hidden = [r for r in rows if found.left[r].depends_on_history]
+    hidden = [r for r in rows if found.explainable[r].depends_on_history]
     if hidden:
         out += f" Something that is not measured moves too: {', '.join(hidden)} depends on history."
     return out
@@ -69,7 +69,7 @@ def follows_table(found: FailureAnalysis, most: int = 3) -> str:
     return table(["row", "state", "part", "RMS", "p"], lines, left=2) if lines else "  (runs too short to tell)"
 
 
-def left_table(found: FailureAnalysis) -> str:
+def explainable_table(found: FailureAnalysis) -> str:
     """How much is left to explain, row by row."""
     lines = [
         [
@@ -77,7 +77,7 @@ def left_table(found: FailureAnalysis) -> str:
             f"{100 * x.low:.0f} to {100 * x.high:.0f}", f"{x.part_rms:.3g}", f"{x.p_all:.2g}",
             f"{100 * x.history:.0f} %", f"{x.history_p_all:.2g}",
         ]
-        for row, x in found.left.items()
+        for row, x in found.explainable.items()
     ]  # fmt: skip
     head = ["row", "residual", "floor", "", "follows states", "95 %", "RMS", "p", "history", "p"]
     return table(head, lines) if lines else "  (runs too short to tell)"

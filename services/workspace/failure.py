@@ -85,7 +85,7 @@ def failure_result(version: Version, found: FailureAnalysis) -> dict[str, Any]:
             },
             "left": {
                 row: {**asdict(x), "something": x.something, "depends_on_history": x.depends_on_history, "says": x.says}
-                for row, x in found.left.items()
+                for row, x in found.explainable.items()
             },
             "says": failure_sentences(found),
         }

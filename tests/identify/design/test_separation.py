@@ -15,7 +15,7 @@ from lacet.identify.design.discrimination import (
     Separations,
     planned_run,
     present_runs,
-    run_told,
+    weighted_run,
     wrong_pick,
 )
 from lacet.identify.effects.base import Parameter, SuspensionForce
@@ -103,9 +103,9 @@ def test_it_is_the_least_squares_of_all_samples(which: str, a: int, b: int):
     question, _, _ = pair(which)
     sigma = {row: floor().sigma[row] for row in drive("sine").rows}
     held = list(fitted().assembly.pieces_of(0))
-    one = run_told(question, held, sigma).lasting()
+    one = weighted_run(question, held, sigma).lasting()
     same = {row: 1.3 * sigma[row] for row in drive("sine").rows}
-    other = run_told(question, held, same).lasting()
+    other = weighted_run(question, held, same).lasting()
     found = Separations(question, None, one, other).separation(a, b)
     expected = brute(question, a, question.places[b], question.own(a, b), (held[0], sigma), (held[0], same))
     assert found == pytest.approx(expected, rel=1e-8)

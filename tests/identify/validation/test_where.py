@@ -16,7 +16,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.validation.blocks import block_numbers
-from lacet.identify.validation.explainable_residual import left_to_explain
+from lacet.identify.validation.explainable_residual import explainable_residual
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.residual_map import conditional_mean, followed_states
@@ -186,7 +186,7 @@ def test_states_are_blurred_by_their_own_noise(fitted: Fit, clear: ClearStates):
 def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
     floor = floor_of(base, DRAWS)
     draws = refitted_draws(base, floor)
-    left = left_to_explain(base, floor, clear, draws)
+    left = explainable_residual(base, floor, clear, draws)
     for row, one in left.items():
         if row.startswith("suspension"):
             assert one.something, row
@@ -202,7 +202,7 @@ def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
 
 
 def test_nothing_is_left_in_a_complete_model(fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws):
-    left = left_to_explain(fitted, floor, clear, draws)
+    left = explainable_residual(fitted, floor, clear, draws)
     assert set(left) == set(fitted.rows)
     for row, one in left.items():
         assert not one.something, row
@@ -219,7 +219,7 @@ def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: C
         residual.append(
             {**part, "chassis.fz": part["chassis.fz"] + drive.decimated({"chassis.fz": force})["chassis.fz"]}
         )
-    left = left_to_explain(replace(fitted, residual=tuple(residual)), floor, clear, draws)
+    left = explainable_residual(replace(fitted, residual=tuple(residual)), floor, clear, draws)
     one = left["chassis.fz"]
     assert one.rms > 2.0 * one.floor
     assert one.depends_on_history

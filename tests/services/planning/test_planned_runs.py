@@ -133,8 +133,8 @@ def test_every_run_of_the_library_shrinks_what_was_predicted():
     chosen, told, found = campaign()
     now = fit_information(present())
     every: dict[str, float] = {}
-    for plan, run_told, one in zip(chosen, told, found, strict=True):
-        ratios = compared(predicted(present(), now + run_told.lasting()), one, present())
+    for plan, weighted_run, one in zip(chosen, told, found, strict=True):
+        ratios = compared(predicted(present(), now + weighted_run.lasting()), one, present())
         # Of a handful of bumps the fit's own estimate of its uncertainty is rough: it is one draw.
         assert within(ratios) >= 0.75, (plan.label, ratios)
         assert middle(ratios) == pytest.approx(1.0, abs=0.2), plan.label
