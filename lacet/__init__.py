@@ -37,6 +37,7 @@ _NAMES = {
         "TyreForce",
     ),
     "lacet.identify.multibody.chain": ("Chain", "Joint"),
+    "lacet.identify.multibody.chain_base_parameters": ("base_parameters",),
     "lacet.identify.regression.model": ("Model",),
     "lacet.identify.selection.score_tests": ("Candidate",),
     "lacet.identify.signals.reconstruct": ("Recording",),
@@ -44,6 +45,7 @@ _NAMES = {
     "lacet.services.library.fits": ("Fit", "add", "base_model", "catalogue", "fit"),
     "lacet.services.library.rankings": ("Ranking", "rank"),
     "lacet.services.library.runs": ("LoadingWarning", "Runs", "load_runs"),
+    "lacet.services.workspace.loading": ("load_chain",),
     "lacet.services.workspace.session": ("Work",),
     "lacet.services.workspace.study": ("Study", "Version"),
 }

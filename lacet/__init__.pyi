@@ -15,6 +15,7 @@ from lacet.identify.effects.base import SuspensionForce as SuspensionForce
 from lacet.identify.effects.base import TyreForce as TyreForce
 from lacet.identify.multibody.chain import Chain as Chain
 from lacet.identify.multibody.chain import Joint as Joint
+from lacet.identify.multibody.chain_base_parameters import base_parameters as base_parameters
 from lacet.identify.regression.model import Model as Model
 from lacet.identify.selection.score_tests import Candidate as Candidate
 from lacet.identify.signals.reconstruct import Recording as Recording
@@ -30,6 +31,7 @@ from lacet.services.library.rankings import rank as rank
 from lacet.services.library.runs import LoadingWarning as LoadingWarning
 from lacet.services.library.runs import Runs as Runs
 from lacet.services.library.runs import load_runs as load_runs
+from lacet.services.workspace.loading import load_chain as load_chain
 from lacet.services.workspace.session import Work as Work
 from lacet.services.workspace.study import Study as Study
 from lacet.services.workspace.study import Version as Version
@@ -64,9 +66,11 @@ __all__ = [
     "Work",
     "add",
     "base_model",
+    "base_parameters",
     "catalogue",
     "compare",
     "fit",
+    "load_chain",
     "load_runs",
     "open_run",
     "rank",

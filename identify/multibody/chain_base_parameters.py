@@ -80,6 +80,12 @@ def base_parameters(
     seed : of the random states.
 
     Raises ValueError for an unknown name.
+
+    Examples
+    --------
+    >>> arm = lacet.Chain.from_table([{"j": 1, "ant": 0, "sigma": 0}, {"j": 2, "ant": 1, "sigma": 0, "d": 0.5}])
+    >>> lacet.base_parameters(arm).names[:3]
+    ('XX1', 'XY1', 'XZ1')
     """
     names = [*chain.parameter_names, *chain.friction_names]
     if parameters is not None:

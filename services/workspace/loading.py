@@ -60,6 +60,12 @@ def load_chain(
     """The tree of a SYMORO ``.par`` file; `values` and `gravity` as in `Chain.from_par`.
 
     Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
+
+    Examples
+    --------
+    >>> lengths = {"LF": 1.3, "LR": 1.4, "EF": 0.75, "ER": 0.73, "G3": -9.81}
+    >>> lacet.load_chain("tests/data/symoro/CarLite.par", lengths).missing
+    ()
     """
     return Chain.from_par(Path(path).read_text(encoding="utf-8", errors="replace"), values, gravity, str(path))
 

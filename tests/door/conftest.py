@@ -22,6 +22,7 @@ def checkout(tmp_path_factory: pytest.TempPathFactory) -> Path:
     car.mkdir(parents=True)
     for name in ("rig.toml", "vehicle.toml"):
         shutil.copy(CAR / name, car)
+    shutil.copytree(CAR.parent / "symoro", folder / "tests" / "data" / "symoro")
     for name in RUNS:
         written(piece(name, 4.0, 4.0 + SECONDS), car / f"{name}.parquet")
     return folder
