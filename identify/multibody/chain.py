@@ -192,13 +192,23 @@ class Chain:
         return tuple(f"{name}{joint.j}" for joint in self.joints for name in FRICTION)
 
     def to_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Vectors `v` (3, …, N) rotated from the axes of joint k's antecedent into frame k (k counts from 0)."""
+        """Turn `v` (3, …, N) from the axes of joint k's antecedent into frame k (k counts from 0)."""
+        return self._into(k, self._turning(k, q), v)
+
+    def _turning(self, k: int, q: Array) -> tuple[Array, Array] | None:
+        """Cosine and sine of joint k's angle θ; None where it is always 0."""
         joint = self.joints[k]
-        v = np.tensordot(self._turn[k].T, v, 1)
         if joint.sigma != 0 and joint.theta == 0.0:
-            return v
+            return None
         angle = joint.theta + (q if joint.sigma == 0 else 0.0)
-        c, s = np.cos(angle), np.sin(angle)
+        return np.cos(angle), np.sin(angle)
+
+    def _into(self, k: int, turning: tuple[Array, Array] | None, v: Array) -> Array:
+        """`to_frame` by the cosine and sine of the joint's angle, which several vectors share."""
+        v = np.dot(self._turn[k].T, v.reshape(3, -1)).reshape(v.shape)
+        if turning is None:
+            return v
+        c, s = turning
         return np.stack([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
 
     def from_frame(self, k: int, q: Array, v: Array) -> Array:
@@ -238,9 +248,8 @@ class Chain:
                 continue
             p = self.origin(k, q[k])
             accel = ant.accel + cross(ant.omega_dot, p) + cross(ant.omega, cross(ant.omega, p))
-            carried = self.to_frame(k, q[k], ant.omega)
-            omega_dot = self.to_frame(k, q[k], ant.omega_dot)
-            accel = self.to_frame(k, q[k], accel)
+            turning = self._turning(k, q[k])
+            carried, omega_dot, accel = (self._into(k, turning, v) for v in (ant.omega, ant.omega_dot, accel))
             if joint.sigma == FIXED:
                 frames[k] = FrameMotion(carried, omega_dot, accel)
                 continue

@@ -118,7 +118,10 @@ class Sensitivity:
                 for order in sorted(orders):
                     for row, slope in self.slopes.get((channel, k, order), {}).items():
                         term = slope * series[order][k]
-                        out[row] = out[row] + term if row in out else term
+                        if row in out:
+                            out[row] += term
+                        else:
+                            out[row] = term
         return out
 
     def zero(self, channel: str, component: int) -> dict[str, Array]:

@@ -105,7 +105,8 @@ class RigidBody(PhysicalEffect):
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
             spin, dphi_ds = moment[1], corner.wheel_dphi_ds
         attitude = (corner.steer, corner.camber, corner.pitch)
-        force, moment = carrier_to_body(*attitude, force), carrier_to_body(*attitude, moment)
+        both = carrier_to_body(*attitude, np.stack([force, moment], axis=1))
+        force, moment = both[:, 0], both[:, 1]
         centre, dp_ds, dphi_ds = (v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, dphi_ds))
         about_origin = moment + cross(centre, force)
         out = {row: (*force, *about_origin)[k] for k, row in enumerate(_CHASSIS)}
