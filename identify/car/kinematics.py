@@ -26,9 +26,9 @@ from lacet.identify.car.car_tree import (
     kingpin_pitch,
     orientation,
 )
-from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.motion import BrakingLeftOut, CornerMotion, FlatRoad, GroundLaserOffset, Motion
 from lacet.identify.car.road import ABOVE, Road
-from lacet.identify.car.rows import PRESSURE, RELEASED, Torque, available, needs
+from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, RowAbsence, Torque, available, needs
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
 from lacet.identify.signals.filters import Filters
@@ -96,13 +96,9 @@ def build_motion(recording: Recording) -> Motion:
             wheel=wheel,
         )
     masks, braking = _masks(recording, rows, grounds)
-    why = f"the brakes act all the time ({PRESSURE}) and the torques on this wheel are not all measured"
+    why = RowAbsence(Absence.BRAKES_ALWAYS, (PRESSURE,))
     left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
-    extra = (
-        _beside_the_wheels(road.ahead)
-        if not flat
-        else ("fewer than three ground lasers: a flat road and the attitude give the road's normal",)
-    )
+    extra = (FlatRoad(),) if flat else _beside_the_wheels(road.ahead)
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
@@ -111,14 +107,8 @@ def build_motion(recording: Recording) -> Motion:
     )  # fmt: skip
 
 
-def _beside_the_wheels(ahead: float) -> tuple[str, ...]:
-    if abs(ahead) <= ABOVE:
-        return ()
-    return (
-        f"a ground laser stands {1e3 * abs(ahead):.0f} mm {'ahead of' if ahead > 0 else 'behind'} its wheel's centre: "
-        "on a rough road it sees bumps earlier or later than the tyre, and tyre rows fail as if tyres had damping. "
-        "Mount lasers above the wheels, or identify from smooth roads",
-    )
+def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:
+    return (GroundLaserOffset(ahead),) if abs(ahead) > ABOVE else ()
 
 
 def _torques(
@@ -142,8 +132,8 @@ def _torques(
 
 def _masks(
     recording: Recording, rows: Mapping[str, Torque], grounds: tuple[str, ...]
-) -> tuple[dict[str, NDArray[np.bool_]], list[str]]:
-    """Usable samples of each row, row → (N,), and a sentence on the seconds left out because the brakes act."""
+) -> tuple[dict[str, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
+    """Usable samples of each row, row → (N,), and the seconds left out because the brakes act."""
     t, edge = recording.t, recording.filters.edge
     inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
     released = np.ones(t.size, bool)
@@ -159,12 +149,9 @@ def _masks(
         masks[row] = mask
     cut = [row for row, torque in rows.items() if torque.released]
     if np.all(released):
-        return masks, []
+        return masks, ()
     seconds = float(np.count_nonzero(inside & ~released)) / recording.filters.rate
-    why = (
-        f"the brakes act ({PRESSURE} above {RELEASED / 1e5:g} bar) and the torques on these wheels are not all measured"
-    )
-    return masks, [f"left out {seconds:.1f} s of {', '.join(cut)}: {why}"]
+    return masks, (BrakingLeftOut(seconds, tuple(cut), PRESSURE, RELEASED),)
 
 
 def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:

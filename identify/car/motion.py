@@ -8,9 +8,33 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import RowAbsence
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import RunNote
+
+
+@dataclass(frozen=True)
+class FlatRoad(RunNote):
+    """Fewer than three ground lasers: the road's normal is that of a flat road, by the attitude."""
+
+
+@dataclass(frozen=True)
+class GroundLaserOffset(RunNote):
+    """A ground laser mounted `ahead` of its wheel's centre [m], negative behind: it sees bumps at another time."""
+
+    ahead: float
+
+
+@dataclass(frozen=True)
+class BrakingLeftOut(RunNote):
+    """Seconds left out of `rows` because the brakes act: `channel` is above `pressure` [Pa]."""
+
+    seconds: float
+    rows: tuple[str, ...]
+    channel: str
+    pressure: float
 
 
 @dataclass(frozen=True)
@@ -89,7 +113,7 @@ class Motion:
     left_out : why each other row is absent.
     usable : (N,) samples outside flagged intervals and filter transients, by row.
     channels : channels the run has.
-    notes : what a reader of the result must know, one line each.
+    notes : what a reader of the result must know.
     ahead : how far the ground laser farthest from above its wheel's centre stands ahead of it [m].
 
     Examples
@@ -108,10 +132,10 @@ class Motion:
     attitude: Array | None
     corners: Mapping[str, CornerMotion]
     rows: tuple[str, ...]
-    left_out: Mapping[str, str]
+    left_out: Mapping[str, RowAbsence]
     usable: Mapping[str, NDArray[np.bool_]]
     channels: frozenset[str]
-    notes: tuple[str, ...] = ()
+    notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
 
     def measured(self, row: str) -> Array:

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 from dataclasses import dataclass
+from enum import Enum, auto
 
 import numpy as np
 
@@ -44,6 +45,30 @@ SMALL_SLOPE = 0.01
 engine's braking torque of 300 N·m at the wheel works 3 N."""
 _LARGE_CAMBER = 0.1
 """Camber with which a carrier's toe change counts as turning about the spin axis, where its size matters [rad]."""
+
+
+class Absence(Enum):
+    """Why a row of the equations cannot be formed on a run."""
+
+    CHANNELS = auto()
+    """The row's own channels are not measured."""
+    SHAFT_TORQUE = auto()
+    """The half-shaft torque works on the travel; neither it nor what it can be eliminated with is measured."""
+    DRIVE_TORQUE = auto()
+    """The drive torque of the wheel is not measured."""
+    BRAKE_TORQUE = auto()
+    """Neither the brake torque of the wheel nor when the brakes act is measured."""
+    BRAKES_ALWAYS = auto()
+    """The brakes act all the time, and the torques on the wheel are not all measured."""
+
+
+@dataclass(frozen=True)
+class RowAbsence:
+    """Why a row is absent: the `cause`, the `channels` that are not measured (or show it), the run's `brakes`."""
+
+    cause: Absence
+    channels: tuple[str, ...]
+    brakes: str = ""
 
 
 def row_unit(row: str) -> str:
@@ -95,14 +120,14 @@ class Torque:
     shaft, brake : channel of the torque that enters, or empty where it is zero or not in the row.
     eliminated : a suspension row from which the half-shaft's torque was eliminated with the spin row.
     released : the row holds only while the brakes are released, as `PRESSURE` shows.
-    missing : why the row cannot be formed, or empty.
+    missing : why the row cannot be formed; None where it can.
     """
 
     shaft: str = ""
     brake: str = ""
     eliminated: bool = False
     released: bool = False
-    missing: str = ""
+    missing: RowAbsence | None = None
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -139,18 +164,14 @@ def _suspension_torque(corner: Corner, measured: Container[str], brakes: str) ->
         return Torque()
     if PRESSURE in measured:
         return Torque(eliminated=True, released=True)
-    return Torque(
-        missing=f"the half-shaft torque acts on this travel (the bench table turns the carrier) and neither it "
-        f"({shaft}) nor the brake torque ({brake}) nor when the brakes act ({PRESSURE}) is measured; "
-        f"{_declared(brakes)}"
-    )
+    return Torque(missing=RowAbsence(Absence.SHAFT_TORQUE, (shaft, brake, PRESSURE), brakes))
 
 
 def _spin_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
     shaft, brake = f"shaft.{corner.name}.torque", f"brake.{corner.name}.torque"
     if shaft not in measured:
         if corner.driven:
-            return Torque(missing=f"the drive torque of this wheel is not measured ({shaft})")
+            return Torque(missing=RowAbsence(Absence.DRIVE_TORQUE, (shaft,)))
         shaft = ""
     elif corner.brakes == "inboard":  # the brake's torque is in the half-shaft's
         return Torque(shaft=shaft)
@@ -160,14 +181,7 @@ def _spin_torque(corner: Corner, measured: Container[str], brakes: str) -> Torqu
         return Torque(shaft=shaft, brake=brake)
     if PRESSURE in measured:
         return Torque(shaft=shaft, released=True)
-    return Torque(
-        missing=f"neither the brake torque of this wheel ({brake}) nor when the brakes act ({PRESSURE}) is measured; "
-        f"{_declared(brakes)}"
-    )
-
-
-def _declared(brakes: str) -> str:
-    return f"the run's brakes are '{brakes}' (say brakes = 'off' where they were not touched)"
+    return Torque(missing=RowAbsence(Absence.BRAKE_TORQUE, (brake, PRESSURE), brakes))
 
 
 def _shaft_slope(corner: Corner) -> float:
@@ -181,16 +195,16 @@ def _shaft_slope(corner: Corner) -> float:
 
 def available(
     measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
-) -> tuple[dict[str, Torque], dict[str, str]]:
+) -> tuple[dict[str, Torque], dict[str, RowAbsence]]:
     """Rows whose left side is measured, row → how torques enter it; and every other row → why it is absent."""
     rows: dict[str, Torque] = {}
-    left_out: dict[str, str] = {}
+    left_out: dict[str, RowAbsence] = {}
     for row in ROWS:
         absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in measured]
         torque = torque_in(row, vehicle, measured, brakes)
         if absent:
-            left_out[row] = f"not measured: {', '.join(absent)}"
-        elif torque.missing:
+            left_out[row] = RowAbsence(Absence.CHANNELS, tuple(absent))
+        elif torque.missing is not None:
             left_out[row] = torque.missing
         else:
             rows[row] = torque

@@ -13,13 +13,14 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import RowAbsence
 from lacet.identify.effects.base import SuspensionForce
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
-from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters
 
 WIDE = 0.25
 """Half of the 95 % interval ÷ value beyond which a value is not determined."""
@@ -28,15 +29,28 @@ _SEEN = (0.005, 0.995)
 
 
 @dataclass(frozen=True)
+class RowMissing:
+    """A row that a derived value stands on exists in no run; `absence` : why."""
+
+    row: str
+    absence: RowAbsence
+
+
+@dataclass(frozen=True)
+class ImpossibleCar:
+    """The masses, inertias and stiffnesses found make no car: one of them is not above zero."""
+
+
+@dataclass(frozen=True)
 class Derived:
-    """One derived value: `half` of its 95 % interval; where it is not `determined`, `why` names what is missing."""
+    """One derived value: `half` of its 95 % interval; `why` is what is missing where it is not `determined`."""
 
     name: str
     value: float
     unit: str
     half: float
     determined: bool
-    why: str
+    why: OpenParameters | RowMissing | ImpossibleCar | None
 
 
 @dataclass(frozen=True)
@@ -70,20 +84,18 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     for k, name in enumerate(names):
         half = 1.96 * float(spread[k])
         determined = bool(usable[k]) and not moved[k].any() and half <= WIDE * abs(float(values[k]))
-        why = ""
+        why = None
         if not determined:
             which: tuple[int, ...] = ()
             if usable[k]:
                 enough = (WIDE * abs(float(values[k])) / 1.96) ** 2
                 which = knowledge.responsible(np.asarray(np.outer(slopes[k], slopes[k]), float), enough)
-                why = knowledge.reason(which)
+                why = knowledge.open_parameters(which)
             else:
-                why = (
-                    "the masses, inertias and stiffnesses found do not make such a car (one of them is not above zero)"
-                )
+                why = ImpossibleCar()
             places = np.flatnonzero(moved[k] if usable[k] else unseen != "")
             blind = str(unseen[places[0]]) if places.size else ""
-            why = _not_measured(fitted, name) or _left_out(fitted, blind) or why
+            why = _not_measured(fitted, name) or _missing(fitted, blind) or why
         out.append(Derived(name, float(values[k]), units[k], half, determined, why))
     return out
 
@@ -106,20 +118,20 @@ def _jacobian(x: Array, vehicle: Vehicle) -> Array:
     return np.stack(columns, axis=1)
 
 
-def _not_measured(fitted: Fit, name: str) -> str:
-    """The reason when a row the value stands on exists in no run."""
+def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
+    """The first of the rows that the value stands on which exists in no run."""
     where = name.split(".")[1] if "." in name else ""
     corners = {"front": ("fl", "fr"), "rear": ("rl", "rr")}.get(where, (where,) if where in CORNERS else CORNERS)
     for row in (f"{kind}.{c}" for kind in ("suspension", "tyre") for c in corners):
-        if reason := _left_out(fitted, row):
-            return reason
-    return ""
+        if missing := _missing(fitted, row):
+            return missing
+    return None
 
 
-def _left_out(fitted: Fit, row: str) -> str:
-    """The reason when a row exists in no run."""
+def _missing(fitted: Fit, row: str) -> RowMissing | None:
+    """A row when it exists in no run."""
     reasons = [run.motion.left_out[row] for run in fitted.runs if row in run.motion.left_out]
-    return f"{row}: {reasons[0]}" if reasons and len(reasons) == len(fitted.runs) else ""
+    return RowMissing(row, reasons[0]) if reasons and len(reasons) == len(fitted.runs) else None
 
 
 def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[str, DamperCurve]:

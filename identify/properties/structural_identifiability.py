@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import Enum, auto
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.rows import RowAbsence
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
@@ -19,12 +21,12 @@ from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 _POSTURE = (
-    ("lateral", "slides", "y", "left free: no row is about the ground's axes"),
-    ("longitudinal", "slides", "x", "left free: no row is about the ground's axes"),
-    ("vertical", "slides", "z", "left free: no row is about the ground's axes"),
-    ("yaw", "turns", "z", "imu.rate, imu.accel"),
-    ("pitch", "turns", "y", "imu.rate, imu.accel"),
-    ("roll", "turns", "x", "imu.rate, imu.accel"),
+    ("lateral", "slides", "y", ()),
+    ("longitudinal", "slides", "x", ()),
+    ("vertical", "slides", "z", ()),
+    ("yaw", "turns", "z", ("imu.rate", "imu.accel")),
+    ("pitch", "turns", "y", ("imu.rate", "imu.accel")),
+    ("roll", "turns", "x", ("imu.rate", "imu.accel")),
 )
 _BRANCH = (
     ("half track", "slides", "y", "half_track"),
@@ -49,11 +51,56 @@ _INSTANTS = 200
 """Independent instants: with 18 rows some thirty times more equations than parameters."""
 
 
+class Fixed(Enum):
+    """Why a joint has no position that is measured."""
+
+    FREE = auto()
+    """No row is about the ground's axes: the position is not needed."""
+    NO_KINGPIN = auto()
+    """Neither caster nor kingpin inclination: it stays 0."""
+    NO_TABLE = auto()
+    """No bench table: it stays at design."""
+
+
+@dataclass(frozen=True)
+class JointPosition:
+    """What gives a joint's position.
+
+    Attributes
+    ----------
+    channels : measured.
+    table : column of the bench table that it follows, alone or (beside channels) as the slope by travel.
+    geometry : whether caster and kingpin inclination enter.
+    wheel : for a wheel's rotation, whether the wheel is driven, and where its brakes are.
+    fixed : why it is not measured, None where it is.
+    """
+
+    channels: tuple[str, ...] = ()
+    table: str = ""
+    geometry: bool = False
+    wheel: tuple[bool, str] | None = None
+    fixed: Fixed | None = None
+
+
+@dataclass(frozen=True)
+class RowsNotFormed:
+    """No row depends on a parameter; `kind` : ``spin`` or ``tyre`` where it is that row which is not formed."""
+
+    kind: str
+
+
+@dataclass(frozen=True)
+class HeldTogether:
+    """Every row holds a parameter only together with others, and it is counted there; `names` : of these."""
+
+    names: tuple[str, ...]
+
+
 @dataclass(frozen=True)
 class TreeJoint:
     """One joint of the car: its number, the body it hangs on, what it does along or about which axis.
 
-    `follows` names the bench table and the channels that give its position; `body` is what it carries, if it has mass.
+    `follows` : what gives its position; `body` is what it carries, if it has mass.
     """
 
     number: int
@@ -62,7 +109,7 @@ class TreeJoint:
     corner: str
     kind: str
     axis: str
-    follows: str
+    follows: JointPosition
     body: str
 
 
@@ -79,24 +126,24 @@ class Structure:
     effects: tuple[str, ...]
     base: BaseParameters
     rows: tuple[str, ...]
-    left_out: Mapping[str, str]
+    left_out: Mapping[str, RowAbsence]
 
     def group(self, i: int) -> str:
         """Parameter `i` with what is grouped into it; nothing when it is no base parameter."""
         place = np.flatnonzero(self.base.independent == i)
         return self.base.describe(int(place[0])) if place.size else ""
 
-    def why(self, i: int) -> str:
-        """Why parameter `i` has no value of its own; nothing when it has one, alone or with others."""
+    def why(self, i: int) -> RowsNotFormed | HeldTogether | None:
+        """Why parameter `i` has no value of its own; None when it has one, alone or with others."""
         if i in self.base.independent:
-            return ""
+            return None
         if i in self.base.absent:
-            rows = {"ZZ": "its spin row is not formed", "kt": "its tyre row is not formed"}
+            rows = {"ZZ": "spin", "kt": "tyre"}
             kind = self.names[i].rsplit(".", 1)[-1].rstrip("0123456789")
-            return f"no row depends on it: {rows.get(kind, 'the rows it acts on are not formed')}"
+            return RowsNotFormed(rows.get(kind, ""))
         column = int(np.flatnonzero(self.base.dependent == i)[0])
         holders = [self.names[int(k)] for k in self.base.independent[self.base.relations[:, column] != 0.0]]
-        return f"every row holds it only together with {_some(holders)}, and it is counted there"
+        return HeldTogether(tuple(holders))
 
 
 def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
@@ -111,7 +158,8 @@ def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
     for joint in chain.joints:
         corner = ""
         if joint.j <= CHASSIS:
-            name, kind, axis, follows = _POSTURE[joint.j - 1]
+            name, kind, axis, channels = _POSTURE[joint.j - 1]
+            follows = JointPosition(channels, fixed=None if channels else Fixed.FREE)
         else:
             corner = CORNER_OF_BRANCH[(joint.j - 1 - CHASSIS) // len(_BRANCH)]
             name, kind, axis, column = _BRANCH[joint.j - FIRST_JOINT[corner]]
@@ -156,29 +204,27 @@ def structure(
     )  # fmt: skip
 
 
-def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> str:
-    table = vehicle.corners[corner].table
-    values = None if table is None or not column else np.asarray(getattr(table, column), float)
+def _follows(vehicle: Vehicle, corner: str, name: str, column: str) -> JointPosition:
+    bench = vehicle.corners[corner].table
+    values = None if bench is None or not column else np.asarray(getattr(bench, column), float)
     driven = values is not None and bool(np.any(values))
-    bench = f"bench table {column}" if driven else ""
+    table = column if driven else ""
     own = vehicle.corners[corner]
     if name == "steering":
-        return f"camera.{corner}.steer" + (f" (slope: {bench})" if bench else "")
+        return JointPosition((f"camera.{corner}.steer",), table)
     if name == "camber":
-        return f"camera.{corner}.camber" + (f" (slope: {bench})" if bench else "")
+        return JointPosition((f"camera.{corner}.camber",), table)
     if name == "damper clearance":
-        return f"laser.{corner}.hub"
+        return JointPosition((f"laser.{corner}.hub",))
     if name == "kingpin":
         tilted = own.caster != 0.0 or own.kingpin_inclination != 0.0
-        return (
-            f"camera.{corner}.steer, caster and kingpin inclination" if tilted else "stays 0: no caster, no inclination"
-        )
+        steer = f"camera.{corner}.steer"
+        return JointPosition((steer,), geometry=True) if tilted else JointPosition(fixed=Fixed.NO_KINGPIN)
     if name == "wheel rotation":
-        what = "driven" if own.driven else "free"
-        return f"wheel.{corner}.speed ({what}, {own.brakes} brakes)"
+        return JointPosition((f"wheel.{corner}.speed",), wheel=(own.driven, own.brakes))
     if name == "tyre deflection":
-        return f"laser.{corner}.ground, laser.{corner}.hub"
-    return bench or "stays at design: no bench table"
+        return JointPosition((f"laser.{corner}.ground", f"laser.{corner}.hub"))
+    return JointPosition(table=table, fixed=None if table else Fixed.NO_TABLE)
 
 
 def _free_instants(vehicle: Vehicle, rig: Rig, reference: str, brakes: str, seed: int) -> Recording:
@@ -197,7 +243,3 @@ def _free_instants(vehicle: Vehicle, rig: Rig, reference: str, brakes: str, seed
     rates = {name: CHANNELS[name].rate for name in parts[0]}
     t = np.arange(_INSTANTS) / filters.rate
     return Recording("generic", t, Signals(*parts), usable, rates, vehicle, rig, filters, reference, brakes)
-
-
-def _some(names: Sequence[str], most: int = 6) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

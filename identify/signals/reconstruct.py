@@ -23,6 +23,36 @@ from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 
 _GAP = 0.020
 """Longest gap in the samples that is interpolated without flagging an interval [s]."""
+_LEAST_USABLE = 30
+"""Usable samples below which a channel is left out."""
+
+
+class RunNote:
+    """Something about how a run was read that a reader of its results must know."""
+
+
+@dataclass(frozen=True)
+class FewSamples(RunNote):
+    """A channel left out: it has too few `samples` for the filters."""
+
+    channel: str
+    samples: int
+
+
+@dataclass(frozen=True)
+class FewUsableSamples(RunNote):
+    """A channel left out: it has fewer usable samples than `least`."""
+
+    channel: str
+    least: int
+
+
+@dataclass(frozen=True)
+class Gaps(RunNote):
+    """Intervals of a channel without usable samples, (from, to) [s]."""
+
+    channel: str
+    intervals: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
@@ -96,7 +126,7 @@ class Recording:
     filters: Filters
     reference: str
     brakes: str
-    notes: tuple[str, ...] = ()
+    notes: tuple[RunNote, ...] = ()
     start: float = 0.0
 
     def at(self, index: NDArray[np.intp] | slice) -> Recording:
@@ -121,30 +151,29 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
     grid = grid if on is None else on
     values: dict[str, Array] = {}
     usable: dict[str, NDArray[np.bool_]] = {}
-    flagged: dict[str, list[str]] = {}
+    gaps: list[Gaps] = []
     for name, signal in run.signals.items():
         if len(signal.t) <= 3 * (filters.order + 1):
             continue
         stamped = grid + rig.latency(name)
         filled, holes = _fill(signal)
         if filled is None:
-            notes.append(f"{name} has fewer than 30 usable samples and was left out")
+            notes.append(FewUsableSamples(name, _LEAST_USABLE))
             continue
         values[name] = bring_to_grid(signal.t, filled, stamped, filters.pre_cutoff, filters.order)
         usable[name] = _outside(holes, stamped, filters.edge)
         if holes:
-            flagged.setdefault(_intervals(holes), []).append(name)
-    notes += [f"left out {when}: no usable samples of {', '.join(names)}" for when, names in flagged.items()]
+            gaps.append(Gaps(name, tuple(holes)))
     signals = Signals.differentiated(values, filters.rate)
     reference = run.wheel_reference or rig.wheel_reference
     rates = {name: (len(run.signals[name].t) - 1) / float(np.ptp(run.signals[name].t)) for name in values}
     return Recording(
-        run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, tuple(notes),
+        run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, (*notes, *gaps),
         float(grid[0]),
     )  # fmt: skip
 
 
-def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[str]]:
+def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[RunNote]]:
     spans = [
         (signal.t[0] - rig.latency(name), signal.t[-1] - rig.latency(name), name)
         for name, signal in run.signals.items()
@@ -166,14 +195,14 @@ def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[str]]:
         )
     # A small step inside both ends keeps every channel's stamps around the grid.
     count = int(np.floor((stop - start) * filters.rate - 1e-6)) + 1
-    notes = [f"{name} has only {len(run.signals[name].t)} samples and was left out" for name in short]
+    notes: list[RunNote] = [FewSamples(name, len(run.signals[name].t)) for name in short]
     return start + np.arange(count) / filters.rate, notes
 
 
 def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
     """Values with unusable samples interpolated, and the gaps longer than `_GAP` as (from, to) [s]."""
     good = signal.usable
-    if np.count_nonzero(good) < 30:
+    if np.count_nonzero(good) < _LEAST_USABLE:
         return None, []
     t = signal.t[good]
     values = signal.values
@@ -187,12 +216,6 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
     holes = [(float(edges[i]), float(edges[i + 1])) for i in wide]
     clock = signal.t[(signal.flags & int(Flag.CLOCK)) != 0]
     return values, holes + [(float(x), float(x)) for x in clock]
-
-
-def _intervals(holes: list[tuple[float, float]], most: int = 3) -> str:
-    """Gaps as a sentence, the first few with their times."""
-    some = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in holes[:most])
-    return some + (f" and {len(holes) - most} more intervals" if len(holes) > most else "")
 
 
 def _outside(holes: list[tuple[float, float]], t: Array, margin: float) -> NDArray[np.bool_]:

@@ -6,9 +6,61 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.identify.car.rows import RowAbsence
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
+
+
+@dataclass(frozen=True)
+class HardlyKnown:
+    """The runs leave ± `half` [`unit`] (95 %), hardly less than is plausible at all; `shown_by` : a run that does."""
+
+    half: float
+    unit: str
+    shown_by: str
+
+
+@dataclass(frozen=True)
+class WiderThanValue:
+    """The 95 % interval, ± `half` [`unit`], is wider than the value; `shown_by` : which run shows it."""
+
+    half: float
+    unit: str
+    shown_by: str
+
+
+@dataclass(frozen=True)
+class NoDependence:
+    """Nothing that the runs measure depends on the parameter; `shown_by` : which run shows it."""
+
+    shown_by: str
+
+
+@dataclass(frozen=True)
+class RowsAbsent:
+    """Every row that the parameter acts on is absent from every run.
+
+    Attributes
+    ----------
+    row : the first of them; `others` : whether there are more.
+    absence : why it is absent; None where it has no usable sample.
+    """
+
+    row: str
+    others: bool
+    absence: RowAbsence | None
+
+
+@dataclass(frozen=True)
+class CountedWith:
+    """The parameter acts only together with others and is counted there; `names` : of the parameters that hold it."""
+
+    names: tuple[str, ...]
+
+
+Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | CountedWith
+"""Why a parameter is not identified."""
 
 
 @dataclass(frozen=True)
@@ -18,8 +70,8 @@ class Estimate:
     `half` is half of the 95 % interval from residuals correlated in time and across rows (noise and zeros);
     `half_sheet` the same with what the sensor sheet's gains and latencies may add; `half_bootstrap` from blocks of the
     runs drawn again, NaN where none were; `sxr` the paper's relative standard deviation, 100 σ/|value| as if residuals
-    were independent [%]; `group` the combination the value stands for; where it is not `identifiable`, `why` says the
-    reason.
+    were independent [%]; `group` the combination the value stands for; `why` is the reason where it is not
+    `identifiable`, else None.
     """
 
     name: str
@@ -31,12 +83,16 @@ class Estimate:
     half_bootstrap: float
     sxr: float
     group: str
-    identifiable: bool
-    why: str
+    why: Unidentified | None
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the runs determine it, alone or as the head of a group."""
+        return self.why is None
 
 
 _PITCH = "braking, a sudden lift-off or bumps (pitch)"
-_HINTS = {
+_SHOWN_BY = {
     "XX6": "sinus steering (roll)",
     "YY6": _PITCH,
     "ZZ6": "sinus steering (yaw)",
@@ -45,6 +101,7 @@ _HINTS = {
     "MZ6": f"{_PITCH}, or sinus steering (roll)",
     "M6": "bumps (heave)",
 }
+"""Runs that show a parameter of the chassis, where they are others than those of its effect (`Effect.shown_by`)."""
 _WIDE = 0.5
 """A parameter whose 1 σ is still this part of the prior's is not identified: the runs add next to nothing."""
 
@@ -66,18 +123,13 @@ def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
     physics = len(fitted.physics)
     for i, (parameter, effect) in enumerate(zip(fitted.model.parameters, owners, strict=True)):
         value = float(fitted.theta[i])
-        group, why = parameter.name, ""
+        group, why = parameter.name, None
         if i in place:
             group = fitted.base.describe(place[i])
             if plain[i] > _WIDE * parameter.prior:
-                why = (
-                    f"the runs leave ± {1.96 * plain[i]:.3g} {parameter.unit}, hardly less than is plausible at all; "
-                    f"{hint(parameter.name, effect)}"
-                )
+                why = HardlyKnown(1.96 * float(plain[i]), parameter.unit, shown_by(parameter.name, effect))
             elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
-                why = f"its 95 % interval (± {1.96 * sigma[i]:.3g} {parameter.unit}) is wider than the value; " + hint(
-                    parameter.name, effect
-                )
+                why = WiderThanValue(1.96 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
         elif i < physics:
             why = _grouped(fitted, i, effect)
         out.append(
@@ -91,42 +143,40 @@ def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
                 half_bootstrap=float(blocks[i]),
                 sxr=100.0 * float(plain[i]) / abs(value) if value else float("inf"),
                 group=group,
-                identifiable=not why,
                 why=why,
             )
         )
     return out
 
 
-def hint(name: str, effect: Effect) -> str:
-    """Which run shows a parameter."""
-    return f"what shows it: {_HINTS.get(name, effect.shown_by)}"
+def shown_by(name: str, effect: Effect) -> str:
+    """Which run shows a parameter of an effect."""
+    return _SHOWN_BY.get(name, effect.shown_by)
 
 
-def _grouped(fitted: Fit, i: int, effect: Effect) -> str:
+def _grouped(fitted: Fit, i: int, effect: Effect) -> Unidentified:
     """Why a parameter has no value of its own."""
     name = fitted.model.names[i]
     if i in fitted.base.absent:
-        lacking = _rows_left_out(fitted, effect)
-        return lacking or f"nothing these runs measure depends on it; {hint(name, effect)}"
+        return _rows_absent(fitted, effect) or NoDependence(shown_by(name, effect))
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
-    return f"acts only together with {', '.join(holders[:4])}, and is counted there"
+    return CountedWith(tuple(holders))
 
 
-def _rows_left_out(fitted: Fit, effect: Effect) -> str:
-    """The reason when every row the effect acts on is left out of every run for a channel, not for the manoeuvre."""
-    reasons: dict[str, str] = {}
+def _rows_absent(fitted: Fit, effect: Effect) -> RowsAbsent | None:
+    """The reason when every row the effect acts on is absent from every run for a channel, not for the manoeuvre."""
+    reasons: dict[str, RowAbsence | None] = {}
     physics = effect.as_physics
     if physics is None:
-        return ""
+        return None
     for run in fitted.runs:
         rows = tuple(physics.columns(next(run.pieces()).motion))
         if not rows or any(row in run.rows for row in rows):
-            return ""
-        reasons |= {row: run.motion.left_out.get(row, "no usable sample") for row in rows}
-    row, reason = next(iter(reasons.items()))
-    return f"{row}{' and others' if len(reasons) > 1 else ''} left out: {reason}"
+            return None
+        reasons |= {row: run.motion.left_out.get(row) for row in rows}
+    row, absence = next(iter(reasons.items()))
+    return RowsAbsent(row, len(reasons) > 1, absence)
 
 
 def _natural(fitted: Fit, name: str) -> float:

@@ -17,10 +17,21 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensor_offsets import Zeros
 from lacet.identify.regression.wls import Fit
-from lacet.identify.validation.parameter_estimates import hint
+from lacet.identify.validation.parameter_estimates import shown_by
 
 ENOUGH = 0.5
 """Prediction's 1 σ ÷ noise floor up to which a row can be judged: it adds at most 12 % to the error."""
+
+
+@dataclass(frozen=True)
+class OpenParameters:
+    """Parameters that the runs used do not determine well enough for a prediction or a derived value.
+
+    `names` is empty where many are each known a little too little; `shown_by` : the runs that show them, each once.
+    """
+
+    names: tuple[str, ...]
+    shown_by: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -30,25 +41,25 @@ class Knowledge:
     Attributes
     ----------
     names : (p,) parameters of the physics.
-    hints : (p,) which run shows each.
+    shown_by : (p,) which run shows each.
     covariance : (p, p) of their values: the fit's (as wide as the prior where columns are mostly noise), and what
         grouping shares out.
     """
 
     names: tuple[str, ...]
-    hints: tuple[str, ...]
+    shown_by: tuple[str, ...]
     covariance: Array
 
     @classmethod
     def of(cls, fitted: Fit) -> Knowledge:
         """The parameter knowledge of a fit, from the runs it used."""
         parameters = [q for effect in fitted.model.physics for q in effect.parameters]
-        hints = [hint(q.name, effect) for effect in fitted.model.physics for q in effect.parameters]
+        runs = [shown_by(q.name, effect) for effect in fitted.model.physics for q in effect.parameters]
         p = len(parameters)
         prior = np.array([q.prior for q in parameters])
         covariance = fitted.covariance[:p, :p].copy()
         covariance += _shared(fitted, prior)
-        return cls(tuple(q.name for q in parameters), tuple(hints), covariance)
+        return cls(tuple(q.name for q in parameters), tuple(runs), covariance)
 
     def spread(self, slopes: Array) -> Array:
         """(k,) 1 σ of values with these slopes by the parameters, (k, p)."""
@@ -78,8 +89,8 @@ class Knowledge:
 
     def prediction(
         self, effects: Sequence[PhysicalEffect], run: PreparedRun, zeros: Zeros, floor: Mapping[str, float]
-    ) -> dict[str, tuple[float, str]]:
-        """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and why it is large (empty when it is not).
+    ) -> dict[str, tuple[float, OpenParameters | None]]:
+        """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and what makes it large (None when it is not).
 
         What the run's own zeros absorb does not concern the car and does not count.
         """
@@ -89,24 +100,19 @@ class Knowledge:
         normal: Array = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
         moments: Array = np.sum([Z[row].T @ W[row] for row in run.rows], axis=0)
         taken = np.linalg.solve(normal, moments)
-        out: dict[str, tuple[float, str]] = {}
+        out: dict[str, tuple[float, OpenParameters | None]] = {}
         for row in run.rows:
             column = W[row] - Z[row] @ taken
             gram = column.T @ column / len(column)
             ratio = float(np.sqrt(max(0.0, float(np.sum(gram * self.covariance)))))
-            why = self.reason(self.responsible(gram, ENOUGH**2)) if ratio > ENOUGH else ""
+            why = self.open_parameters(self.responsible(gram, ENOUGH**2)) if ratio > ENOUGH else None
             out[row] = (ratio, why)
         return out
 
-    def reason(self, which: tuple[int, ...]) -> str:
-        """In words: parameters and the run that shows them."""
-        if not which:
-            return "many parameters are each known a little too little"
-        names = [self.names[i] for i in which]
-        listed = names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-        hints = list(dict.fromkeys(self.hints[i].removeprefix("what shows it: ") for i in which))
-        them = "it" if len(names) == 1 else "them"
-        return f"{listed} not determined well enough by the runs used; what shows {them}: {'; '.join(hints)}"
+    def open_parameters(self, which: tuple[int, ...]) -> OpenParameters:
+        """Some of the parameters and the runs that show them."""
+        runs = dict.fromkeys(self.shown_by[i] for i in which)
+        return OpenParameters(tuple(self.names[i] for i in which), tuple(runs))
 
 
 def is_used(fitted: Fit, run: PreparedRun) -> bool:

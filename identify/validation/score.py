@@ -15,8 +15,8 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.noise_floor import simulate_floor
-from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
-from lacet.identify.validation.whiteness import Whiteness, whiteness
+from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, is_used
+from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness
 
 FAILS = 1.2
 """Residual ÷ noise floor above which a row fails."""
@@ -29,13 +29,12 @@ class RowScore:
     `rms` of the residual [unit]; `nrmse` % of the measured span; `vaf` % of the measured variance; `floor` RMS that
     noise alone would leave [unit]; `ratio` residual ÷ floor.
 
-    `colour` says what the residual looks like beside the floor (`validation.whiteness`): ``like noise``, ``louder than
-    noise``, ``coloured: 1.2 Hz``, ``too short to tell``; `p` is the probability that noise alone stands as far above
-    its floor in any band, `ljung_box` that of the whitened residual's autocorrelation, `peak` the frequency of the
-    largest excess [Hz] (NaN without).
+    `colour` is what the residual looks like beside the floor (`validation.whiteness`; None: not compared); `p` is
+    the probability that noise alone stands as far above its floor in any band, `ljung_box` that of the whitened
+    residual's autocorrelation, `peak` the frequency of the largest excess [Hz] (NaN without).
 
     `doubt` is what the runs used leave open in the prediction, 1 σ ÷ floor (0 for a run used); where it explains the
-    error the row cannot be `judged`, and `why` names the parameters and the run that would show them.
+    error the row cannot be `judged`, and `why` has the parameters and the runs that would show them.
     """
 
     row: str
@@ -45,13 +44,13 @@ class RowScore:
     vaf: float
     floor: float
     ratio: float
-    colour: str = ""
+    colour: Colour | None = None
     p: float = float("nan")
     ljung_box: float = float("nan")
     peak: float = float("nan")
     doubt: float = 0.0
     judged: bool = True
-    why: str = ""
+    why: OpenParameters | None = None
 
 
 @dataclass(frozen=True, repr=False)
@@ -70,15 +69,6 @@ class Comparison:
     zeros: tuple[Zeros, Array]
     used: bool
     whiteness: Mapping[str, Whiteness]
-
-    @property
-    def not_judged(self) -> list[str]:
-        """A sentence for each row whose error is what the runs used leave open, those with one reason together."""
-        alike: dict[str, list[str]] = {}
-        for row, score in self.scores.items():
-            if not score.judged:
-                alike.setdefault(score.why, []).append(row)
-        return [f"{', '.join(rows)} of run {self.name} cannot be judged: {why}" for why, rows in alike.items()]
 
     def __repr__(self) -> str:
         ratios = ", ".join(f"{row} {score.ratio:.2f}" for row, score in self.scores.items())
@@ -106,7 +96,7 @@ def compare(
     plain = {row: run.matrix(fitted.model.physics, row) @ fitted.physics for row in run.rows}
     values = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
     modelled = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
-    open_: Mapping[str, tuple[float, str]] = {}
+    open_: Mapping[str, tuple[float, OpenParameters | None]] = {}
     if not used:
         open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, run, zeros, floor)
     step, rate = run.recording.filters.step, run.recording.filters.rate
@@ -116,7 +106,7 @@ def compare(
         residual = run.measured[row] - modelled[row]
         score = score_row(row, run.measured[row], residual, floor[row])
         colour = whiteness(residual, noise.draws[0][row], run.index[row] // step, step / rate)
-        scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, "")))
+        scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, None)))
         if colour is not None:
             colours[row] = colour
     t = {row: run.motion.t[run.index[row]] for row in run.rows}
@@ -125,13 +115,13 @@ def compare(
 
 def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:
     if colour is None:
-        return replace(score, colour="too short to tell")
-    return replace(score, colour=colour.word, p=colour.p, ljung_box=colour.ljung_box, peak=colour.peak)
+        return replace(score, colour=Colour.TOO_SHORT)
+    return replace(score, colour=colour.colour, p=colour.p, ljung_box=colour.ljung_box, peak=colour.peak)
 
 
-def _judged(score: RowScore, doubt: float, why: str) -> RowScore:
+def _judged(score: RowScore, doubt: float, why: OpenParameters | None) -> RowScore:
     """A row that fails is judged when it fails by more than what the runs used leave open, at two σ."""
-    within = bool(why) and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
+    within = why is not None and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
     return replace(score, doubt=doubt, judged=not within, why=why)
 
 

@@ -7,6 +7,7 @@ every residual coloured. Everything here is relative to the floor's own spectrum
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import Enum, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +28,21 @@ _RHO2 = (4.0 / 9.0, 1.0 / 36.0)
 """Squared correlation of Hann-tapered Fourier coefficients one and two bins apart."""
 
 
+class Colour(Enum):
+    """What a residual looks like beside its noise floor."""
+
+    LIKE_NOISE = auto()
+    LOUDER = auto()
+    """The floor's shape at another level."""
+    COLOURED = auto()
+    """Another spectrum than the floor's."""
+    TOO_SHORT = auto()
+    """Too few samples to say."""
+
+
 @dataclass(frozen=True)
 class Whiteness:
-    """A residual's colour beside the floor's.
+    """A residual's spectrum and autocorrelation beside the floor's.
 
     Attributes
     ----------
@@ -40,7 +53,7 @@ class Whiteness:
     ljung_box : probability of the whitened residual's autocorrelation (Ljung and Box, 1978): the spectrum's shape,
         whatever its level.
     peak : frequency of the largest excess [Hz], NaN where the residual is like noise.
-    word : ``like noise``, ``louder than noise`` (the floor's shape at another level), ``coloured: 1.2 Hz``.
+    colour : what it looks like beside the floor.
     """
 
     frequency: Array
@@ -54,7 +67,7 @@ class Whiteness:
     p: float
     ljung_box: float
     peak: float
-    word: str
+    colour: Colour
 
 
 def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: float) -> Whiteness | None:
@@ -87,16 +100,15 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     limit = -np.expm1(np.log1p(-SIGNIFICANCE) / len(bands))
     high = np.maximum(LEAST_EXCESS, np.asarray(fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
     shape = _ljung_box(series, usable, power)
-    peak, word = float("nan"), "like noise"
+    peak, colour = float("nan"), Colour.LIKE_NOISE
     above = own > high
     if above.any():
         raised = own > LEAST_EXCESS * floors
-        if shape > SIGNIFICANCE and 2 * np.count_nonzero(raised) > raised.size:
-            word = "louder than noise"
+        louder = shape > SIGNIFICANCE and 2 * np.count_nonzero(raised) > raised.size
+        colour = Colour.LOUDER if louder else Colour.COLOURED
         worst = int(np.argmax(np.where(above, (own - floors) * bins, -np.inf)))
         inside = bands[worst]
         peak = float(frequency[inside] @ power[0, inside] / power[0, inside].sum())
-        word = word if word != "like noise" else f"coloured: {peak:.2g} Hz"
     lags = int(min(_LAGS * 2, residual.size // 4))
     acf = _acf(series, usable, lags)
     spread = 1.96 * acf[1:].std(axis=0, ddof=1 if count > 1 else 0)
@@ -106,7 +118,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
         spectrum=own, floor=floors, high=np.asarray(high, float),
         lag=np.asarray(spacing * np.arange(lags + 1), float), acf=acf[0],
         acf_low=centre - spread, acf_high=centre + spread,
-        p=p, ljung_box=shape, peak=peak, word=word,
+        p=p, ljung_box=shape, peak=peak, colour=colour,
     )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from lacet.identify.properties.derived import damper_curves
 from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.workspace.results import scores
 from lacet.services.workspace.session import Work
@@ -49,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
                 pictures += draw_comparison(part, study.folder / "pictures", f"{part.name}-v{version.number}")
             curves = damper_curves(work.fitted(version), work.knowledge(version))
             pictures += draw_dampers(curves, study.folder / "pictures", f"dampers-v{version.number}")
-    not_judged = [line for part in held for line in part.not_judged]
+    not_judged = [line for part in held for line in rows_not_judged(part)]
     result = {
         "version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held),
         "not_judged": not_judged,

@@ -12,6 +12,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lacet.identify.validation.score import Comparison, pooled_ratio
+from lacet.services.render.identifiability import open_parameters
+from lacet.services.render.rows import colour_words
 
 matplotlib.use("Agg")
 
@@ -43,9 +45,9 @@ def _row(axes: Axes, part: Comparison, row: str) -> None:
     axes.plot(t, part.modelled[row], color=MODEL, lw=0.9, label="model")
     axes.plot(t, part.residual(row) + level, color=ERROR, lw=0.7, label="error (about the mean)")
     score = part.scores[row]
-    title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {score.colour}"
+    title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {colour_words(score)}"
     if not score.judged:
-        title += f"\ncannot be judged: {score.why.partition(' not ')[0]} left open by the runs used"
+        title += f"\ncannot be judged: {open_parameters(score.why).partition(' not ')[0]} left open by the runs used"
     axes.set_title(title, fontsize=9, loc="left", color=MEASURED if score.judged else FAULT)
     axes.tick_params(labelsize=8)
     axes.set_xlabel("time [s]", fontsize=8)

@@ -13,6 +13,7 @@ from lacet.identify.validation.score import Comparison, pooled_ratio
 from lacet.services.render import plots, tables, validation_plots
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.html import details, picture, pre, section
+from lacet.services.render.identifiability import rows_not_judged
 
 
 class Version(Protocol):
@@ -112,7 +113,7 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
         for part in after[kind]:
             progress(Step(Stage.DRAWING_RUN, subject=part.name))
             pieces.append(details(f"{title}: {part.name}", *_validation(part)))
-    pieces += [f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in part.not_judged]
+    pieces += [f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in rows_not_judged(part)]
     return section("Model against measurement", *pieces)
 
 

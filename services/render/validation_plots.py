@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.score import Comparison
+from lacet.identify.validation.whiteness import Colour
 from lacet.services.render.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
+from lacet.services.render.rows import colour_words
 
 _KINDS = ("chassis", "suspension", "tyre", "spin")
 
@@ -112,8 +114,8 @@ def _grid(rows: Sequence[str], title: str, columns: int = 4) -> tuple[Figure, li
 
 def _label(axes: Axes, part: Comparison, row: str, x: str, y: str) -> None:
     score = part.scores[row]
-    plain = score.colour == "like noise"
-    axes.set_title(f"{row}: {score.colour}", fontsize=9, loc="left", color=MEASURED if plain else FAULT)
+    plain = score.colour is Colour.LIKE_NOISE
+    axes.set_title(f"{row}: {colour_words(score)}", fontsize=9, loc="left", color=MEASURED if plain else FAULT)
     axes.set_xlabel(x, fontsize=8)
     axes.set_ylabel(y, fontsize=8)
     axes.tick_params(labelsize=8)

@@ -17,6 +17,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.plausibility import exchanged_wheels
 from lacet.services.plausible import implausible
+from lacet.services.render.rows import row_absence, run_notes
 
 
 @dataclass(frozen=True)
@@ -150,9 +151,10 @@ def _drive(
         }
         run = replace(run, signals=kept)
         drive = PreparedRun.of(run, vehicle, rig, filters)
-    warnings += [f"{run.name}: {note}" for note in drive.motion.notes]
+    warnings += [f"{run.name}: {note}" for note in run_notes(drive.motion.notes)]
     if not drive.rows:
-        reasons = "; ".join(sorted(set(drive.motion.left_out.values()))) or "no usable sample outside flagged intervals"
+        found = sorted({row_absence(why) for why in drive.motion.left_out.values()})
+        reasons = "; ".join(found) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
     return run, drive
 

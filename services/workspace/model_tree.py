@@ -16,6 +16,8 @@ from lacet.identify.properties.structural_identifiability import Structure, car_
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
+from lacet.services.render.identifiability import joint_position, structurally, unidentified
+from lacet.services.render.rows import row_absence
 from lacet.services.workspace.loading import Loaded, default_filters, load
 from lacet.services.workspace.study import Study
 
@@ -93,9 +95,9 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
             "wheel_reference": asked.reference,
             "brakes": asked.brakes,
             "effects": [effect.key for effect in asked.model.effects],
-            "tree": [asdict(joint) for joint in tree],
+            "tree": [{**asdict(joint), "follows": joint_position(joint.follows)} for joint in tree],
             "rows": list(found.rows),
-            "rows_left_out": dict(found.left_out),
+            "rows_left_out": {row: row_absence(why) for row, why in found.left_out.items()},
             "base_rank": found.base.rank,
             "singular_gap": found.base.gap,
             "parameters": lines,
@@ -109,11 +111,11 @@ def _parameter(found: Structure, i: int, by_name: dict[str, Estimate]) -> dict[s
     name, group = found.names[i], found.group(i)
     in_principle = "no" if not group else "alone" if group == name else "grouped"
     estimate = by_name.get(name)
-    with_runs, why = None, found.why(i)
+    with_runs, why = None, structurally(found.why(i))
     if estimate is not None:
         with_runs = "no" if not estimate.identifiable else "alone" if estimate.group == name else "grouped"
         if not why or estimate.identifiable:
-            why = estimate.why
+            why = unidentified(estimate.why)
         if estimate.identifiable:
             group = estimate.group
     return {

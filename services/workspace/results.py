@@ -15,7 +15,9 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
-from lacet.identify.validation.score import Comparison, pooled_ratio
+from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio
+from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
+from lacet.services.render.rows import colour_words, row_absence
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
 
@@ -30,7 +32,7 @@ def fit_result(
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
     for run in fitted.runs:
-        left_out |= {f"{run.name}: {row}": why for row, why in run.motion.left_out.items()}
+        left_out |= {f"{run.name}: {row}": row_absence(why) for row, why in run.motion.left_out.items()}
     return plain(
         {
             "vehicle": loaded.vehicle.name,
@@ -54,7 +56,7 @@ def fit_result(
                 if e.identifiable
             ],
             "not_identifiable": [
-                {"name": e.name, "effect": e.effect, "why": e.why} for e in found if not e.identifiable
+                {"name": e.name, "effect": e.effect, "why": unidentified(e.why)} for e in found if not e.identifiable
             ],
             "whole_vehicle": None
             if whole is None
@@ -71,7 +73,7 @@ def fit_result(
                     "unit": d.unit,
                     "half95": d.half,
                     "identifiable": d.determined,
-                    "why": d.why,
+                    "why": not_derived(d.why),
                 }
                 for d in derived_values(fitted, loaded.vehicle, knowledge)
             ],
@@ -81,7 +83,7 @@ def fit_result(
             },
             "ranges": {r.name: {"low": r.low, "high": r.high, "unit": r.unit} for r in ranges(fitted)},
             "rows": {"used": scores(used), "held": scores(held)},
-            "not_judged": [line for part in held for line in part.not_judged],
+            "not_judged": [line for part in held for line in rows_not_judged(part)],
             "rows_left_out": left_out,
             "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
@@ -93,7 +95,12 @@ def fit_result(
 
 def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:
     """Scores by run and row."""
-    return {c.name: {row: asdict(score) for row, score in c.scores.items()} for c in comparisons}
+    return {c.name: {row: score_result(score) for row, score in c.scores.items()} for c in comparisons}
+
+
+def score_result(score: RowScore) -> dict[str, Any]:
+    """A row's score as plain data."""
+    return {**asdict(score), "colour": colour_words(score), "why": open_parameters(score.why)}
 
 
 def candidate_result(c: Candidate) -> dict[str, Any]:

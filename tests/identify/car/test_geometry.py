@@ -22,6 +22,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
+from lacet.services.render.rows import row_absence, run_notes
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -72,9 +73,9 @@ def test_a_flat_road_needs_only_the_attitude() -> None:
     roll, pitch, yaw = signals.value["imu.attitude"]
     R = Rotation.from_euler("ZYX", np.stack([yaw, pitch, roll], axis=1)).as_matrix()
     np.testing.assert_allclose(motion.corners["rl"].normal.T, R[:, 2, :], atol=1e-12)
-    assert any("flat road" in note for note in motion.notes)
+    assert any("flat road" in note for note in run_notes(motion.notes))
     assert "tyre.fl" in motion.left_out
-    assert "laser.fl.ground" in motion.left_out["tyre.fl"]
+    assert "laser.fl.ground" in motion.left_out["tyre.fl"].channels
     assert {"tyre.fr", "tyre.rl"} <= set(motion.rows)
 
 
@@ -218,7 +219,7 @@ def test_holes_are_left_out_with_their_edges_by_row() -> None:
             np.testing.assert_array_equal(motion.usable[row][outside], whole.usable[row][outside])
         else:
             np.testing.assert_array_equal(motion.usable[row], whole.usable[row])
-    assert any("camera.fl.steer" in note and note.startswith("left out") for note in motion.notes)
+    assert any("camera.fl.steer" in note and note.startswith("left out") for note in run_notes(motion.notes))
     for row in motion.rows:
         assert np.all(np.isfinite(motion.measured(row)))
 
@@ -246,7 +247,7 @@ def test_a_laser_that_is_not_above_its_wheel_cannot_tell_tyre_damping(ahead: flo
         replace(s, from_wheel_centre=(ahead, 0.0, 0.3)) if s.from_wheel_centre is not None else s for s in RIG.sensors
     )
     drive = PreparedRun.of(run, VEHICLE, replace(RIG, sensors=moved))
-    assert any(told in note for note in drive.motion.notes) if told else not drive.motion.notes
+    assert any(told in note for note in run_notes(drive.motion.notes)) if told else not drive.motion.notes
     every = catalogue(VEHICLE, "hub")
     assert bool(drive.can(every["tyre_damping.front"])) == bool(told)
     assert not drive.can(every["tyre_progression.front"])
@@ -283,7 +284,7 @@ def test_missing_channels_cost_their_rows_and_no_others(lost: tuple[str, ...], g
     expected = {row for row in full if row not in gone and row.partition(".")[0] not in gone}
     assert set(drive.rows) == expected
     for row in full - expected:
-        assert any(channel in drive.motion.left_out[row] for channel in lost), row
+        assert any(channel in drive.motion.left_out[row].channels for channel in lost), row
     fitted = fit(Model.of(base_model(VEHICLE, "hub")), [drive], zeros=False, unbias=False)
     assert set(fitted.rows) == expected
     assert np.all(np.isfinite(fitted.theta))
@@ -294,10 +295,10 @@ def test_driven_and_braked_wheels_have_no_spin_row() -> None:
     """The drive torque is not measured; the brake torque neither, unless the run says that brakes were off."""
     run, _ = made_run()
     motion = reconstruct(run, VEHICLE, RIG)
-    assert "drive torque" in motion.left_out["spin.fl"]
+    assert "drive torque" in row_absence(motion.left_out["spin.fl"])
     assert "spin.rl" in motion.rows
     unknown = reconstruct(replace(run, brakes="unknown"), VEHICLE, RIG)
-    assert "brake torque" in unknown.left_out["spin.rl"]
+    assert "brake torque" in row_absence(unknown.left_out["spin.rl"])
 
 
 def test_nothing_measured_is_said() -> None:

@@ -16,6 +16,7 @@ from lacet.identify.car.kinematics import reconstruct
 from lacet.identify.car.rows import RELEASED, ROWS, Torque, available, needs, torque_in
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
+from lacet.services.render.rows import row_absence, run_notes
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -79,7 +80,7 @@ def test_what_is_measured_and_declared_decides(
         if isinstance(expected, Torque):
             assert rows[row] == expected
         else:
-            assert expected in left_out[row]
+            assert expected in row_absence(left_out[row])
             assert row not in rows
     assert {*rows, *left_out} == set(ROWS)
     assert not {row for row in left_out if row.startswith(("chassis", "tyre"))}
@@ -123,7 +124,7 @@ def test_only_the_seconds_of_braking_are_left_out() -> None:
         mask = motion.usable[row]
         assert np.all(mask[kept])
         assert np.any(mask[lost]) != row.startswith("suspension"), row
-    note = motion.notes[-1]
+    note = run_notes(motion.notes)[-1]
     rows = "suspension.fl, suspension.fr, suspension.rl, suspension.rr"
     assert re.match(rf"left out 3\.[56] s of {rows}: the brakes act \(brake\.pressure above 1 bar\)", note)
     # A free wheel's spin row likewise; its suspension row has no half-shaft and loses nothing.
@@ -144,13 +145,13 @@ def test_released_brakes_cost_nothing_and_brakes_never_released_cost_the_rows() 
     pressed = PreparedRun.of(braked(np.full(t.size, 20e5)), vehicle, RIG)
     for c in CORNERS:
         assert f"suspension.{c}" not in pressed.rows
-        assert "the brakes act" in pressed.motion.left_out[f"suspension.{c}"]
+        assert "the brakes act" in row_absence(pressed.motion.left_out[f"suspension.{c}"])
 
 
 def test_without_any_brake_signal_the_whole_run_is_left_out_by_name() -> None:
     """The reason names what would have helped."""
     motion = reconstruct(braked(None), car(True, "outboard"), RIG)
-    why = motion.left_out["suspension.rl"]
+    why = row_absence(motion.left_out["suspension.rl"])
     for word in (SHAFT, BRAKE, PRESSURE, "brakes = 'off'"):
         assert word in why
     assert not motion.notes

@@ -114,7 +114,7 @@ def test_a_half_shaft_lifts_an_inclined_carrier(reference: str) -> None:
         assert max(found[f"chassis.{k}"] for k in ("fx", "fz", "mx", "my")) < CLOSED, "torques are internal"
     assert "spin.rl" in measured.rows
     assert "spin.rl" not in eliminated.rows
-    assert "shaft.rl.torque" in eliminated.left_out["spin.rl"]
+    assert "shaft.rl.torque" in eliminated.left_out["spin.rl"].channels
     opened(wrong(measured, lambda c: {"torque_work": 0 * c.travel}), "suspension", 1000.0)
     opened(wrong(measured, lambda c: {"torque_work": -c.torque_work}), "suspension", 2000.0)
     # Half an elimination: the moment's part about the axis taken out, the wheel's spin inertia left in.

@@ -75,7 +75,7 @@ def test_rows_without_their_channel_disappear_and_the_others_stay_as_they_are(
     less = PreparedRun(lacking(full.recording, lost))
     for row in full.rows:
         if row not in less.rows:
-            assert lost in less.motion.left_out[row], row
+            assert lost in less.motion.left_out[row].channels, row
     own = {row for row in ROWS if row.endswith(lost.split(".")[1]) or row.startswith("chassis")}
     assert {row for row in full.rows if row not in less.rows} <= (own if CHANNELS[lost].corner else set(ROWS))
     model = Model.of(base_model(less.recording.vehicle, reference))
@@ -98,7 +98,7 @@ def test_the_fit_still_runs_and_names_the_channel(whole: PreparedRun, lost: str)
     model = Model.of(base_model(VEHICLE, "contact"))
     fitted = fit(model, [drive], unbias=False)
     gone = set(whole.rows) - set(drive.rows)
-    assert all(lost in drive.motion.left_out[row] for row in gone)
+    assert all(lost in drive.motion.left_out[row].channels for row in gone)
     absent = {model.names[int(i)] for i in fitted.base.absent}
     for effect in model.physics:
         rows = set(drive.effect_columns(effect, None)) | set(whole.effect_columns(effect, None))

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.validation.whiteness import whiteness
+from lacet.identify.validation.whiteness import Colour, whiteness
 
 SPACING = 0.08
 N = 360
@@ -29,10 +29,10 @@ def test_noise_is_called_noise_at_the_stated_rate() -> None:
         for fresh in floor(rng, 20):
             found = whiteness(fresh, draws, PLACE, SPACING)
             assert found is not None
-            words.append(found.word)
+            words.append(found.colour)
             p.append(found.p)
             q.append(found.ljung_box)
-    assert sum(word != "like noise" for word in words) <= 12
+    assert sum(word is not Colour.LIKE_NOISE for word in words) <= 12
     for values in (p, q):
         assert np.mean(np.array(values) < 0.05) == pytest.approx(0.05, abs=0.04)
         assert np.mean(values) == pytest.approx(0.5, abs=0.09)
@@ -46,7 +46,7 @@ def test_a_tone_is_found_at_its_frequency(frequency: float) -> None:
     tone = 1.15 * np.std(draws) * np.sin(2 * np.pi * frequency * SPACING * PLACE)
     found = whiteness(floor(rng, 1)[0] + tone, draws, PLACE, SPACING)
     assert found is not None
-    assert found.word.startswith("coloured")
+    assert found.colour is Colour.COLOURED
     assert found.peak == pytest.approx(frequency, rel=0.15, abs=0.1)
 
 
@@ -54,9 +54,9 @@ def test_the_floors_shape_at_another_level_is_louder_not_coloured() -> None:
     """Twice the floor: louder; its autocorrelation stays inside the band."""
     rng = np.random.default_rng(3)
     draws = floor(rng, 40)
-    words = [whiteness(2.0 * fresh, draws, PLACE, SPACING).word for fresh in floor(rng, 10)]  # type: ignore[union-attr]
-    assert words.count("louder than noise") >= 9, words
-    assert whiteness(0.5 * floor(rng, 1)[0], draws, PLACE, SPACING).word == "like noise"  # type: ignore[union-attr]
+    words = [whiteness(2.0 * fresh, draws, PLACE, SPACING).colour for fresh in floor(rng, 10)]  # type: ignore[union-attr]
+    assert words.count(Colour.LOUDER) >= 9, words
+    assert whiteness(0.5 * floor(rng, 1)[0], draws, PLACE, SPACING).colour is Colour.LIKE_NOISE  # type: ignore[union-attr]
 
 
 def test_scale_and_mean_do_not_matter_and_short_rows_say_so() -> None:

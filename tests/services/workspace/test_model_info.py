@@ -12,6 +12,7 @@ import pytest
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.properties.structural_identifiability import car_tree, structure
 from lacet.services.commands.__main__ import main
+from lacet.services.render.identifiability import joint_position
 from lacet.services.workspace.study import Study
 from tests.identify import cars
 from tests.services.commands.test_json import conforms
@@ -109,7 +110,7 @@ def test_structure_follows_the_vehicle() -> None:
     """Bench tables, driven wheels and brakes change what joints follow, the rows formed and the groups."""
     plain, _ = cars.reference_car()
     tabled = cars.with_tables(plain)
-    follows = {j.number: j.follows for j in car_tree(tabled)}
+    follows = {j.number: joint_position(j.follows) for j in car_tree(tabled)}
     assert "bench table half_track" in follows[7]
     assert "bench table pitch" in follows[12]
     assert follows[10] == "camera.rl.steer (slope: bench table toe)"

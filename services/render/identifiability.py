@@ -1,0 +1,109 @@
+"""What runs and equations leave open, in words: why a parameter or a derived value has none, and what would show it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lacet.identify.properties.derived import ImpossibleCar, RowMissing
+from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
+from lacet.identify.validation.parameter_estimates import (
+    CountedWith,
+    HardlyKnown,
+    NoDependence,
+    RowsAbsent,
+    Unidentified,
+    WiderThanValue,
+)
+from lacet.identify.validation.prediction_uncertainty import OpenParameters
+from lacet.identify.validation.score import Comparison
+from lacet.services.render.rows import row_absence
+
+_SHOWS = "what shows it: "
+_FIXED = {
+    Fixed.FREE: "left free: no row is about the ground's axes",
+    Fixed.NO_KINGPIN: "stays 0: no caster, no inclination",
+    Fixed.NO_TABLE: "stays at design: no bench table",
+}
+
+
+def listed(words: Sequence[str]) -> str:
+    """One or more words, the last after an ``and``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def unidentified(why: Unidentified | None) -> str:
+    """Why a parameter is not identified; an empty string where it is."""
+    match why:
+        case None:
+            return ""
+        case HardlyKnown(half, unit, shown_by):
+            return f"the runs leave ± {half:.3g} {unit}, hardly less than is plausible at all; {_SHOWS}{shown_by}"
+        case WiderThanValue(half, unit, shown_by):
+            return f"its 95 % interval (± {half:.3g} {unit}) is wider than the value; {_SHOWS}{shown_by}"
+        case NoDependence(shown_by):
+            return f"nothing these runs measure depends on it; {_SHOWS}{shown_by}"
+        case RowsAbsent(row, others, absence):
+            reason = row_absence(absence) if absence else "no usable sample"
+            return f"{row}{' and others' if others else ''} left out: {reason}"
+        case CountedWith(names):
+            return f"acts only together with {', '.join(names[:4])}, and is counted there"
+
+
+def open_parameters(why: OpenParameters | None) -> str:
+    """Parameters that the runs used leave open, and the runs that show them; an empty string where there are none."""
+    if why is None:
+        return ""
+    if not why.names:
+        return "many parameters are each known a little too little"
+    them = "it" if len(why.names) == 1 else "them"
+    runs = "; ".join(why.shown_by)
+    return f"{listed(why.names)} not determined well enough by the runs used; what shows {them}: {runs}"
+
+
+def rows_not_judged(comparison: Comparison) -> list[str]:
+    """A sentence for each row whose error is what the runs used leave open, those with one reason together."""
+    alike: dict[str, list[str]] = {}
+    for row, score in comparison.scores.items():
+        if not score.judged:
+            alike.setdefault(open_parameters(score.why), []).append(row)
+    return [f"{', '.join(rows)} of run {comparison.name} cannot be judged: {why}" for why, rows in alike.items()]
+
+
+def not_derived(why: OpenParameters | RowMissing | ImpossibleCar | None) -> str:
+    """Why a derived value is not determined; an empty string where it is."""
+    match why:
+        case RowMissing(row, absence):
+            return f"{row}: {row_absence(absence)}"
+        case ImpossibleCar():
+            return "the masses, inertias and stiffnesses found do not make such a car (one of them is not above zero)"
+        case _:
+            return open_parameters(why)
+
+
+def structurally(why: RowsNotFormed | HeldTogether | None) -> str:
+    """Why the equations hold no value of a parameter, whatever the run; an empty string where they do."""
+    match why:
+        case None:
+            return ""
+        case RowsNotFormed(kind):
+            rows = f"its {kind} row is not formed" if kind else "the rows it acts on are not formed"
+            return f"no row depends on it: {rows}"
+        case HeldTogether(names):
+            some = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+            return f"every row holds it only together with {some}, and it is counted there"
+
+
+def joint_position(found: JointPosition) -> str:
+    """What gives a joint of the car its position."""
+    if found.fixed is not None:
+        return _FIXED[found.fixed]
+    table = f"bench table {found.table}" if found.table else ""
+    if not found.channels:
+        return table
+    channels = ", ".join(found.channels)
+    if found.geometry:
+        return f"{channels}, caster and kingpin inclination"
+    if found.wheel is not None:
+        driven, brakes = found.wheel
+        return f"{channels} ({'driven' if driven else 'free'}, {brakes} brakes)"
+    return f"{channels} (slope: {table})" if table else channels

@@ -1,0 +1,98 @@
+"""Rows of the equations in words: why one is absent, what a run's reading left out, how a residual looks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
+from lacet.identify.car.rows import Absence, RowAbsence
+from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
+from lacet.identify.validation.score import RowScore
+from lacet.identify.validation.whiteness import Colour
+
+_MOST_INTERVALS = 3
+
+
+def row_absence(why: RowAbsence) -> str:
+    """Why a row cannot be formed."""
+    first, *others = why.channels
+    declared = f"the run's brakes are '{why.brakes}' (say brakes = 'off' where they were not touched)"
+    match why.cause:
+        case Absence.CHANNELS:
+            return f"not measured: {', '.join(why.channels)}"
+        case Absence.SHAFT_TORQUE:
+            return (
+                f"the half-shaft torque acts on this travel (the bench table turns the carrier) and neither it "
+                f"({first}) nor the brake torque ({others[0]}) nor when the brakes act ({others[1]}) is measured; "
+                f"{declared}"
+            )
+        case Absence.DRIVE_TORQUE:
+            return f"the drive torque of this wheel is not measured ({first})"
+        case Absence.BRAKE_TORQUE:
+            return (
+                f"neither the brake torque of this wheel ({first}) nor when the brakes act ({others[0]}) is measured; "
+                f"{declared}"
+            )
+        case Absence.BRAKES_ALWAYS:
+            return f"the brakes act all the time ({first}) and the torques on this wheel are not all measured"
+
+
+def run_notes(notes: Iterable[RunNote]) -> list[str]:
+    """What a reader of a run's results must know, one line each; channels with the same gaps share a line."""
+    notes = list(notes)
+    alike: dict[str, list[str]] = {}
+    for note in notes:
+        if isinstance(note, Gaps):
+            alike.setdefault(_intervals(note.intervals), []).append(note.channel)
+    out: list[str] = []
+    for note in notes:
+        if not isinstance(note, Gaps):
+            out.append(_run_note(note))
+        elif names := alike.pop(_intervals(note.intervals), None):
+            out.append(f"left out {_intervals(note.intervals)}: no usable samples of {', '.join(names)}")
+    return out
+
+
+def colour_words(score: RowScore) -> str:
+    """What a row's residual looks like beside the noise floor; an empty string where it was not compared."""
+    match score.colour:
+        case None:
+            return ""
+        case Colour.LIKE_NOISE:
+            return "like noise"
+        case Colour.LOUDER:
+            return "louder than noise"
+        case Colour.COLOURED:
+            return f"coloured: {score.peak:.2g} Hz"
+        case Colour.TOO_SHORT:
+            return "too short to tell"
+
+
+def _run_note(note: RunNote) -> str:
+    match note:
+        case FewSamples(channel, samples):
+            return f"{channel} has only {samples} samples and was left out"
+        case FewUsableSamples(channel, least):
+            return f"{channel} has fewer than {least} usable samples and was left out"
+        case FlatRoad():
+            return "fewer than three ground lasers: a flat road and the attitude give the road's normal"
+        case GroundLaserOffset(ahead):
+            return (
+                f"a ground laser stands {1e3 * abs(ahead):.0f} mm {'ahead of' if ahead > 0 else 'behind'} its wheel's "
+                "centre: on a rough road it sees bumps earlier or later than the tyre, and tyre rows fail as if tyres "
+                "had damping. Mount lasers above the wheels, or identify from smooth roads"
+            )
+        case BrakingLeftOut(seconds, rows, channel, pressure):
+            return (
+                f"left out {seconds:.1f} s of {', '.join(rows)}: the brakes act ({channel} above {pressure / 1e5:g} "
+                "bar) and the torques on these wheels are not all measured"
+            )
+        case _:
+            raise TypeError(f"a note without words: {note!r}")
+
+
+def _intervals(holes: tuple[tuple[float, float], ...]) -> str:
+    """Gaps with their times, the first few."""
+    some = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in holes[:_MOST_INTERVALS])
+    more = len(holes) - _MOST_INTERVALS
+    return some + (f" and {more} more intervals" if more > 0 else "")
