@@ -7,6 +7,7 @@ identification, IEEE Robotics and Automation Letters 3(1); Traversaro et al. (20
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -56,8 +57,34 @@ def in_units(J: Array, mass: float, length: float) -> Array:
     return J * scale[:, None] * scale
 
 
-def fault_in_words(values: Sequence[float] | Array) -> str:
-    """The first condition of mechanics that ten parameters break, as a sentence; empty when they break none.
+@dataclass(frozen=True)
+class MassFault:
+    """A body's `mass` [kg] is not above zero."""
+
+    mass: float
+
+
+@dataclass(frozen=True)
+class MomentFault:
+    """A moment of inertia about the centre of gravity, `moment` [kg·m²], is below zero."""
+
+    moment: float
+
+
+@dataclass(frozen=True)
+class TriangleFault:
+    """The `largest` moment of inertia about the centre of gravity exceeds the `others` together [kg·m²]."""
+
+    largest: float
+    others: float
+
+
+BodyFault = MassFault | MomentFault | TriangleFault
+"""What makes a body impossible."""
+
+
+def body_fault(values: Sequence[float] | Array) -> BodyFault | None:
+    """The first condition of mechanics that ten parameters break; None when they break none.
 
     The first that fails of: the mass; the moments of inertia about the centre of gravity; the triangle inequality
     between them (no moment can be larger than the sum of the other two).
@@ -65,15 +92,12 @@ def fault_in_words(values: Sequence[float] | Array) -> str:
     ten = np.asarray(values, float)
     mass, J = float(ten[9]), pseudo_inertia(ten)
     if float(np.linalg.eigvalsh(J)[0]) >= -_ROUNDING * float(np.linalg.norm(J)):
-        return ""
+        return None
     if mass <= 0.0:
-        return f"its mass is {mass:.4g} kg"
+        return MassFault(mass)
     second = J[:3, :3] - np.outer(J[:3, 3], J[:3, 3]) / mass
     moments = np.sort(np.trace(second) - np.linalg.eigvalsh(second))
     if moments[0] < 0.0:
-        return f"a moment of inertia about its centre of gravity is {moments[0]:.4g} kg·m²"
+        return MomentFault(float(moments[0]))
     small, middle, large = moments
-    return (
-        f"its largest moment of inertia about its centre of gravity, {large:.4g} kg·m², is more than the other two "
-        f"together, {small + middle:.4g} kg·m²"
-    )
+    return TriangleFault(float(large), float(small + middle))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from lacet.identify.effects.body.rigid_body import RigidBody
-from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units
+from lacet.identify.multibody.pseudo_inertia import BASIS, BodyFault, body_fault, in_units
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.whole_vehicle import summation
@@ -104,7 +104,7 @@ class BodyCheck:
     possible : whether a body can have these values.
     smallest : smallest eigenvalue, in units of the largest plausible mass and size of such a body.
     half : half of its 95 % interval, to first order.
-    fault : what is impossible about it, in words; empty when nothing is.
+    fault : what is impossible about it; None when nothing is.
     """
 
     name: str
@@ -112,7 +112,7 @@ class BodyCheck:
     possible: bool
     smallest: float
     half: float
-    fault: str
+    fault: BodyFault | None
 
     @property
     def separable(self) -> bool:
@@ -138,8 +138,8 @@ def _check(fitted: Fit, body: Body) -> BodyCheck:
     slope = np.einsum("i,pij,j->p", vector, matrices, vector)
     width = len(slope)
     spread = float(np.sqrt(max(0.0, slope @ fitted.covariance[:width, :width] @ slope)))
-    fault = fault_in_words(body.to_ten @ fitted.physics)
-    return BodyCheck(body.name, _shared(fitted, body), not fault, float(spectrum[0][0]), 1.96 * spread, fault)
+    fault = body_fault(body.to_ten @ fitted.physics)
+    return BodyCheck(body.name, _shared(fitted, body), fault is None, float(spectrum[0][0]), 1.96 * spread, fault)
 
 
 def _shared(fitted: Fit, body: Body) -> tuple[str, ...]:

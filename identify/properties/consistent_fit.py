@@ -106,23 +106,20 @@ class Consistency:
         return self.margin >= 0.0
 
     @property
-    def says(self) -> str:
-        """The answer in one line."""
-        if not any(body.separable for body in self.bodies):
-            return "cannot be judged: these runs tell no body's parameters"
-        if self.consistent:
-            return "consistent: bodies with these values can exist"
-        if self.p > 0.05:
-            return (
-                f"not consistent as it stands, by {self.distance:.2g} σ; a consistent car is estimated that far out in "
-                f"{100 * self.p:.0f} % of such campaigns, so noise explains it"
-            )
+    def judged(self) -> bool:
+        """Whether the runs determine the parameters of any body."""
+        return any(body.separable for body in self.bodies)
+
+    @property
+    def noise_explains(self) -> bool:
+        """Whether noise alone brings estimates of a consistent car that far out."""
+        return self.p > 0.05
+
+    @property
+    def worst(self) -> str:
+        """The body or parameter farthest on the impossible side."""
         blame = {**{name: d for name, d in self.alone.items() if name != WHOLE}, **self.wrong_sign}
-        worst = max(blame, key=lambda name: blame[name])
-        return (
-            f"inconsistent by {self.distance:.2g} σ (p = {self.p:.2g}): noise does not explain it; most in {worst}. "
-            "Look at what the model lacks and at the instruments"
-        )
+        return max(blame, key=lambda name: blame[name])
 
 
 def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:

@@ -52,19 +52,17 @@ class SensorTiming:
     rig : latency the rig file gives [s].
     found : latency found, when the time base's is right [s].
     half : half of its 95 % interval [s]; infinite when no row depends on the sensor.
-    why : why it is not testable, or an empty string.
     """
 
     sensor: str
     rig: float
     found: float
     half: float
-    why: str = ""
 
     @property
     def testable(self) -> bool:
-        """Whether the runs determine it."""
-        return not self.why
+        """Whether the runs determine it closely enough."""
+        return self.half < TESTABLE
 
     @property
     def agrees(self) -> bool:
@@ -153,7 +151,7 @@ def estimate_latencies(
         # The correction for noise costs most of the time and moves latencies little: it comes last.
         unbias = unbias or bool(np.all(np.abs(step) < np.maximum(0.001, 0.1 * half)))
     timings = tuple(
-        SensorTiming(s.name, s.latency, s.latency + float(x), float(h) if ok else np.inf, _why(bool(ok), float(h)))
+        SensorTiming(s.name, s.latency, s.latency + float(x), float(h) if ok else np.inf)
         for s, x, h, ok in zip(late, shift, half, seen, strict=True)
     )
     rig_found = shifted_rig(rig, {one.sensor: one.found - one.rig for one in timings if one.testable})
@@ -164,12 +162,6 @@ def shifted_rig(rig: Rig, shifts: Mapping[str, float]) -> Rig:
     """The rig with some sensors later by so much [s]."""
     sensors = tuple(replace(s, latency=s.latency + shifts.get(s.name, 0.0)) for s in rig.sensors)
     return replace(rig, sensors=sensors)
-
-
-def _why(seen: bool, half: float) -> str:
-    if not seen:
-        return "no row of the model depends on it"
-    return "" if half < TESTABLE else f"± {1e3 * half:.0f} ms"
 
 
 def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import Enum
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -35,6 +36,16 @@ _NEAR = 0.10
 """Relative difference up to which a measured σ counts as that of the sheet."""
 
 
+class NoiseVerdict(Enum):
+    """Measured noise against the sensor sheet's; the values are those of the check's result."""
+
+    AS_THE_SHEET = "as the sheet"
+    LARGER = "larger"
+    SMALLER = "smaller"
+    NOT_WHITE = "not white"
+    UNKNOWN = "unknown"
+
+
 @dataclass(frozen=True)
 class NoiseLevel:
     """Noise of one family of channels of one sensor, over all runs.
@@ -48,7 +59,7 @@ class NoiseLevel:
     columns : measured σ by column (``wheel.fl.force.x``).
     flatness : σ of the upper band ÷ σ of the lower one, in the run where the lower one is quietest: 1 for white noise;
         None where the lower one holds motion.
-    why : why there is no sigma, or an empty string.
+    slow : sample rate that is too low to separate noise from motion [Hz], where there is no sigma for that.
     """
 
     sensor: str
@@ -58,7 +69,7 @@ class NoiseLevel:
     sheet: float
     columns: dict[str, float]
     flatness: float | None
-    why: str = ""
+    slow: float | None = None
 
     @property
     def white(self) -> bool:
@@ -66,16 +77,16 @@ class NoiseLevel:
         return self.flatness is None or 1.0 / _FLAT < self.flatness < _FLAT
 
     @property
-    def verdict(self) -> str:
-        """``as the sheet``, ``larger``, ``smaller``, ``not white`` or ``unknown``."""
+    def verdict(self) -> NoiseVerdict:
+        """The noise against the sheet's."""
         if self.sigma is None:
-            return "unknown"
+            return NoiseVerdict.UNKNOWN
         if not self.white:
-            return "not white"
+            return NoiseVerdict.NOT_WHITE
         off = self.sigma - self.sheet
         if abs(off) <= max(_NEAR * self.sheet, 1.5 * self.half):
-            return "as the sheet"
-        return "larger" if off > 0 else "smaller"
+            return NoiseVerdict.AS_THE_SHEET
+        return NoiseVerdict.LARGER if off > 0 else NoiseVerdict.SMALLER
 
     @property
     def odd_ones(self) -> dict[str, float]:
@@ -101,14 +112,14 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
     columns: dict[str, float] = {}
     errors: list[float] = []
     ratios: list[float] = []
-    slow = ""
+    slow: float | None = None
     for channel, parts in signals.items():
         usable = [s for s in parts if np.count_nonzero(s.usable) >= 2 * _SEGMENT]
         if not usable:
             continue
         rate = float(np.median([(len(s.t) - 1) / np.ptp(s.t) for s in usable]))
         if _UPPER[0] * 0.5 * rate < MOTION:
-            slow = f"sampled at {rate:.0f} Hz, too slowly to tell noise from motion"
+            slow = rate
             continue
         upper, lower = ([_band(channel, s, band) for s in usable] for band in (_UPPER, _LOWER))
         for k, name in enumerate(CHANNELS[channel].columns):
@@ -120,7 +131,7 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
             if _LOWER[0] * 0.5 * rate >= MOTION and beside[quiet] > 0.0:
                 ratios.append(float(np.sqrt(_middle(upper[quiet][:, k])[0] / beside[quiet])))
     if not columns:
-        return NoiseLevel(sensor, family, None, 0.0, sheet, {}, None, slow or "too few usable samples")
+        return NoiseLevel(sensor, family, None, 0.0, sheet, {}, None, slow)
     variances = np.square(list(columns.values()))
     sigma = float(np.sqrt(np.mean(variances)))
     # Columns are independent: the error of their mean variance, as one of σ.

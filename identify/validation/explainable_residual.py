@@ -83,22 +83,6 @@ class ExplainableResidual:
         """Whether the states' history explains more than chance, and enough of the excess to matter."""
         return self.history_p_all <= SIGNIFICANCE and self.history_of_excess >= MATTERS
 
-    @property
-    def says(self) -> str:
-        """The finding in a sentence or two."""
-        if not self.something and not self.depends_on_history:
-            loud = self.rms > 1.2 * self.floor
-            what = "nothing left to find that follows the measured states"
-            return f"{what}; the residual is louder than the sensor sheet says" if loud else what
-        out = (
-            f"{100 * self.part:.0f} % of the residual ({self.part_rms:.3g} {self.unit} RMS) follows the measured states"
-            if self.something
-            else "the residual does not follow the present states"
-        )
-        if self.depends_on_history:
-            out += f"; {100 * self.history:.0f} % ({self.history_rms:.3g} {self.unit}) depends on their history"
-        return out
-
 
 def explainable_residual(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None,

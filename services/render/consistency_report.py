@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from lacet.identify.multibody.pseudo_inertia import BodyFault, MassFault, MomentFault, TriangleFault
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
@@ -16,13 +17,46 @@ def left_open(fitted: Fit) -> list[str]:
     return lines or ["nothing"]
 
 
+def consistency_words(found: Consistency) -> str:
+    """Whether bodies with the fitted values can exist, in one line."""
+    if not found.judged:
+        return "cannot be judged: these runs tell no body's parameters"
+    if found.consistent:
+        return "consistent: bodies with these values can exist"
+    if found.noise_explains:
+        return (
+            f"not consistent as it stands, by {found.distance:.2g} σ; a consistent car is estimated that far out in "
+            f"{100 * found.p:.0f} % of such campaigns, so noise explains it"
+        )
+    return (
+        f"inconsistent by {found.distance:.2g} σ (p = {found.p:.2g}): noise does not explain it; "
+        f"most in {found.worst}. Look at what the model lacks and at the instruments"
+    )
+
+
+def body_fault_words(fault: BodyFault | None) -> str:
+    """What is impossible about a body; an empty string when nothing is."""
+    match fault:
+        case None:
+            return ""
+        case MassFault(mass):
+            return f"its mass is {mass:.4g} kg"
+        case MomentFault(moment):
+            return f"a moment of inertia about its centre of gravity is {moment:.4g} kg·m²"
+        case TriangleFault(largest, others):
+            return (
+                f"its largest moment of inertia about its centre of gravity, {largest:.4g} kg·m², is more than the "
+                f"other two together, {others:.4g} kg·m²"
+            )
+
+
 def consistency_text(found: Consistency, mended: ConsistentFit) -> str:
     """In lines for a reader."""
-    lines = [f"Physical consistency: {found.says}."]
+    lines = [f"Physical consistency: {consistency_words(found)}."]
     for body in found.bodies:
         if body.separable and not body.possible:
             sure = "" if body.clear else " (within its 95 % interval)"
-            lines.append(f"  {body.name}: {body.fault}{sure}")
+            lines.append(f"  {body.name}: {body_fault_words(body.fault)}{sure}")
     grouped = [body.name for body in found.bodies if not body.separable]
     if grouped:
         lines.append(f"  not to be told body by body (counted together with others): {', '.join(grouped)}")

@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
 from lacet.identify.car.rows import Absence, RowAbsence
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
-from lacet.identify.validation.score import RowScore
+from lacet.identify.validation.explainable_residual import ExplainableResidual
+from lacet.identify.validation.score import FAILS, RowScore
 from lacet.identify.validation.whiteness import Colour
 
 _MOST_INTERVALS = 3
@@ -66,6 +67,21 @@ def colour_words(score: RowScore) -> str:
             return f"coloured: {score.peak:.2g} Hz"
         case Colour.TOO_SHORT:
             return "too short to tell"
+
+
+def explainable(found: ExplainableResidual) -> str:
+    """How much of a row's residual smooth functions of the measured states explain."""
+    if not found.something and not found.depends_on_history:
+        what = "nothing left to find that follows the measured states"
+        return f"{what}; the residual is louder than the sensor sheet says" if found.rms > FAILS * found.floor else what
+    out = (
+        f"{100 * found.part:.0f} % of the residual ({found.part_rms:.3g} {found.unit} RMS) follows the measured states"
+        if found.something
+        else "the residual does not follow the present states"
+    )
+    if found.depends_on_history:
+        out += f"; {100 * found.history:.0f} % ({found.history_rms:.3g} {found.unit}) depends on their history"
+    return out
 
 
 def _run_note(note: RunNote) -> str:

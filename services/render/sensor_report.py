@@ -7,7 +7,8 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lacet.identify.regression.latency import Timings
+from lacet.identify.regression.latency import SensorTiming, Timings
+from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.services.render.tables import number, table
 
 LEVEL = 0.01
@@ -38,13 +39,29 @@ def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
     return text + ("\nUnlike their kind:\n" + "\n".join(odd) if odd else "")
 
 
+def not_testable(timing: SensorTiming) -> str:
+    """Why the runs do not determine a sensor's latency; an empty string where they do."""
+    if timing.testable:
+        return ""
+    return "no row of the model depends on it" if math.isinf(timing.half) else f"± {1e3 * timing.half:.0f} ms"
+
+
+def unmeasured(level: NoiseLevel) -> str:
+    """Why a sensor's noise cannot be measured; an empty string where it is."""
+    if level.sigma is not None:
+        return ""
+    if level.slow is None:
+        return "too few usable samples"
+    return f"sampled at {level.slow:.0f} Hz, too slowly to tell noise from motion"
+
+
 def latency_table(timings: Timings) -> str:
     """Latencies by sensor [ms]."""
     base = next(s for s in timings.rig.sensors if s.name == timings.base)
     rows = [[base.name, f"{1e3 * base.latency:.1f}", "", "", "time base"]]
     for s in timings.sensors:
         if not s.testable:
-            rows.append([s.sensor, f"{1e3 * s.rig:.1f}", "-", "-", f"not testable with these runs: {s.why}"])
+            rows.append([s.sensor, f"{1e3 * s.rig:.1f}", "-", "-", f"not testable with these runs: {not_testable(s)}"])
             continue
         digits = max(1, 1 - math.floor(math.log10(1e3 * s.half))) if s.half > 0 else 2
         says = "agrees" if s.agrees else f"differs from the rig by {1e3 * (s.found - s.rig):+.{digits}f} ms"

@@ -26,6 +26,7 @@ from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
 from lacet.services.render.identifiability import rows_not_judged
+from lacet.services.render.row_labels import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.results import scores
@@ -213,7 +214,7 @@ def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work)
             "runs": [
                 {
                     "name": part.name, "used": part.used, "seconds": seconds[part.name],
-                    "rows": [{"row": row, **score} for row, score in (used | held)[part.name].items()],
+                    "rows": [{"row": row, **with_verdict(score)} for row, score in (used | held)[part.name].items()],
                     "not_judged": rows_not_judged(part),
                 }
                 for part in parts

@@ -11,6 +11,7 @@ from lacet.identify.car.manoeuvre_phases import phases_of
 from lacet.identify.progress import Progress
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
 from lacet.services.render.failure_text import failure_sentences
+from lacet.services.render.rows import explainable
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Version
 
@@ -84,7 +85,10 @@ def failure_result(version: Version, found: FailureAnalysis) -> dict[str, Any]:
                 for corner, s in found.surfaces.items()
             },
             "left": {
-                row: {**asdict(x), "something": x.something, "depends_on_history": x.depends_on_history, "says": x.says}
+                row: {
+                    **asdict(x), "something": x.something, "depends_on_history": x.depends_on_history,
+                    "says": explainable(x),
+                }
                 for row, x in found.explainable.items()
             },
             "says": failure_sentences(found),

@@ -16,6 +16,7 @@ from lacet.identify.selection.diagnose import Candidate, Diagnosis
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio
+from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
 from lacet.services.render.rows import colour_words, row_absence
 from lacet.services.workspace.loading import Loaded
@@ -160,7 +161,7 @@ def consistency_result(found: Consistency, mended: ConsistentFit) -> dict[str, A
     return plain(
         {
             "consistent": found.consistent,
-            "says": found.says,
+            "says": consistency_words(found),
             "distance_sigma": found.distance,
             "p": found.p,
             "bodies": [
@@ -169,7 +170,7 @@ def consistency_result(found: Consistency, mended: ConsistentFit) -> dict[str, A
                     "separable": body.separable,
                     "shared": list(body.shared),
                     "possible": body.possible if body.separable else None,
-                    "fault": body.fault if body.separable else "",
+                    "fault": body_fault_words(body.fault) if body.separable else "",
                 }
                 for body in found.bodies
             ],

@@ -15,6 +15,7 @@ from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
+from lacet.services.render.sensor_report import not_testable, unmeasured
 
 DISTRUST = 1.5
 """A row this many times above its noise floor: the model lacks something, which latencies then follow."""
@@ -25,8 +26,8 @@ def noise_result(levels: Sequence[NoiseLevel]) -> list[dict[str, Any]]:
     return [
         {
             "sensor": n.sensor, "family": n.family, "unit": _unit(n.family), "sigma": n.sigma, "half95": n.half,
-            "sheet": n.sheet, "flatness": n.flatness, "verdict": n.verdict, "why": n.why, "columns": n.columns,
-            "odd_columns": n.odd_ones,
+            "sheet": n.sheet, "flatness": n.flatness, "verdict": n.verdict.value, "why": unmeasured(n),
+            "columns": n.columns, "odd_columns": n.odd_ones,
         }
         for n in levels
     ]  # fmt: skip
@@ -47,7 +48,7 @@ def latency_result(timings: Timings, trust: tuple[str, float]) -> dict[str, Any]
         "sensors": [
             {
                 "sensor": s.sensor, "rig": s.rig, "found": s.found, "half95": s.half, "testable": s.testable,
-                "agrees": s.agrees if s.testable else None, "why": s.why,
+                "agrees": s.agrees if s.testable else None, "why": not_testable(s),
             }
             for s in timings.sensors
         ],

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lacet.daq.errors import SolverError, UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.identify.effects.catalogue import base_model, catalogue
-from lacet.identify.multibody.pseudo_inertia import BASIS, fault_in_words, in_units, pseudo_inertia
+from lacet.identify.multibody.pseudo_inertia import BASIS, body_fault, in_units, pseudo_inertia
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.body_consistency import bodies, check_bodies, clusters, whole
@@ -22,6 +22,7 @@ from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
+from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -42,7 +43,7 @@ def of_points(mass: list[tuple[float, float, float, float]]) -> Array:
 def test_point_masses_are_always_possible(mass: list[tuple[float, float, float, float]]) -> None:
     """Whatever the points, and their pseudo-inertia is Σ m (r, 1)(r, 1)ᵀ."""
     ten = of_points(mass)
-    assert fault_in_words(ten) == ""
+    assert body_fault(ten) is None
     direct = sum(m * np.outer((x, y, z, 1.0), (x, y, z, 1.0)) for x, y, z, m in mass)
     np.testing.assert_allclose(pseudo_inertia(ten), direct, rtol=1e-9, atol=1e-9 * np.max(np.abs(direct)))
 
@@ -54,7 +55,7 @@ def test_what_breaks_the_triangle_inequality_is_impossible(
     """Positive moments of which one exceeds the sum of the others, anywhere and however turned."""
     turned = np.linalg.qr(np.random.default_rng(int(1e6 * more)).normal(size=(3, 3)))[0]
     ten = move_parameters(np.array([a, 0, 0, b, 0, more * (a + b), 0, 0, 0, 20.0]), turned, np.array(at))
-    assert "more than the other two" in fault_in_words(ten)
+    assert "more than the other two" in body_fault_words(body_fault(ten))
 
 
 @pytest.mark.parametrize(
@@ -67,7 +68,7 @@ def test_what_breaks_the_triangle_inequality_is_impossible(
 )
 def test_faults_are_told_in_words(ten: list[float], word: str) -> None:
     """A negative mass, a centre of gravity farther out than the inertia allows, a product that is too large."""
-    assert word in fault_in_words(ten)
+    assert word in body_fault_words(body_fault(ten))
 
 
 def test_units_do_not_change_the_answer() -> None:
@@ -147,7 +148,7 @@ def test_the_direct_test_needs_no_solver_and_shows_its_interval(fitted: Fit, mon
     wrong = next(check for check in check_bodies(changed(fitted, XX6=9000.0)) if check.name == "chassis")
     assert not wrong.possible
     assert wrong.clear
-    assert "more than the other two" in wrong.fault
+    assert "more than the other two" in body_fault_words(wrong.fault)
     for work in (consistency, consistent_fit):
         with pytest.raises(UsageError, match=r"lacet\[consistency\]"):
             work(fitted)
@@ -157,7 +158,7 @@ def possible(result: Array, fitted: Fit) -> bool:
     """Every body and every certain sign, from standard parameters alone."""
     signs = [certain_sign(q) for q in fitted.model.parameters[: len(result)]]
     good = all(sign * value >= 0.0 for sign, value in zip(signs, result, strict=True))
-    return good and all(fault_in_words(body.to_ten @ result) == "" for body in bodies(fitted))
+    return good and all(body_fault(body.to_ten @ result) is None for body in bodies(fitted))
 
 
 def test_the_mended_fit_is_possible_and_keeps_its_base_values(fitted: Fit, mended: ConsistentFit) -> None:
@@ -171,7 +172,7 @@ def test_the_mended_fit_is_possible_and_keeps_its_base_values(fitted: Fit, mende
     assert again.distance == 0.0
     together = whole(mended.fit)
     assert together is not None
-    assert fault_in_words(together.to_ten @ mended.fit.physics) == ""
+    assert body_fault(together.to_ten @ mended.fit.physics) is None
 
 
 def test_the_price_is_the_quadratic_form_and_the_rise_of_the_residual(
@@ -245,12 +246,12 @@ def test_a_poorly_excited_axle_is_within_noise_and_an_impossible_one_is_not(fitt
     assert not found.consistent
     assert 0.0 < found.distance < 4.0
     assert found.p > 0.1
-    assert "noise explains it" in found.says
+    assert "noise explains it" in consistency_words(found)
     wrong = consistency(changed(fitted, M29=-20.0), draws=19)
     assert wrong.p == pytest.approx(0.05)
     assert wrong.distance > 50.0
     assert max(wrong.alone, key=lambda name: wrong.alone[name]) == "axle.fl + wheel.fl"
-    assert "axle.fl + wheel.fl" in wrong.says
+    assert "axle.fl + wheel.fl" in consistency_words(wrong)
     assert wrong.distance >= max(wrong.alone.values()) - 1e-6  # a part of the constraints is never dearer than all
 
 
@@ -260,7 +261,7 @@ def test_far_out_cars_are_mended(fitted: Fit) -> None:
     assert possible(far.standard, fitted)
     assert far.price.percent > 100.0
     damper = changed(fitted, damper__fl__c=-100.0)
-    assert "damper.fl.c" in consistency(damper, draws=19).says
+    assert "damper.fl.c" in consistency_words(consistency(damper, draws=19))
     assert consistency(damper, draws=19).wrong_sign["damper.fl.c"] > 10.0
     assert consistent_fit(damper).fit.value("damper.fl.c") >= 0.0
 

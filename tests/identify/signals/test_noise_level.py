@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
-from lacet.identify.signals.noise_level import measured_noise
+from lacet.identify.signals.noise_level import NoiseVerdict, measured_noise
+from lacet.services.render.sensor_report import unmeasured
 from tests.identify import cars
 
 _, RIG = cars.reference_car()
@@ -43,9 +44,9 @@ def test_white_noise_is_measured_whatever_moves(channel: str, factor: float, rat
     (level,) = measured_noise([moving(channel, sigma, seed, rate)], RIG)
     assert level.sigma == pytest.approx(sigma, rel=max(0.06, 2.55 * level.half / sigma))
     if factor < 0.7:
-        assert level.verdict == "smaller"
+        assert level.verdict is NoiseVerdict.SMALLER
     elif factor > 1.4:
-        assert level.verdict == "larger"
+        assert level.verdict is NoiseVerdict.LARGER
 
 
 @pytest.mark.parametrize("rate", [100.0, 500.0])
@@ -54,24 +55,24 @@ def test_intervals_hold_what_was_put_in_and_a_sheet_that_is_right_is_called_so(r
     levels = [measured_noise([moving("laser.fr.hub", sigma, seed, rate)], RIG)[0] for seed in range(200)]
     held = np.mean([abs((level.sigma or 0.0) - sigma) < level.half for level in levels])
     assert 0.92 < held < 0.98
-    assert np.mean([level.verdict == "as the sheet" for level in levels]) > 0.96
+    assert np.mean([level.verdict is NoiseVerdict.AS_THE_SHEET for level in levels]) > 0.96
 
 
 def test_noise_smoothed_by_the_instrument_is_not_called_white() -> None:
     """A moving average over two samples has little left near half the sample rate: its halves are not independent."""
     (level,) = measured_noise([moving("laser.fl.hub", 3e-4, 1, smooth=2)], RIG)
     assert not level.white
-    assert level.verdict == "not white"
+    assert level.verdict is NoiseVerdict.NOT_WHITE
 
 
 def test_what_is_sampled_too_slowly_or_too_shortly_is_said() -> None:
     """At 40 Hz motion fills the spectrum; half a second is no spectrum."""
     (slow,) = measured_noise([moving("camera.fl.steer", 3e-4, 1, rate=40.0)], RIG)
     assert slow.sigma is None
-    assert "40 Hz" in slow.why
+    assert "40 Hz" in unmeasured(slow)
     (short,) = measured_noise([moving("camera.fl.steer", 3e-4, 1, seconds=0.5)], RIG)
-    assert short.why == "too few usable samples"
-    assert short.verdict == "unknown"
+    assert unmeasured(short) == "too few usable samples"
+    assert short.verdict is NoiseVerdict.UNKNOWN
 
 
 def test_one_noisy_column_is_named() -> None:
@@ -83,5 +84,5 @@ def test_one_noisy_column_is_named() -> None:
     odd = {name for level in levels for name in level.odd_ones}
     assert odd == {"laser.rr.hub"}
     by_family = {level.family: level for level in levels}
-    assert by_family["wheel.force"].verdict == "as the sheet"
-    assert by_family["laser.hub"].verdict == "larger"
+    assert by_family["wheel.force"].verdict is NoiseVerdict.AS_THE_SHEET
+    assert by_family["laser.hub"].verdict is NoiseVerdict.LARGER

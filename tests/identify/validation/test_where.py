@@ -24,6 +24,7 @@ from lacet.identify.validation.restoring_force import restoring_surfaces, surfac
 from lacet.identify.validation.smooth_regressors import FOLDS, RIDGE, blocked_losses
 from lacet.identify.validation.spectra import _level, _segments, row_spectrum
 from lacet.identify.validation.states import BLUR, ClearStates, states_of
+from lacet.services.render.rows import explainable
 
 DRAWS = 39
 
@@ -192,7 +193,7 @@ def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
             assert one.something, row
             assert one.of_excess > 0.95
             assert not one.depends_on_history
-            assert f"{one.part_rms:.3g} N" in one.says
+            assert f"{one.part_rms:.3g} N" in explainable(one)
         else:
             assert not one.something, row
     follows = followed_states(base, floor, ["suspension.fl", "chassis.fz"], clear, draws)
@@ -208,7 +209,7 @@ def test_nothing_is_left_in_a_complete_model(fitted: Fit, floor: NoiseFloor, cle
         assert not one.something, row
         assert not one.depends_on_history, row
         assert one.part < 0.1, row
-        assert "nothing left to find" in one.says
+        assert "nothing left to find" in explainable(one)
 
 
 def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: ClearStates, draws: Draws):
@@ -223,7 +224,7 @@ def test_a_hidden_mass_shows_as_history(fitted: Fit, floor: NoiseFloor, clear: C
     one = left["chassis.fz"]
     assert one.rms > 2.0 * one.floor
     assert one.depends_on_history
-    assert "history" in one.says
+    assert "history" in explainable(one)
     assert one.of_excess + one.history_of_excess > 0.35  # a mass lightly damped rings longer than the resonators do
     assert not any(other.depends_on_history for row, other in left.items() if row != "chassis.fz")
 
