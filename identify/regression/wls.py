@@ -198,7 +198,7 @@ def _fit_linear(
     rows = [row for row in ROWS if any(row in run.triangles for run in first)]
     if not rows:
         absent = sorted({name for drive in drives for why in drive.motion.left_out.values() for name in why.channels})
-        lacking = ": " + ", ".join(absent) if absent else ""
+        lacking = "; not measured: " + ", ".join(absent) if absent else ""
         raise NotIdentifiable("no row of the equations is measured in these runs" + lacking)
     scale = _row_sizes(first, rows)
     stacked = [R[:, :-1] / scale[row] for run in first for row, R in run.triangles.items()]
