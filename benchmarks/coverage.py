@@ -32,7 +32,7 @@ from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, Stored, fit
+from lacet.identify.regression.wls import Fit, FitOptions, Stored, fit
 from lacet.identify.signals.filters import Filters, derivative, zero_phase
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
@@ -69,7 +69,7 @@ def stored_motions() -> tuple[tuple[Recording, ...], Array]:
     runs = [open_run(cars.CAR / f"{name}.parquet") for name in cars.RUNS]
     records = [bring_together(run, vehicle, rig, FILTERS) for run in runs]
     model = models()[0]
-    theta = fit(model, [PreparedRun(record) for record in records], unbias=False).theta
+    theta = fit(model, [PreparedRun(record) for record in records], FitOptions(unbias=False)).theta
     exact: list[Recording] = []
     for record in records:
         part = record.at(slice(0, int(SECONDS * FILTERS.rate)))
@@ -115,7 +115,7 @@ def reference(missing: bool) -> Fit:
     """A fit of one campaign that is not in the study, with a large pool of noise draws."""
     model = models()[1 if missing else 0]
     rng = np.random.default_rng([95, len(KINDS)])
-    return fit(model, [drawn(record, rng, {}) for record in stored_motions()[0]], draws=POOL)
+    return fit(model, [drawn(record, rng, {}) for record in stored_motions()[0]], FitOptions(draws=POOL))
 
 
 def campaign(task: tuple[str, int]) -> Array:

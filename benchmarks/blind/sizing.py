@@ -26,7 +26,7 @@ from lacet.daq.errors import LacetError
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 
 Array = NDArray[np.float64]
 TURNS = 3
@@ -136,7 +136,7 @@ def look(part: Part, size: float, folder: Path) -> float:
     sigma = _nothing_hidden()[2]
     write_trial(folder, cell, 0, 1.0 if part.key else 0.0, tolerances=False)
     found = tables(folder)
-    fitted = fit(found.model(()), found.used, unbias=False)
+    fitted = fit(found.model(()), found.used, FitOptions(unbias=False))
     if not part.key:
         return Oracle(fitted, sigma, None).excess()
     effect = true_effect(part, found)
@@ -155,7 +155,7 @@ def _nothing_hidden() -> tuple[Tables, Fit, dict[str, float]]:
     if not (folder / "vehicle.toml").is_file():
         write_trial(folder, Cell("size/nothing", "null", "", 1), 0)
     found = tables(folder)
-    return found, fit(found.model(()), found.used, unbias=False), dict(floor(folder, (), DRAWS).sigma)
+    return found, fit(found.model(()), found.used, FitOptions(unbias=False)), dict(floor(folder, (), DRAWS).sigma)
 
 
 def guess(part: Part, goal: float) -> float:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,24 @@ class Known:
     responses: tuple[dict[SheetEntry, dict[str, Array]], ...]
 
 
+@dataclass
+class _PieceCache:
+    """Pieces and what the sensor sheet does to them, made once: pure memoisation, shared by `Assembly.weighted`.
+
+    `pieces`, and `own` (this very run's responses to the sheet's entries), by run and piece; `responses` by run; `long`
+    length of the pieces of long runs that were kept [s].
+    """
+
+    pieces: dict[tuple[int, int | None], Piece] = field(default_factory=dict[tuple[int, int | None], Piece])
+    responses: dict[int, dict[SheetEntry, dict[str, Array]]] = field(
+        default_factory=dict[int, dict[SheetEntry, dict[str, Array]]]
+    )
+    own: dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]] = field(
+        default_factory=dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]]
+    )
+    long: float = 0.0
+
+
 class Assembly:
     """The equations of all runs in pieces; those of very long runs are made anew each time they are read.
 
@@ -69,11 +88,14 @@ class Assembly:
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
         self.runs, self.at, self.zeros = tuple(runs), at, zeros
         self.known = known
-        self._responses: dict[int, dict[SheetEntry, dict[str, Array]]] = {}
-        self.weights: dict[tuple[int, int | None], Mapping[str, Array]] = {}
-        self._kept: dict[tuple[int, int | None], Piece] = {}
-        self._own: dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]] = {}
-        self._long = 0.0
+        self.weights: Mapping[tuple[int, int | None], Mapping[str, Array]] = {}
+        self._cache = _PieceCache()
+
+    def weighted(self, weights: Mapping[tuple[int, int | None], Mapping[str, Array]]) -> Assembly:
+        """The same equations with other weights of samples: (run, piece) → row → (n,) roots of them."""
+        out = copy(self)
+        out.weights = weights
+        return out
 
     def pieces(self) -> Iterator[Piece]:
         """Every piece of every run, in order."""
@@ -85,7 +107,7 @@ class Assembly:
         drive = self.runs[run]
         for number, part in enumerate(drive.pieces()):
             place = None if part is drive else number
-            piece = self._kept.get((run, place))
+            piece = self._cache.pieces.get((run, place))
             if piece is None:
                 piece = self._make(run, place, part)
                 self._keep(piece)
@@ -99,10 +121,10 @@ class Assembly:
 
     def _keep(self, piece: Piece) -> None:
         if piece.number is not None:
-            self._long += float(np.ptp(piece.prepared.recording.t))
-            if self._long > KEPT:
+            self._cache.long += float(np.ptp(piece.prepared.recording.t))
+            if self._cache.long > KEPT:
                 return
-        self._kept[piece.run, piece.number] = piece
+        self._cache.pieces[piece.run, piece.number] = piece
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
         """Responses of a piece to the sensor sheet's gains and latencies."""
@@ -111,9 +133,9 @@ class Assembly:
         assert piece.sensitivity is not None
         if piece.number is not None:
             return sheet_responses(piece.prepared, piece.sensitivity)
-        if piece.run not in self._responses:
-            self._responses[piece.run] = sheet_responses(piece.prepared, piece.sensitivity)
-        return self._responses[piece.run]
+        if piece.run not in self._cache.responses:
+            self._cache.responses[piece.run] = sheet_responses(piece.prepared, piece.sensitivity)
+        return self._cache.responses[piece.run]
 
     def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
         """The same with the noise of this very run, where sensitivities may be another run's of the same motion."""
@@ -121,18 +143,18 @@ class Assembly:
             return self.sheet_responses(piece)
         assert piece.sensitivity is not None
         place = (piece.run, piece.number)
-        found = self._own.get(place)
+        found = self._cache.own.get(place)
         if found is None:
             found = sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
-            if place in self._kept:
-                self._own[place] = found
+            if place in self._cache.pieces:
+                self._cache.own[place] = found
         return found
 
     def as_known(self) -> Known:
         """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""
-        if not all((run, None) in self._kept for run in range(len(self.runs))) or self.at is None:
+        if not all((run, None) in self._cache.pieces for run in range(len(self.runs))) or self.at is None:
             raise ValueError("a long run is in pieces, which have no sensitivity in common")
-        responses = tuple(self.sheet_responses(self._kept[run, None]) for run in range(len(self.runs)))
+        responses = tuple(self.sheet_responses(self._cache.pieces[run, None]) for run in range(len(self.runs)))
         return Known(self.sensitivities(), responses)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -142,7 +164,7 @@ class Assembly:
             return ()
         return tuple(
             kept.sensitivity
-            if (kept := self._kept.get((run, None))) is not None and kept.sensitivity is not None
+            if (kept := self._cache.pieces.get((run, None))) is not None and kept.sensitivity is not None
             else Sensitivity.of(drive.recording, self.physics, at)
             for run, drive in enumerate(self.runs)
         )

@@ -25,7 +25,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.stacked_equations import Columns
 from lacet.identify.regression.uncertainty import hac
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.time_base import is_load
 
@@ -139,7 +139,7 @@ def estimate_latencies(
         )
         shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
         drives = [PreparedRun.of(run, vehicle, shifted, filters) for run in runs]
-        fitted = fit(physics, drives, unbias=unbias)
+        fitted = fit(physics, drives, FitOptions(unbias=unbias))
         step, covariance, seen = _step(fitted, faults, shift)
         half = 1.96 * np.sqrt(np.diag(covariance))
         step = np.clip(step, -_FARTHEST, _FARTHEST)

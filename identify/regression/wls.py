@@ -37,6 +37,26 @@ _HUBER_TURNS = 6
 
 
 @dataclass(frozen=True)
+class FitOptions:
+    """How a model is fitted.
+
+    Attributes
+    ----------
+    weights : σ of each row [N or N·m], frozen (noise-floor weights); by default from the residual, to a fixed point.
+    zeros : estimate each run's sensor offsets with the sheet's σ as prior.
+    unbias : remove the bias that the sheet's noise in the regressors brings (errors in variables).
+    robust : let seconds with a residual far beyond their row's usual one count less (Huber).
+    draws : pairs of noise draws behind `unbias`.
+    """
+
+    weights: Mapping[str, float] | None = None
+    zeros: bool = True
+    unbias: bool = True
+    robust: bool = False
+    draws: int = NOISE_DRAWS
+
+
+@dataclass(frozen=True)
 class Stored:
     """Results that fits to the same motions share, so that they are computed once.
 
@@ -68,6 +88,7 @@ class Fit:
     place : (q,) where the parameters of the equations stand in `theta`: those kept, then sensor faults.
     root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
     assembly, equations : what it was made from, to go through the samples again.
+    options : how it was fitted.
     """
 
     model: Model
@@ -86,6 +107,7 @@ class Fit:
     root: Array
     assembly: Assembly
     equations: Equations
+    options: FitOptions
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -140,11 +162,7 @@ class Fit:
 def fit(
     model: Model,
     runs: Sequence[PreparedRun],
-    weights: Mapping[str, float] | None = None,
-    zeros: bool = True,
-    unbias: bool = True,
-    robust: bool = False,
-    draws: int = NOISE_DRAWS,
+    options: FitOptions | None = None,
     stored: Stored | None = None,
     progress: Progress = silent,
 ) -> Fit:
@@ -154,31 +172,28 @@ def fit(
     ----------
     model : what to fit.
     runs : the runs used.
-    weights : σ of each row, frozen (noise-floor weights); by default from the residual, to a fixed point.
-    zeros : estimate each run's sensor zeros with the sheet's σ as prior.
-    unbias : remove the bias that the sheet's noise in the regressors brings (errors in variables).
-    robust : let seconds with a residual far beyond their row's usual one count less (Huber).
-    draws : pairs of noise draws behind `unbias`.
+    options : how (default: `FitOptions()`).
     stored : what is known already from a fit of the same model on the same motions, other noise.
     progress : receives how many runs are corrected for the bias.
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
-    corrected = tuple(runs)
+    corrected, options = tuple(runs), options or FitOptions()
+    biased = replace(options, unbias=False)
     faults = np.zeros(len(model.faults))
     bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
     low, high = np.array(bounds).reshape(-1, 2).T
-    out = _fit_linear(model, corrected, weights, zeros, unbias and not model.faults, robust, draws, stored, progress)
+    out = _fit_linear(model, corrected, biased if model.faults else options, stored, progress)
     # A sensor fault is linear only for small values: remove what was found and re-linearise.
     for _ in range(4 if model.faults else 0):
         step = out.theta[out.theta.size - faults.size :]
         faults = np.clip(faults + step, low, high)
         corrected = tuple(PreparedRun(at_faults(run.recording, model.faults, faults)) for run in runs)
-        out = _fit_linear(model, corrected, weights, zeros, False, robust, draws, stored, near=out.physics)
+        out = _fit_linear(model, corrected, biased, stored, near=out.physics)
         if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
             break
-    if model.faults and unbias:
-        out = _fit_linear(model, corrected, weights, zeros, unbias, robust, draws, stored, progress, out.physics)
+    if model.faults and options.unbias:
+        out = _fit_linear(model, corrected, options, stored, progress, out.physics)
     if model.faults:
         theta = out.theta.copy()
         theta[theta.size - faults.size :] += faults
@@ -187,17 +202,17 @@ def fit(
 
 
 def _fit_linear(
-    model: Model, drives: tuple[PreparedRun, ...], weights: Mapping[str, float] | None, zeros: bool, unbias: bool,
-    robust: bool, draws: int, stored: Stored | None, progress: Progress = silent, near: Array | None = None,
+    model: Model, prepared: tuple[PreparedRun, ...], options: FitOptions, stored: Stored | None,
+    progress: Progress = silent, near: Array | None = None,
 ) -> Fit:  # fmt: skip
     """One linear fit; `near` are values of the physics' parameters that are nearly right already."""
     effects = model.physics
     parameters = [q for effect in effects for q in effect.parameters]
-    plain = Assembly(effects, np.arange(len(parameters)), (), drives, None, zeros=False)
+    plain = Assembly(effects, np.arange(len(parameters)), (), prepared, None, zeros=False)
     first = _accumulate(plain)
     rows = [row for row in ROWS if any(row in run.triangles for run in first)]
     if not rows:
-        absent = sorted({name for drive in drives for why in drive.motion.left_out.values() for name in why.channels})
+        absent = sorted({name for run in prepared for why in run.motion.left_out.values() for name in why.channels})
         lacking = "; not measured: " + ", ".join(absent) if absent else ""
         raise NotIdentifiable("no row of the equations is measured in these runs" + lacking)
     scale = _row_sizes(first, rows)
@@ -210,17 +225,17 @@ def _fit_linear(
     runs = [replace(run, triangles={row: R[:, picked] for row, R in run.triangles.items()}) for run in first]
     equations = Equations(runs, known_beforehand(model, keep, faults=False), rows)
     least = {row: 1e-10 * scale[row] for row in rows}
-    frozen = None if weights is None else {row: weights.get(row, scale[row]) for row in rows}
+    frozen = None if options.weights is None else {row: options.weights.get(row, scale[row]) for row in rows}
     x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(scale, least)
     known, begin = known_beforehand(model, keep), sigma
-    need = zeros or bool(model.faults)
+    need = options.zeros or bool(model.faults)
 
     def found_at(values: Array) -> tuple[Assembly, Equations, Array, Mapping[str, float]]:
         """Equations with sensitivities at these values of the parameters kept, and their solution."""
         at = np.zeros(len(parameters))
         at[keep] = values
         there = Assembly(
-            effects, keep, model.faults, drives, at if need else None, zeros, stored.known if stored else None
+            effects, keep, model.faults, prepared, at if need else None, options.zeros, stored.known if stored else None
         )
         equations = Equations(_accumulate(there), known, rows)
         # From the same σ each time: those of data without noise are too small to begin with.
@@ -231,26 +246,43 @@ def _fit_linear(
     # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
     if need and stored is None and near is None:
         assembly, equations, x, sigma = found_at(x[: len(keep)])
-    for _ in range(_HUBER_TURNS - 1 if robust else 0):
-        assembly.weights = huber_weights(assembly, equations, x, sigma)
+    for _ in range(_HUBER_TURNS - 1 if options.robust else 0):
+        assembly = assembly.weighted(huber_weights(assembly, equations, x, sigma))
         equations = Equations(_accumulate(assembly), known, rows)
         x, sigma = (equations.solve(frozen), frozen) if frozen else equations.iterate(sigma, least)
     root = equations.root(sigma)
     correction, doubt = np.zeros(len(x)), np.zeros((len(x), len(x)))
-    moments = NoiseMoments.none(len(x), draws)
-    if unbias and stored:
+    moments = NoiseMoments.none(len(x), options.draws)
+    if options.unbias and stored:
         moments = stored.moments
-    elif unbias:
+    elif options.unbias:
         followers = zeros_following(equations.runs, sigma)
         for piece in assembly.pieces():
-            progress(Step(Stage.NOISE_CORRECTION, piece.run, len(drives)))
+            progress(Step(Stage.NOISE_CORRECTION, piece.run, len(prepared)))
             moments.add(piece, effects, keep, sigma, followers[piece.run])
             if piece.number is not None:
                 piece.prepared.forget_noisy()
-    if unbias:
+    if options.unbias:
         corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])
         x, correction = corrected, corrected - x
-    return _result(model, base, assembly, equations, x, sigma, root, correction, doubt, moments)
+    return _result(model, base, options, _Solution(assembly, equations, x, sigma, root, correction, doubt, moments))
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """A linear fit's solution `x` (q,), the equations it solves, and what was added to it for noise in the regressors.
+
+    `root`, `correction`, `moments` as in `Fit`; `doubt` (q, q) covariance of the correction.
+    """
+
+    assembly: Assembly
+    equations: Equations
+    x: Array
+    sigma: Mapping[str, float]
+    root: Array
+    correction: Array
+    doubt: Array
+    moments: NoiseMoments
 
 
 def _accumulate(assembly: Assembly) -> list[RunEquations]:
@@ -278,10 +310,8 @@ def _row_sizes(runs: Sequence[RunEquations], rows: Sequence[str]) -> dict[str, f
     return out
 
 
-def _result(
-    model: Model, base: BaseParameters, assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float],
-    root: Array, correction: Array, doubt: Array, moments: NoiseMoments,
-) -> Fit:  # fmt: skip
+def _result(model: Model, base: BaseParameters, options: FitOptions, found: _Solution) -> Fit:
+    assembly, equations, x, sigma, root = found.assembly, found.equations, found.x, found.sigma, found.root
     zeros = equations.zeros(x, sigma)
     spread = spread_of(assembly, equations, x, zeros, sigma, sheet=assembly.at is not None)
     R, lengths = scaled_triangle(root[:, :-1])
@@ -308,18 +338,19 @@ def _result(
         runs=assembly.runs,
         base=base,
         theta=line(x),
-        covariance=square(at_least(iid @ spread.scores @ iid, iid) + doubt),
+        covariance=square(at_least(iid @ spread.scores @ iid, iid) + found.doubt),
         covariance_iid=square(iid),
         covariance_sheet=square(_outer(moved, len(x))),
         sigma=dict(sigma),
         residual=spread.residual,
         zeros=tuple((run.zeros, run.priors, z) for run, z in zip(equations.runs, zeros, strict=True)),
-        correction=line(correction),
-        moments=moments,
+        correction=line(found.correction),
+        moments=found.moments,
         place=place,
         root=root,
         assembly=assembly,
         equations=equations,
+        options=options,
     )
 
 
@@ -340,7 +371,7 @@ def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = N
 
     Sizes of the model's sensor faults are those that remain.
     """
-    return _fit_linear(fitted.model, tuple(runs), None, *_as_fitted(fitted), stored, near=fitted.physics)
+    return _fit_linear(fitted.model, tuple(runs), _weights_free(fitted), stored, near=fitted.physics)
 
 
 def extended(fitted: Fit, effect: Effect) -> Fit:
@@ -348,14 +379,12 @@ def extended(fitted: Fit, effect: Effect) -> Fit:
 
     Sizes of the sensor faults that the model has already are those that remain.
     """
-    zeros, unbias, robust, draws = _as_fitted(fitted)
-    return fit(fitted.model + effect, fitted.runs, None, zeros, unbias, robust, draws)
+    return fit(fitted.model + effect, fitted.runs, _weights_free(fitted))
 
 
-def _as_fitted(fitted: Fit) -> tuple[bool, bool, bool, int]:
-    """Whether zeros were estimated, noise's bias removed and bad seconds counted less; pairs of noise draws."""
-    moments = fitted.moments
-    return fitted.assembly.zeros, bool(np.any(moments.slopes)), bool(fitted.assembly.weights), moments.draws
+def _weights_free(fitted: Fit) -> FitOptions:
+    """The options of a fit, rows weighted anew by what is left of each."""
+    return replace(fitted.options, weights=None)
 
 
 def at_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:

@@ -12,7 +12,7 @@ from lacet.identify.properties.consistent_fit import consistency, consistent_fit
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.wls import fit
+from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare, fails, worst_row
 from lacet.services.commands.progress import Line
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.show("fitting")
-        fitted = fit(model, loaded.prepared, robust=args.robust)
+        fitted = fit(model, loaded.prepared, FitOptions(robust=args.robust))
         if args.instruments:
             line.show("fitting again with instruments")
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit

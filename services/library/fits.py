@@ -181,7 +181,9 @@ def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[s
     >>> lacet.fit(lacet.base_model(runs), runs).runs.names
     ('sine', 'liftoff')
     """
-    details = wls.fit(model, runs.prepared, robust=robust, progress=in_words(progress) if progress else silent)
+    details = wls.fit(
+        model, runs.prepared, wls.FitOptions(robust=robust), progress=in_words(progress) if progress else silent
+    )
     return Fit(model, runs, details)
 
 

@@ -30,7 +30,7 @@ from lacet.identify.design.run_ranking import Ranking, rank
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.services.planning.manoeuvre_library import Limits, Plan
 from lacet.services.planning.nominal_car import PlannedCar
@@ -143,7 +143,7 @@ def like_runs(runs: Sequence[PreparedRun]) -> list[PlannedRun]:
 
 def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
     """The model with the values of the planned car, where no run has been made yet."""
-    return fit(model, [run.prepared for run in runs], zeros=False, unbias=False)
+    return fit(model, [run.prepared for run in runs], FitOptions(zeros=False, unbias=False))
 
 
 def next_runs(

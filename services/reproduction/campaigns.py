@@ -20,7 +20,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.reproduction.published_tables import LINES
@@ -193,7 +193,7 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
         for value in values:
             progress(Step(Stage.FITTING, values={name: value}, campaign=campaign.name))
             model = Model.of([*base, *_shaped(extra, name, value)])
-            tried[value] = _misfit(fit(model, loaded.prepared, unbias=False))
+            tried[value] = _misfit(fit(model, loaded.prepared, FitOptions(unbias=False)))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
     progress(Step(Stage.FITTING, campaign=campaign.name))
     return fit(Model.of([*base, *extra]), loaded.prepared)

@@ -11,7 +11,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, at_faults, fit
+from lacet.identify.regression.wls import Fit, FitOptions, at_faults, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
@@ -73,4 +73,4 @@ def later(key: str, seconds: float, seed: int, loud: float = 1.0) -> PreparedRun
 
 def fit_of(drive: PreparedRun, like: Fit | None = None) -> Fit:
     """The model on it; what depends on the motion alone is taken from another run of the same."""
-    return fit(MODEL, [drive], draws=2, stored=like.stored if like else None)
+    return fit(MODEL, [drive], FitOptions(draws=2), stored=like.stored if like else None)

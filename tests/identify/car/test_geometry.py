@@ -19,7 +19,7 @@ from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import fit
+from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
 from lacet.services.render.rows import row_absence, run_notes
@@ -285,7 +285,7 @@ def test_missing_channels_cost_their_rows_and_no_others(lost: tuple[str, ...], g
     assert set(drive.rows) == expected
     for row in full - expected:
         assert any(channel in drive.motion.left_out[row].channels for channel in lost), row
-    fitted = fit(Model.of(base_model(VEHICLE, "hub")), [drive], zeros=False, unbias=False)
+    fitted = fit(Model.of(base_model(VEHICLE, "hub")), [drive], FitOptions(zeros=False, unbias=False))
     assert set(fitted.rows) == expected
     assert np.all(np.isfinite(fitted.theta))
     assert all(fitted.base.names[k] for k in fitted.base.independent)

@@ -17,7 +17,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Drive
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.services.render.rows import row_absence
 
@@ -46,7 +46,7 @@ def fitted(reference: str, inboard: str = "", measured: tuple[str, ...] = (), br
     vehicle = Vehicle.parse(swing.vehicle_text(swing.default_car("r", inboard)))
     run = Run("drive", signals, brakes=brakes, wheel_reference=reference)
     found = Drive.of(run, vehicle, Rig.parse(swing.rig_text(reference)))
-    return fit(Model.of(base_model(vehicle, reference)), [found], zeros=False, unbias=False)
+    return fit(Model.of(base_model(vehicle, reference)), [found], FitOptions(zeros=False, unbias=False))
 
 
 def errors(result: Fit, reference: str) -> dict[str, float]:

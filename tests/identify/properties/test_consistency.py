@@ -21,7 +21,7 @@ from lacet.identify.properties.consistent_fit import ConsistentFit, certain_sign
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from tests.identify import cars
 
@@ -86,7 +86,7 @@ def fitted() -> Fit:
     known = catalogue(VEHICLE, "hub")
     model = Model.of(base_model(VEHICLE, "hub")) + known["anti_roll_bar.front"] + known["anti_roll_bar.rear"]
     drives = [PreparedRun.of(open_run(cars.CAR / f"{name}.parquet"), VEHICLE, RIG) for name in ("sine", "rough")]
-    return fit(model, drives, unbias=False)
+    return fit(model, drives, FitOptions(unbias=False))
 
 
 def changed(fitted: Fit, **values: float) -> Fit:

@@ -16,7 +16,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations, narrow_triangle, triangle
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -146,9 +146,9 @@ def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.
 
 def test_pieces_give_the_same_equations(rough: Run, whole: Fit, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise correction and zeros, pieces differ from the whole by filter transients alone."""
-    together = fit(model, [whole.runs[0]], zeros=False, unbias=False)
+    together = fit(model, [whole.runs[0]], FitOptions(zeros=False, unbias=False))
     monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
-    apart = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], zeros=False, unbias=False)
+    apart = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(zeros=False, unbias=False))
     sigma = np.sqrt(np.diag(together.covariance))[together.place]
     assert np.max(np.abs(apart.solution - together.solution) / sigma) < 1e-3
 
@@ -177,7 +177,7 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
         parts = (drive.recording.signals.value, drive.recording.signals.rate, drive.recording.signals.accel)
         channels.append(sum(a.nbytes for part in parts for a in part.values()))
         tracemalloc.start()
-        fit(springs, [drive], zeros=False, unbias=False)
+        fit(springs, [drive], FitOptions(zeros=False, unbias=False))
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] - peaks[0] < 0.5 * (channels[1] - channels[0]), (peaks, channels)
@@ -192,8 +192,8 @@ def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit, model: Mod
     wrong[hit] += 4000.0 * np.sin(2 * np.pi * 2.0 * t[hit])[:, None]
     spoilt = replace(rough, signals={**rough.signals, "wheel.fl.force": replace(signal, values=wrong)})
     bad = PreparedRun.of(spoilt, VEHICLE, RIG)
-    plain, robust = (fit(model, [bad], unbias=False, robust=way) for way in (False, True))
-    clean = fit(model, [whole.runs[0]], unbias=False)
+    plain, robust = (fit(model, [bad], FitOptions(unbias=False, robust=way)) for way in (False, True))
+    clean = fit(model, [whole.runs[0]], FitOptions(unbias=False))
     sigma = dict(zip(model.names, np.sqrt(np.diag(clean.covariance)), strict=True))
     assert abs(plain.value("damper.fl.c") - clean.value("damper.fl.c")) > 15 * sigma["damper.fl.c"]
     for name in ("damper.fl.c", "spring.fl.k", "tyre_stiffness.fl.kt", "YY6"):

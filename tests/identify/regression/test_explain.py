@@ -23,7 +23,7 @@ from lacet.identify.regression.identifiability import (
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import fit
+from lacet.identify.regression.wls import FitOptions, fit
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -81,7 +81,7 @@ def hardly_moving(amplitude: float) -> PreparedRun:
 def test_a_travel_that_does_not_move_merges_spring_and_load_and_is_told() -> None:
     """No travel: spring and static load are one parameter, which the runs, not the car's build, merge."""
     drive, model = hardly_moving(0.0), Model.of(base_model(VEHICLE, "hub"))
-    fitted = fit(model, [drive], unbias=False)
+    fitted = fit(model, [drive], FitOptions(unbias=False))
     told = explain_grouping(fitted.base, model, [drive])
     assert any(
         line.startswith("offset.fl.f0 cannot be told from spring.fl.k: travel at fl moves by ± 0 mm") for line in told
@@ -92,7 +92,7 @@ def test_a_travel_that_does_not_move_merges_spring_and_load_and_is_told() -> Non
 def test_a_travel_that_hardly_moves_is_told_with_its_size() -> None:
     """A hundredth of a millimetre: not singular, yet the runs know no more than what is plausible."""
     drive, model = hardly_moving(1e-5), Model.of(base_model(VEHICLE, "hub"))
-    known = Information.of(fit(model, [drive], unbias=False))
+    known = Information.of(fit(model, [drive], FitOptions(unbias=False)))
     told = [line for line in explain_weak(known.root, known.names, model, [drive]) if "spring.fl.k" in line]
     assert len(told) == 1
     assert "travel at fl moves by ± 0.007" in told[0], told

@@ -17,7 +17,7 @@ from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Instruments, Pair, fit_instruments, pair_of, pairs_of
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -41,7 +41,7 @@ def noisier(run: Run, factor: float, seed: int = 0) -> Run:
 
 def fitted(runs: list[Run], unbias: bool = True) -> Fit:
     """Both bars in the model."""
-    return fit(BARS, [PreparedRun.of(run, VEHICLE, RIG) for run in runs], unbias=unbias)
+    return fit(BARS, [PreparedRun.of(run, VEHICLE, RIG) for run in runs], FitOptions(unbias=unbias))
 
 
 def against(runs: list[Run]) -> Instruments:

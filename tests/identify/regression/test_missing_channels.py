@@ -13,7 +13,7 @@ from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import fit
+from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.reconstruct import Recording, Signals
 from tests.identify import cars
 
@@ -96,7 +96,7 @@ def test_the_fit_still_runs_and_names_the_channel(whole: PreparedRun, lost: str)
     whole = said_to_be(whole, "contact", tables=False)
     drive = PreparedRun(lacking(whole.recording, lost))
     model = Model.of(base_model(VEHICLE, "contact"))
-    fitted = fit(model, [drive], unbias=False)
+    fitted = fit(model, [drive], FitOptions(unbias=False))
     gone = set(whole.rows) - set(drive.rows)
     assert all(lost in drive.motion.left_out[row].channels for row in gone)
     absent = {model.names[int(i)] for i in fitted.base.absent}

@@ -15,7 +15,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from tests.identify import cars
@@ -86,7 +86,7 @@ def relative(fitted: Fit, theta: Array) -> dict[str, float]:
 def test_exact_signals_give_exact_parameters(reference: str, tables: bool) -> None:
     """Every base parameter to 1e-8 through the parallel filter and decimation: the filter does nothing to W θ."""
     record, model, theta = exact(100.0, 24.0, reference, tables, (0.15, 4.0), 3)
-    fitted = fit(model, [PreparedRun(record)], zeros=False, unbias=False)
+    fitted = fit(model, [PreparedRun(record)], FitOptions(zeros=False, unbias=False))
     assert {row.partition(".")[0] for row in fitted.rows} == {"chassis", "suspension", "tyre", "spin"}
     worst = relative(fitted, theta)
     assert max(map(abs, worst.values())) < 1e-8, {k: v for k, v in worst.items() if abs(v) >= 1e-8}
@@ -104,7 +104,7 @@ def test_two_runs_are_one_campaign() -> None:
     record, model, theta = exact(100.0, 24.0, "hub", True, (0.15, 4.0), 3)
     half = record.t.size // 2
     drives = [PreparedRun(record.at(slice(0, half))), PreparedRun(record.at(slice(half, None)))]
-    one, other = (fit(model, runs, zeros=False, unbias=False) for runs in (drives, drives[::-1]))
+    one, other = (fit(model, runs, FitOptions(zeros=False, unbias=False)) for runs in (drives, drives[::-1]))
     assert max(map(abs, relative(one, theta).values())) < 1e-7
     np.testing.assert_allclose(one.theta, other.theta, rtol=1e-6, atol=1e-7)
 
@@ -113,7 +113,7 @@ def test_frozen_weights_do_not_change_an_exact_fit() -> None:
     """Any weights give the same answer when nothing is left over."""
     record, model, theta = exact(100.0, 24.0, "hub", False, (0.15, 4.0), 3)
     weights = {row: 10.0 ** (k % 3) * 1e-6 for k, row in enumerate(PreparedRun(record).rows)}
-    fitted = fit(model, [PreparedRun(record)], weights=weights, zeros=False, unbias=False)
+    fitted = fit(model, [PreparedRun(record)], FitOptions(weights=weights, zeros=False, unbias=False))
     assert fitted.sigma == weights
     assert max(map(abs, relative(fitted, theta).values())) < 1e-6
 
@@ -143,7 +143,10 @@ def biases() -> dict[str, dict[str, float]]:
     numeric = slow.with_signals(Signals.differentiated(slow.signals.value, 250.0))
     whole = bring_together(as_run(record), record.vehicle, record.rig, Filters())
     return {
-        what: {k: 100 * v for k, v in relative(fit(model, [PreparedRun(r)], zeros=False, unbias=False), theta).items()}
+        what: {
+            k: 100 * v
+            for k, v in relative(fit(model, [PreparedRun(r)], FitOptions(zeros=False, unbias=False)), theta).items()
+        }
         for what, r in (
             ("exact derivatives", slow),
             ("differences", numeric),

@@ -14,7 +14,7 @@ from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.score import compare
 from tests.identify import cars
 
@@ -139,7 +139,7 @@ def test_each_run_held_out_is_predicted(held: str, drives: dict[str, PreparedRun
 
 def test_without_bars_the_suspension_rows_fail(drives: dict[str, PreparedRun], models: dict[str, Model]) -> None:
     """The base model is wrong for this car, and the rows say so: suspensions stand above the floor, drag does not."""
-    base = fit(models["base"], [drives["sine"], drives["rough"]], unbias=False)
+    base = fit(models["base"], [drives["sine"], drives["rough"]], FitOptions(unbias=False))
     scores = compare(base, drives["sine"], draws=4).scores
     assert min(scores[row].ratio for row in SUSPENSION_ROWS) > 1.5
     assert scores["chassis.fx"].ratio < 1.2

@@ -11,7 +11,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from lacet.identify.regression.sensor_offsets import zeros_of
-from lacet.identify.regression.wls import fit
+from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Signals
 from tests.identify import cars, exact_car
@@ -158,10 +158,10 @@ def test_a_fits_sensitivities_are_those_of_what_it_found_at_last() -> None:
     off = {"laser.rl.ground": 0.002, "laser.fr.ground": -0.002}
     moved = {name: record.signals.value[name] + size for name, size in off.items()}
     record = record.with_signals(record.signals.changed(moved, record.filters.rate))
-    fitted = fit(exact_car.MODEL, [PreparedRun(record)], unbias=False)
+    fitted = fit(exact_car.MODEL, [PreparedRun(record)], FitOptions(unbias=False))
     mine = fitted.sensitivities[0].slopes
     right = Sensitivity.of(record, fitted.model.physics, fitted.physics).slopes
-    before = fit(exact_car.MODEL, [PreparedRun(record)], zeros=False, unbias=False)
+    before = fit(exact_car.MODEL, [PreparedRun(record)], FitOptions(zeros=False, unbias=False))
     for corner in ("rl", "fr"):
         key, row = (f"laser.{corner}.ground", 0, 0), f"tyre.{corner}"
         found, kt = float(np.mean(right[key][row])), f"tyre_stiffness.{corner}.kt"

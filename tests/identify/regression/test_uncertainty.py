@@ -14,7 +14,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.uncertainty import at_least, spread_of
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.reconstruct import Signals
 from tests.identify import cars
@@ -30,8 +30,8 @@ def plain() -> Fit:
     model = Model.of([*base_model(VEHICLE, "hub"), known["anti_roll_bar.front"], known["anti_roll_bar.rear"]])
     record = PreparedRun.of(open_run(cars.CAR / "rough.parquet"), VEHICLE, RIG).recording
     drive = PreparedRun(record.at(slice(0, int(12.0 * record.filters.rate))))
-    sigma = fit(model, [drive], unbias=False).sigma
-    return fit(model, [drive], weights=sigma, unbias=False)
+    sigma = fit(model, [drive], FitOptions(unbias=False)).sigma
+    return fit(model, [drive], FitOptions(weights=sigma, unbias=False))
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
             values[name] = values[name].copy()
             values[name][component] *= 1.0 + RIG.tolerance(name, what)
     off = PreparedRun(record.with_signals(Signals.differentiated(values, record.filters.rate)))
-    found = fit(plain.model, [off], weights=plain.sigma, unbias=False)
+    found = fit(plain.model, [off], FitOptions(weights=plain.sigma, unbias=False))
     sigma = np.sqrt(np.diag(plain.covariance + plain.covariance_sheet))[plain.place]
     assert np.max(np.abs(found.solution - plain.solution) / sigma) > 0.05
     # 2 ms are not small for a rough road: the second order is a part of the interval.
@@ -67,7 +67,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
 def test_a_fault_in_the_model_is_not_counted_in_the_sheet_again(plain: Fit) -> None:
     """A gain that is estimated has its own interval, and adds nothing as a tolerance."""
     gain = catalogue(VEHICLE, "hub")["sensor_gain.force.fl"]
-    freed = fit(Model.of([*plain.model.effects, gain]), plain.runs, weights=plain.sigma, unbias=False)
+    freed = fit(Model.of([*plain.model.effects, gain]), plain.runs, FitOptions(weights=plain.sigma, unbias=False))
     k = freed.model.names.index("spring.fl.k")
     assert freed.covariance_sheet[k, k] < plain.covariance_sheet[k, k]
 

@@ -10,7 +10,7 @@ import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.cross_products import Reading, TrialColumns, columns_of
 from lacet.identify.selection.partial_regression import Partialled, at_gain
 from lacet.identify.selection.regressor_noise import NOISE_PAIRS, ColumnNoise
@@ -24,7 +24,7 @@ from tests.identify.selection.exact_ranking import CANDIDATES
 def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
-    quiet = fit(MODEL, [PreparedRun(replace(fitted.runs[0].recording, rig=rig))], unbias=False)
+    quiet = fit(MODEL, [PreparedRun(replace(fitted.runs[0].recording, rig=rig))], FitOptions(unbias=False))
     calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma)
     assert calm.labels == space.noise.labels
     for row, total in space.noise.totals.items():
@@ -104,7 +104,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
 ):
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [PreparedRun(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
-    four = fit(MODEL, runs, unbias=False)
+    four = fit(MODEL, runs, FitOptions(unbias=False))
     own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0, 1.0).sums
     looked = list[int]()
     whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))

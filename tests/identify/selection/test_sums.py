@@ -14,7 +14,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.cross_products import FOLDS, Reading, Trial, TrialSums
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.regressor_noise import ColumnNoise, column_labels
@@ -44,7 +44,7 @@ def drives() -> list[PreparedRun]:
 @pytest.fixture(scope="module")
 def fitted(drives: list[PreparedRun]) -> Fit:
     """The base model on them."""
-    return fit(Model.of(e for e in KNOWN.values() if e.base), drives, draws=2)
+    return fit(Model.of(e for e in KNOWN.values() if e.base), drives, FitOptions(draws=2))
 
 
 @pytest.fixture(scope="module")
@@ -285,7 +285,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
 
 def silent_of(model: Model, drive: PreparedRun) -> TrialSpace:
     """Candidates on one run."""
-    fitted = fit(model, [drive], unbias=False)
+    fitted = fit(model, [drive], FitOptions(unbias=False))
     return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
-from lacet.identify.regression.wls import at_faults, extended, fit
+from lacet.identify.regression.wls import FitOptions, at_faults, extended, fit
 from lacet.identify.selection.cross_products import Reading
 from lacet.identify.selection.diagnose import Diagnosis, diagnose, look
 from lacet.identify.selection.relinearisation import without_fault
@@ -85,14 +85,16 @@ def test_runs_are_not_read_again_for_laws_or_where_columns_tell_enough(size: flo
 def test_the_fit_beside_the_fault_is_as_the_one_before():
     """Without zeros or the bias of noise taken out where that was so, and with seconds that count less."""
     drive = driven(scaled(exact(), 0.05), 1)
-    plain = fit(MODEL, [drive], zeros=False, unbias=False)
+    plain = fit(MODEL, [drive], FitOptions(zeros=False, unbias=False))
     beside = extended(plain, KNOWN[HUB])
     assert not beside.assembly.zeros
+    assert not beside.options.zeros
     assert not np.any(beside.correction)
     assert not beside.assembly.weights
     assert KNOWN[HUB] in beside.model.effects
-    robust = extended(fit(MODEL, [drive], robust=True, draws=2), KNOWN[HUB])
+    robust = extended(fit(MODEL, [drive], FitOptions(robust=True, draws=2)), KNOWN[HUB])
     assert robust.assembly.weights
+    assert robust.options.robust
     assert robust.assembly.zeros
     assert np.any(robust.correction)
 

@@ -10,7 +10,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.contributions import shares_of
 from lacet.identify.validation.one_step_update import CLOSE, preview
 from lacet.identify.validation.score import Comparison, compare
@@ -85,7 +85,7 @@ def test_a_fault_of_the_instruments_has_a_preview_too(base: Fit, compared: list[
     effect: Effect = next(e for key, e in KNOWN.items() if key.startswith("sensor_gain.") and "hub.fl" in key)
     found = preview(base, effect)
     # Linear in the fault: as much as its column times its size, everything else being fitted anew.
-    plain = fit(base.model + effect, base.runs, unbias=False)
+    plain = fit(base.model + effect, base.runs, FitOptions(unbias=False))
     assert found.values == pytest.approx([plain.value(q.name) for q in effect.parameters], rel=0.2, abs=0.003)
     after = found.residual(*compared[0])
     assert all(np.all(np.isfinite(series)) for series in after.values())

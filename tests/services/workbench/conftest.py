@@ -14,7 +14,7 @@ import lacet.services.workspace.session
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
@@ -36,7 +36,7 @@ def few(study: Study, reference: str) -> dict[str, Effect]:
 
 def quick(model: Any, drives: Any, **more: Any) -> Fit:
     """A fit without taking out the bias of noise, which costs most of its time."""
-    return fit(model, drives, **{**more, "unbias": False})
+    return fit(model, drives, FitOptions(unbias=False), **more)
 
 
 def make_small(patch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from lacet.daq.formats.exchange import write_table
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.regressor_noise import ColumnNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
@@ -40,7 +40,7 @@ def few(study: Study, reference: str) -> dict[str, Effect]:
 def fit_once(model: Model, drives: tuple[PreparedRun, ...], **_: Any) -> Fit:
     """Every study here has the same run and model: they are fitted once."""
     if not _fits:
-        _fits.append(fit(model, drives, unbias=False))
+        _fits.append(fit(model, drives, FitOptions(unbias=False)))
     return _fits[0]
 
 
