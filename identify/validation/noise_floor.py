@@ -13,6 +13,13 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 
+DEFAULT_DRAWS = 199
+"""Simulated draws of the noise floor behind a ranking: no p is below 1 ÷ 200."""
+LEAST_DRAWS = 19
+"""Simulated draws below which no p can be as low as 0.05."""
+SCORE_DRAWS = 20
+"""Simulated draws behind the floor of a score: its RMS is then known to about 1 %."""
+
 
 @dataclass(frozen=True)
 class NoiseFloor:
@@ -75,6 +82,6 @@ def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: P
     return simulate_floor(fitted.runs, sensitivities, draws, seed, progress)
 
 
-def floor_of(fitted: Fit, draws: int = 199, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
+def floor_of(fitted: Fit, draws: int = DEFAULT_DRAWS, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit, on its own runs."""
     return simulate_floor(fitted.runs, fitted.sensitivities, draws, seed, progress)

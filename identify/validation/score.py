@@ -14,7 +14,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
-from lacet.identify.validation.noise_floor import simulate_floor
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, is_used
 from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness
 
@@ -80,7 +80,7 @@ class Comparison:
 
 
 def compare(
-    fitted: Fit, run: PreparedRun, draws: int = 20, seed: int = 1, knowledge: Knowledge | None = None
+    fitted: Fit, run: PreparedRun, draws: int = SCORE_DRAWS, seed: int = 1, knowledge: Knowledge | None = None
 ) -> Comparison:
     """Predict a run with a fitted model and score it.
 

@@ -16,6 +16,7 @@ from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_row
 from lacet.services.commands import decode
 from lacet.services.commands.progress import Line
@@ -83,7 +84,10 @@ def run(args: argparse.Namespace) -> int:
             f"   Rows that fail: {', '.join(failing) or 'none'}"
             + (f" (most: {where}, {ratio:.1f} times)" * bool(failing))
         )
-        print(f"\n3. What is missing? ({args.draws} noise-floor simulations here; a study does 199.)", flush=True)
+        print(
+            f"\n3. What is missing? ({args.draws} noise-floor simulations here; a study does {DEFAULT_DRAWS}.)",
+            flush=True,
+        )
         added = work.add_missing(
             diagnosed=_show,
             added=print_change,

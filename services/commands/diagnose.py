@@ -10,13 +10,14 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.progress import Progress
 from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.planning.separation import next_result, recommend, tied, untestable
 from lacet.services.render import tables
 from lacet.services.render.diagnosis_text import print_change, print_diagnosis
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import LEAST_DRAWS, MOST_EFFECTS, Work
+from lacet.services.workspace.session import MOST_EFFECTS, Work
 from lacet.services.workspace.study import Study
 
 HELP = "find out which physical effect is missing"

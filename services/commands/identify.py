@@ -13,6 +13,7 @@ from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import FitOptions, fit
+from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare, fails, worst_row
 from lacet.services.commands.progress import Line
@@ -21,7 +22,6 @@ from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.results import consistency_result, fit_result
-from lacet.services.workspace.session import FLOOR_DRAWS
 
 HELP = "fit the base model to runs and print the parameters"
 DESCRIPTION = """\
@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
             nearest = consistent_fit(fitted)
             fitted = nearest.fit
         line.show("simulating the noise floor")
-        parts = [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.runs]
+        parts = [compare(fitted, drive, SCORE_DRAWS) for drive in fitted.runs]
         knowledge = Knowledge.of(fitted)
         drawn = None if args.instruments else fitted.bootstrap()
         result = fit_result(fitted, loaded, parts, knowledge=knowledge, drawn=drawn)

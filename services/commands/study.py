@@ -9,12 +9,13 @@ from pathlib import Path
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import study_result
-from lacet.services.workspace.session import LEAST_DRAWS, Work
+from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 
 HELP = "make a study, and see how the error fell"
@@ -34,7 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--hold", metavar="RUN", nargs="+", type=Path, default=[], help="runs held out")
     parser.add_argument("--rig", help="rig file; default: the one in the first run's log")
     parser.add_argument("--vehicle", help="vehicle file; default: the one in the first run's log")
-    parser.add_argument("--draws", type=int, default=199, help="noise-floor simulations of a diagnosis (default 199)")
+    parser.add_argument(
+        "--draws",
+        type=int,
+        default=DEFAULT_DRAWS,
+        help=f"noise-floor simulations of a diagnosis (default {DEFAULT_DRAWS})",
+    )
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
     parser.add_argument("--version", type=int, help="go to a version")

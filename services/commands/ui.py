@@ -8,6 +8,7 @@ from pathlib import Path
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 
 HELP = "the workbench: a local page to look, compare, add effects, and watch the error fall"
 DESCRIPTION = """\
@@ -26,10 +27,6 @@ It listens on loopback only unless told otherwise, and loads nothing from elsewh
 Docs: workbench.md."""
 
 
-LEAST_DRAWS = 19
-"""As `services.workspace.session` has it, which is loaded with the server only."""
-
-
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("study", metavar="DIR", nargs="?", type=Path, default=Path("study"), help="the study's folder")
@@ -44,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--most-upload", metavar="GB", type=float, default=4.0, help="largest file taken from the page (default 4 GB)"
     )
     parser.add_argument(
-        "--draws", type=int, default=199, help="noise-floor simulations of a study made here (default 199)"
+        "--draws",
+        type=int,
+        default=DEFAULT_DRAWS,
+        help=f"noise-floor simulations of a study made here (default {DEFAULT_DRAWS})",
     )
 
 

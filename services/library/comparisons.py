@@ -8,13 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from lacet.identify.validation import score
+from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit
 from lacet.services.library.runs import Runs
 from lacet.services.render.tables import table
-
-DRAWS = 20
-"""Simulations behind the noise floor of a score: its root mean square is then known to about 1 %."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -53,7 +51,7 @@ class Comparison:
     def failing(self) -> dict[str, tuple[str, ...]]:
         """Run → rows in which the model fails."""
         return {
-            name: tuple(row for row, ratio in rows.items() if ratio > score.FAILS) for name, rows in self.ratios.items()
+            name: tuple(row for row, ratio in rows.items() if score.fails(ratio)) for name, rows in self.ratios.items()
         }
 
     def __getitem__(self, run: str) -> score.Comparison:
@@ -82,7 +80,7 @@ class Comparison:
 
 
 def compare(
-    fitted: Fit, runs: Runs | None = None, *, draws: int = DRAWS, progress: Callable[[str], object] | None = None
+    fitted: Fit, runs: Runs | None = None, *, draws: int = SCORE_DRAWS, progress: Callable[[str], object] | None = None
 ) -> Comparison:
     """Predict runs with a fitted model and score every row beside its noise floor.
 

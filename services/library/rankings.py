@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.score_tests import Candidate
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit, catalogue
 from lacet.services.render.tables import table
 
-DRAWS = 199
-"""Simulated runs that lack nothing, beside which each candidate is judged: the smallest p is then 0.005."""
 SHOWN = 8
 """Candidates shown in a representation."""
 
@@ -71,7 +70,7 @@ def rank(
     fitted: Fit,
     effects: Iterable[Effect] | None = None,
     *,
-    draws: int = DRAWS,
+    draws: int = DEFAULT_DRAWS,
     seed: int = 0,
     progress: Callable[[str], object] | None = None,
 ) -> Ranking:

@@ -21,13 +21,13 @@ from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.results import fit_result
-from lacet.services.workspace.session import FLOOR_DRAWS
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
 from lacet.simulate import run as drive
 from lacet.simulate.vehicle_file import vehicle_text
@@ -176,7 +176,7 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
     loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
     fitted = _fitted(campaign, loaded, progress)
     progress(Step(Stage.NOISE_FLOOR, campaign=campaign.name))
-    result = fit_result(fitted, loaded, [compare(fitted, drive, FLOOR_DRAWS) for drive in fitted.runs])
+    result = fit_result(fitted, loaded, [compare(fitted, drive, SCORE_DRAWS) for drive in fitted.runs])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
     return result

@@ -21,6 +21,7 @@ from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
 from lacet.daq.errors import LacetError, UsageError
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.workbench.access_guard import Guard, new_token
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.folder_watch import Watch
@@ -34,7 +35,6 @@ from lacet.services.workbench.tasks import Tasks
 from lacet.services.workbench.uploads import MOST, sweep
 
 STATIC = Path(__file__).parent / "static"
-DRAWS = 199
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Settings:
     token: str | None = None
     most_upload: int = MOST
     connect: str | None = None
-    draws: int = DRAWS
+    draws: int = DEFAULT_DRAWS
 
 
 def is_loopback(host: str) -> bool:

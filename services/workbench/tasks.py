@@ -10,6 +10,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
+from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.planning.separation import next_result, recommend
 from lacet.services.workbench.jobs import Do, JobProgress
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
@@ -18,7 +19,7 @@ from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import change_result, diagnosis_result, study_result
-from lacet.services.workspace.session import LEAST_DRAWS, MOST_EFFECTS, Work
+from lacet.services.workspace.session import MOST_EFFECTS, Work
 from lacet.services.workspace.study import Study
 
 REPORT = "report.html"

@@ -16,7 +16,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.validation.noise_floor import NoiseFloor, Progress, floor_of
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, Progress, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
 from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
@@ -24,12 +24,8 @@ from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
 from lacet.services.workspace.study import Study, Version
 
-LEAST_DRAWS = 19
-"""Noise-floor simulations a diagnosis needs: with fewer, no p can be as low as 0.05."""
 MOST_EFFECTS = 10
 """Effects that a search for missing ones adds at most."""
-FLOOR_DRAWS = 20
-"""Noise-floor simulations behind the floor of a score: its RMS is then known to about 1 %."""
 
 
 def fit_run(path: str | Path) -> dict[str, Any]:
@@ -42,7 +38,7 @@ def fit_run(path: str | Path) -> dict[str, Any]:
 def _fit_run(path: str | Path) -> dict[str, Any]:
     loaded = load([path])
     fitted = fit(Model.of(base_model(loaded.vehicle, loaded.reference)), loaded.prepared)
-    parts = [compare(fitted, run, FLOOR_DRAWS) for run in fitted.runs]
+    parts = [compare(fitted, run, SCORE_DRAWS) for run in fitted.runs]
     return fit_result(fitted, loaded, parts, drawn=fitted.bootstrap())
 
 
@@ -156,7 +152,7 @@ class Work:
             parts: list[Comparison] = []
             for run in runs:
                 self.progress(Step(Stage.COMPARING, subject=run.name, version=version.number))
-                parts.append(compare(fitted, run, FLOOR_DRAWS, knowledge=knowledge))
+                parts.append(compare(fitted, run, SCORE_DRAWS, knowledge=knowledge))
             self._compared[key] = parts
         return self._compared[key]
 

@@ -27,6 +27,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.regression.model import Model
 from lacet.identify.signals.filters import Filters
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.workspace.effect_files import own_classes
 
 FORMAT = "lacet-study 1"
@@ -92,7 +93,7 @@ class Study:
         rig: Rig,
         vehicle: Vehicle,
         filters: Filters | None = None,
-        draws: int = 199,
+        draws: int = DEFAULT_DRAWS,
     ) -> Study:
         """Make a new study folder. Raises UsageError when there is one already, or a run is both used and held out."""
         if (folder / _FILE).exists():

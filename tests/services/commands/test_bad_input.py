@@ -44,8 +44,8 @@ class Said(NamedTuple):
 @pytest.fixture
 def lacet(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Runs a command line in this process; a traceback fails the test by itself."""
-    monkeypatch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
-    monkeypatch.setattr("lacet.services.workspace.session.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.commands.identify.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
 
     def run(*argv: object) -> Said:
         file = tmp_path / "result.json"
@@ -69,7 +69,7 @@ def fitted(sound: Path, tmp_path_factory: pytest.TempPathFactory) -> Said:
     """What they give."""
     file = tmp_path_factory.mktemp("fit") / "fit.json"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lacet.services.commands.identify.FLOOR_DRAWS", 3)
+        patch.setattr("lacet.services.commands.identify.SCORE_DRAWS", 3)
         assert main(["identify", str(sound), *FILES, "--json", str(file)]) == 0
     return Said(0, "", json.loads(file.read_text(encoding="utf-8")))
 

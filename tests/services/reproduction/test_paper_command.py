@@ -28,7 +28,7 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("lacet.services.commands.paper.QUICK", 5.0)
-    monkeypatch.setattr("lacet.services.reproduction.campaigns.FLOOR_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.reproduction.campaigns.SCORE_DRAWS", 3)
     words = ("--tables", "simulation", "--quick")
     code, told = paper(tmp_path / "out", *words)
     printed = capsys.readouterr().out

@@ -42,7 +42,7 @@ def quick(model: Any, drives: Any, **more: Any) -> Fit:
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Fits without the noise's bias, few candidates, few draws behind a score's floor."""
     patch.setattr(lacet.services.workspace.session, "fit", quick)
-    patch.setattr(lacet.services.workspace.session, "FLOOR_DRAWS", 3)
+    patch.setattr(lacet.services.workspace.session, "SCORE_DRAWS", 3)
     patch.setattr(Study, "effects", few)
 
 

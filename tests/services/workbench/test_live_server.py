@@ -21,10 +21,10 @@ from lacet.daq.bus.session import open_session
 from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.wire import StartRecord, block_to_bytes
+from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.events import WAITING, Events
 from lacet.services.workbench.server import Settings, address, create_app, is_loopback
-from lacet.services.workspace.session import LEAST_DRAWS
 from tests.support.processes import Command, commands
 from tests.support.rig import T0, free_port, rig_text, samples
 
