@@ -15,8 +15,8 @@ from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
-from lacet.identify.validation.plausibility import exchanged_wheels
-from lacet.services.plausible import implausible
+from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
+from lacet.services.render import plausibility
 from lacet.services.render.rows import row_absence, run_notes
 
 
@@ -136,7 +136,7 @@ def _drive(
     run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]
 ) -> tuple[Run, PreparedRun]:
     drive = PreparedRun.of(run, vehicle, rig, filters)
-    warnings += [f"{run.name}: {line}" for line in implausible(drive)]
+    warnings += [f"{run.name}: {plausibility.sentence(doubt)}" for doubt in doubtful_channels(drive)]
     moved = exchanged_wheels(drive)
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())

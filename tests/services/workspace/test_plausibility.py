@@ -16,9 +16,16 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.services.plausible import implausible
+from lacet.identify.validation.plausibility import doubtful_channels
+from lacet.services.render.plausibility import sentence
 from lacet.services.workspace.loading import load
 from tests.support.tables import CAR, piece, without, written
+
+
+def implausible(run: PreparedRun) -> list[str]:
+    """What is said of a run."""
+    return [sentence(doubt) for doubt in doubtful_channels(run)]
+
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
 DEGREES = 180.0 / math.pi

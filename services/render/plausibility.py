@@ -1,0 +1,85 @@
+"""What is implausible in a run, in sentences."""
+
+from __future__ import annotations
+
+from lacet.identify.validation.plausibility import Doubt, Symptom
+
+
+def sentence(doubt: Doubt) -> str:
+    """A channel whose unit, sign or axes cannot be right, with what it looks like, in one line."""
+    value, other = doubt.value, doubt.other
+    names = ", ".join(doubt.subject)
+    match doubt.symptom:
+        case Symptom.GRAVITY_SIZE:
+            return f"imu.accel is {value:.3g} m/s², where gravity alone is 9.81{_unit(doubt)}"
+        case Symptom.GRAVITY_DIRECTION:
+            return (
+                f"imu.accel is {value:.3g} m/s² upwards, where gravity is +9.81: look at its signs and axes, and at "
+                "the sensor's orientation in the rig"
+            )
+        case Symptom.WEIGHT_SIGN:
+            return f"the wheel forces' z add up to {value:.3g} N: they are positive when the wheels carry the car"
+        case Symptom.WEIGHT_SIZE:
+            return f"the wheel forces' z add up to {value:.3g} N, a car of {other:.2g} kg: are they in {doubt.guess}?"
+        case Symptom.WHEEL_PULLS:
+            return f"{names} mostly pulls at the road: z is positive when a wheel carries the car"
+        case Symptom.DISTANCE_SIZE | Symptom.ANGLE_SIZE:
+            unit = "m" if doubt.symptom is Symptom.DISTANCE_SIZE else "rad"
+            verb = "is" if len(doubt.subject) == 1 else "are"
+            return f"{names} {verb} up to {value:.3g} {unit}: in {doubt.guess}?"
+        case Symptom.SPEED_SIZE:
+            return f"correvit.speed x is {value:.3g} m/s where the wheels roll at {other:.3g}{_unit(doubt)}"
+        case Symptom.WHEEL_SPEED_SIZE:
+            sign = ": one of the two has the wrong sign" if value * other < 0.0 else ""
+            why = _unit(doubt) or sign
+            return f"{names} times the tyre's radius: {value:.3g} m/s where correvit.speed x is {other:.3g}{why}"
+        case Symptom.ATTITUDE_SIGN:
+            angle, axis = doubt.subject
+            axes = ", in body axes" if doubt.in_body_axes else ""
+            return f"imu.attitude {angle} turns against imu.rate {axis}{axes}: one of them has the wrong sign"
+        case Symptom.ATTITUDE_SIZE:
+            angle, axis = doubt.subject
+            return f"imu.attitude {angle} turns {value:.3g} times as fast as imu.rate {axis} says{_unit(doubt)}"
+        case _:
+            return _compared(doubt)
+
+
+def _compared(doubt: Doubt) -> str:
+    """Sentences of one channel compared with another."""
+    match doubt.symptom:
+        case Symptom.CORNERING_SIGN:
+            return (
+                "imu.accel y is against imu.rate z times the speed: in a left turn both are positive. Look at signs "
+                "and axes, and at the sensors' orientation in the rig"
+            )
+        case Symptom.CORNERING_SIZE:
+            return (
+                f"imu.accel y is {doubt.value:.3g} times imu.rate z times the speed, which should be alike"
+                f"{_unit(doubt)}"
+            )
+        case Symptom.FORCE_SIGN:
+            (axis,) = doubt.subject
+            return f"the wheel forces' {axis} are against imu.accel {axis}: they should be mass times acceleration"
+        case Symptom.INERTIAL_UNIT_TURNED:
+            return (
+                "the wheel forces' x and y go with imu.accel y and x: is the inertial unit turned by 90°? Look at its "
+                "orientation in the rig"
+            )
+        case Symptom.LEANING:
+            (axle,) = doubt.subject
+            return (
+                f"the body leans into the turn at the {axle} axle: its hub lasers look exchanged, left and right, or "
+                "imu.accel y has the wrong sign"
+            )
+        case Symptom.STEER_SIGN:
+            return "camera steer is against imu.rate z: both are positive to the left"
+        case Symptom.STEER_SIZE:
+            return f"the car turns {doubt.value:.2g} times as fast as its camera steer says: is steer in {doubt.guess}?"
+        case _:
+            raise AssertionError(doubt.symptom)
+
+
+def _unit(doubt: Doubt) -> str:
+    """The unit that would explain it, as a question."""
+    what = "the rate" if doubt.guess == "°/s" and doubt.symptom is not Symptom.WHEEL_SPEED_SIZE else "it"
+    return f": is {what} in {doubt.guess}?" if doubt.guess else ""
