@@ -43,7 +43,7 @@ class RunPublisher:
         start: StartRecord,
         spool: Spool,
         drop_live: float = 0.0,
-        tell: Callable[[str], None] = lambda text: None,
+        notify: Callable[[str], None] = lambda text: None,
     ):
         self.keys = Keys(chunk(rig), chunk(start.run_id))
         self.manifest: Manifest | None = None
@@ -56,7 +56,7 @@ class RunPublisher:
         self._tallies: dict[str, Tally] = {}
         self._drop_live = drop_live
         self._random = random.Random(0)
-        self._tell = tell
+        self._notify = notify
         self._blocks: BoundedQueue[tuple[str, int, bytes]] = BoundedQueue(QUEUE)
         self._requests: BoundedQueue[zenoh.Query] = BoundedQueue(1000)
         self._acks: dict[str, bytes] = {}
@@ -145,7 +145,7 @@ class RunPublisher:
                 publishers[channel].put(message, attachment=SEQUENCE.pack(sequence))
             except zenoh.ZError as error:  # recording goes on; the block stays available on request
                 if not complained:
-                    self._tell(f"bus: a live block was not sent ({short(error)}); recording goes on")
+                    self._notify(f"bus: a live block was not sent ({short(error)}); recording goes on")
                 complained = True
 
     def _answer_requests(self) -> None:
@@ -157,7 +157,7 @@ class RunPublisher:
             try:
                 self._answer(query)
             except zenoh.ZError as error:  # who asked is gone
-                self._tell(f"bus: a request could not be answered ({short(error)})")
+                self._notify(f"bus: a request could not be answered ({short(error)})")
             finally:
                 query.drop()
 

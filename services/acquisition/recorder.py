@@ -80,7 +80,7 @@ class Summary:
 
 
 class Recorder:
-    """Records until it is told to stop. Neither a dead link, nor the bus, nor a full disk ends it.
+    """Records until it is stopped. Neither a dead link, nor the bus, nor a full disk ends it.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class Recorder:
     log : open log; closed by `run`.
     publisher : the bus, None to do without.
     axes : channel → axes where the rig declares others than the vocabulary (as given to the log).
-    tell : called with plain sentences for the user.
+    notify : called with plain sentences for the user.
     report : called once a second.
     queue_frames : capacity of the queue.
     """
@@ -102,17 +102,17 @@ class Recorder:
         publisher: RunPublisher | None = None,
         *,
         axes: Mapping[str, str] | None = None,
-        tell: Callable[[str], None] = print,
+        notify: Callable[[str], None] = print,
         report: Callable[[Health], None] = lambda health: None,
         queue_frames: int = QUEUE_FRAMES,
     ):
         self.queue: BoundedQueue[Frames] = BoundedQueue(queue_frames)
-        self.readers = [Reader(receiver, self.queue, tell) for receiver in receivers]
+        self.readers = [Reader(receiver, self.queue, notify) for receiver in receivers]
         self._decoder = decoder
         self._log = log
         self._publisher = publisher
         self._axes = dict(axes or {})
-        self._tell = tell
+        self._notify = notify
         self._report = report
         self._log_error: str | None = None
         self._frames: dict[str, Tally] = {}
@@ -194,9 +194,9 @@ class Recorder:
         """Everything that comes within one batch time."""
         until = time.monotonic() + BATCH
         out: list[Frames] = []
-        while (left := until - time.monotonic()) > 0.0:
+        while (remaining := until - time.monotonic()) > 0.0:
             # Sleeping and then taking all costs less than being woken for every piece.
-            time.sleep(left)
+            time.sleep(remaining)
             out += self.queue.drain()
         return out
 
@@ -241,7 +241,7 @@ class Recorder:
     def _log_failed(self, error: LogWriteError) -> None:
         if self._log_error is None:
             self._log_error = str(error)
-            self._tell(f"THE LOG CANNOT BE WRITTEN ANY FURTHER; publishing goes on. {error}")
+            self._notify(f"THE LOG CANNOT BE WRITTEN ANY FURTHER; publishing goes on. {error}")
 
     def losses(self) -> dict[str, dict[str, int]]:
         """The loss ledger: bus (or channel, of what the disk did not take) → cause → number since the start."""
@@ -274,7 +274,7 @@ class Recorder:
             try:
                 self._publisher.put_ledger(_ledger(health, self._decoder.ledger()))
             except Exception as error:
-                self._tell(f"bus: {error}; recording goes on")
+                self._notify(f"bus: {error}; recording goes on")
         self._report(health)
 
     def _finish(self, reason: str, started: float) -> Summary:

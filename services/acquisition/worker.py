@@ -213,7 +213,7 @@ class Worker:
     name : this worker's name on the bus.
     on_run : what to do with an assembled run.
     patience, deadline : see `PATIENCE`, `DEADLINE` [s].
-    tell : called with plain sentences for the user.
+    notify : called with plain sentences for the user.
     """
 
     def __init__(
@@ -225,7 +225,7 @@ class Worker:
         *,
         patience: float = PATIENCE,
         deadline: float = DEADLINE,
-        tell: Callable[[str], None] = print,
+        notify: Callable[[str], None] = print,
     ):
         self._listener = listener
         self._folder = folder
@@ -233,7 +233,7 @@ class Worker:
         self._on_run = on_run
         self._patience = patience
         self._deadline = deadline
-        self._tell = tell
+        self._notify = notify
         self._runs: dict[Keys, Assembly] = {}
         self._done: set[Keys] = set()
         folder.mkdir(parents=True, exist_ok=True)
@@ -259,7 +259,7 @@ class Worker:
             return
         if message.keys not in self._runs:
             self._runs[message.keys] = Assembly(message.keys, self._folder, self._deadline)
-            self._tell(f"run {message.keys.run}: listening")
+            self._notify(f"run {message.keys.run}: listening")
         self._runs[message.keys].take(message)
 
     def _is_over(self, assembly: Assembly) -> bool:
@@ -294,9 +294,9 @@ class Worker:
             assembly.keys, self._name, {"run_id": result.run_id, "complete": result.complete, "notes": result.notes}
         )
         for note in result.notes:
-            self._tell(f"run {result.run_id}: {note}")
+            self._notify(f"run {result.run_id}: {note}")
         if result.path is not None:
-            self._tell(
+            self._notify(
                 f"run {result.run_id}: {'complete' if result.complete else 'NOT complete'}, "
                 f"{assembly.fetched} blocks fetched, written to {result.path}"
             )
@@ -304,7 +304,7 @@ class Worker:
                 result.work.update(self._on_run(result.path))
             except LacetError as error:
                 result.work["error"] = str(error)
-                self._tell(f"run {result.run_id}: {error}")
+                self._notify(f"run {result.run_id}: {error}")
         text = json.dumps(plain(result.payload()), indent=1, ensure_ascii=False) + "\n"
         self._listener.publish_result(assembly.keys, self._name, text)
         (self._folder / RESULT).write_text(text, encoding="utf-8")

@@ -36,7 +36,7 @@ Are the sensors as the rig file says? Three questions, answered from ordinary ru
   lacet check run1.mcap run2.mcap --add anti_roll_bar.front
   lacet check sine.parquet rough.parquet --rig rig.toml --vehicle vehicle.toml --only latency --write-rig new.toml
 
-Latencies are told against a time base, the sensor of the wheel loads: a common shift of all cannot be seen. One whose
+Latencies are relative to a time base, the sensor of the wheel loads: a common shift of all cannot be seen. One whose
 interval is wider than 5 ms is not testable with these runs; fast steering and rough roads help. Latencies follow what
 a model lacks, so diagnose first. The other questions are answered with the latencies found."""
 
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz, or the study's)")
     parser.add_argument("--only", choices=QUESTIONS, action="append", help="answer this question; again for more")
     parser.add_argument(
-        "--time-base", metavar="SENSOR", help="sensor the others are told against (default: the loads')"
+        "--time-base", metavar="SENSOR", help="sensor the others are estimated against (default: the loads')"
     )
     parser.add_argument("--write-rig", metavar="FILE", type=Path, help="write the rig with the latencies that differ")
 
@@ -153,5 +153,5 @@ def _write(file: Path, loaded: Loaded, timings: Timings) -> None:
         file.write_text(with_latencies(loaded.rig.text, changed), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"--write-rig {file}: cannot be written: {error.strerror}") from None
-    told = ", ".join(f"{name} {1e3 * value:.2f} ms" for name, value in changed.items())
-    print(f"{file}: the rig with {told or 'nothing changed: all latencies agree or are not testable'}")
+    changes = ", ".join(f"{name} {1e3 * value:.2f} ms" for name, value in changed.items())
+    print(f"{file}: the rig with {changes or 'nothing changed: all latencies agree or are not testable'}")

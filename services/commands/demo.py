@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     _make_room(out)
     print(f"1. {_LIVE}.mcap goes over the wires at 1×: replay → recorder → log and bus → worker.", flush=True)
     status = _over_the_wires(captures[_LIVE], out, [file for name, file in captures.items() if name != _LIVE])
-    _tell_worker(out)
+    _report_of_worker(out)
     print("\n2. A study: the base model against the measurement.", flush=True)
     runs = {name: out / f"{name}.mcap" for name in captures}
     used = [file for name, file in runs.items() if name not in _HELD]
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> int:
         ).changes
         print("4. How the error fell.\n" + tables.history(work.study.versions()), flush=True)
         report = out / "report.html"
-        write_report(work, report, in_words(line.tell))
+        write_report(work, report, in_words(line.notify))
     seconds = time.monotonic() - began
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
     print(
@@ -163,19 +163,19 @@ def _lacet(out: Path, command: str, *arguments: object) -> subprocess.Popen[byte
 
 
 def _wait(name: str, process: subprocess.Popen[bytes], limit: float = 120.0) -> int:
-    began = told = time.monotonic()
+    began = reported = time.monotonic()
     while process.poll() is None:
         if time.monotonic() - began > limit:
             process.terminate()
             return 1
-        if time.monotonic() - told > 5.0:
-            told = time.monotonic()
-            print(f"   {name} is at work ({told - began:.0f} s)", flush=True)
+        if time.monotonic() - reported > 5.0:
+            reported = time.monotonic()
+            print(f"   {name} is at work ({reported - began:.0f} s)", flush=True)
         time.sleep(0.1)
     return process.returncode
 
 
-def _tell_worker(out: Path) -> None:
+def _report_of_worker(out: Path) -> None:
     file = out / "worker" / "result.json"
     if not file.is_file():
         print(f"   The worker gave no result: see {out / 'worker.txt'}")

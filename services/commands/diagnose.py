@@ -30,7 +30,7 @@ with these runs (undecided: judged again once the first is added). Held-out runs
   lacet diagnose DIR             rank once
   lacet diagnose DIR --auto      add the first, fit again, and so on until nothing is missing
   lacet diagnose DIR --why       the reason for every answer
-  lacet diagnose DIR --next      which run tells the first from those it is tied with
+  lacet diagnose DIR --next      which run distinguishes the first from those it is tied with
   lacet diagnose DIR --next spring_cubic.front bump_stop.front
   lacet diagnose DIR --next chassis_torsion     which run would show what these cannot"""
 
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     if args.draws is not None:
         if args.draws < LEAST_DRAWS:
-            raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
+            raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
         study = study.with_draws(args.draws)
     steps: list[dict[str, Any]] = []
     with Line() as line:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError("either a line, or --remove")
         study = Study.open(args.study)
         take_out(study, args.remove)
-        print(f"{args.remove} is taken out of {own_folder(study)}.")
+        print(f"{args.remove} is removed from {own_folder(study)}.")
         result = {"removed": args.remove}
     elif args.line and args.only_try:
         raise UsageError("either a line that is kept, or --try LINE")
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     cls, stored = with_name(text, study)
     may_have(study, cls)
-    found = _told(cls, study)
+    found = _described(cls, study)
     first = study.paths()[0]
     with Line() as line:
         line.show(f"trying it on {first.name}")
@@ -102,7 +102,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     return {**found, "line": stored, "kept": not only_try, "tried": acts}
 
 
-def _told(cls: type[OneLine], study: Study) -> dict[str, Any]:
+def _described(cls: type[OneLine], study: Study) -> dict[str, Any]:
     """How a line was read."""
     line, effects = cls.line, cls.variants(study.vehicle, study.rig.wheel_reference)
     print(f"{cls.name}: {cls.about}")
@@ -138,9 +138,9 @@ def _states() -> dict[str, Any]:
     body = [s for s in STATES.values() if s.body]
     suffixes = ", ".join(f"_{s}" for s in SUFFIXES)
     print(f"Of the wheel whose row it is; of another wheel with {suffixes} after the name:")
-    print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in wheel], left=3))
+    print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in wheel], text_columns=3))
     print("\nOf the body:")
-    print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in body], left=3))
+    print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in body], text_columns=3))
     print(f"\nFunctions: {', '.join(FUNCTIONS)} (min and max of two); + - * / ** and brackets; pi.")
     return {
         "all_states": [{"name": s.name, "unit": s.unit, "about": s.about, "of": "wheel" if s.wheel else "body"}

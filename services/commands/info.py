@@ -20,7 +20,7 @@ from lacet.services.render.model_text import print_model
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
-HELP = "tell what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
+HELP = "show what a run, log, rig or vehicle file holds; list channels, effects, rows; the model of a car"
 DESCRIPTION = """\
   lacet info run.mcap            channels, rates, gaps and losses of a run; what cannot be formed from it
   lacet info rig.toml            sensors, latencies, tolerances
@@ -32,9 +32,9 @@ DESCRIPTION = """\
   lacet info --rows              the rows of the equations and what each needs measured
 
   lacet info --model vehicle.toml                  the car's tree of 42 bodies, the parameters of its model, which of
-                                                   them the equations can tell at all, and why not the others
+                                                   them the equations determine at all, and why not the others
   lacet info --model vehicle.toml --reference hub  the same for wheel loads between wheel and hub
-  lacet info --model sine.mcap brake.mcap          the same, and which of them these runs tell
+  lacet info --model sine.mcap brake.mcap          the same, and which of them these runs determine
   lacet info --model STUDY                         the same for the present version of a study and its runs"""
 
 
@@ -96,13 +96,13 @@ def _channels() -> list[dict[str, Any]]:
         ]
         for c in CHANNELS.values()
     ]
-    print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, left=7))
+    print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, text_columns=7))
     return [{"name": c.name, "components": c.components, "unit": c.unit, "axes": c.axes} for c in CHANNELS.values()]
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:
     lines = [[row, row_unit(row), ", ".join(_shortened(needs(row, reference)))] for row in ROWS]
-    print(tables.table(["row", "unit", "needs"], lines, left=3))
+    print(tables.table(["row", "unit", "needs"], lines, text_columns=3))
     return [{"row": row, "unit": row_unit(row), "needs": needs(row, reference)} for row in ROWS]
 
 
@@ -179,7 +179,7 @@ def _rig(rig: Rig) -> dict[str, Any]:
         [s.name, s.driver or "-", s.bus or "-", s.axes, f"{1e3 * s.latency:g}", s.clock, str(len(s.channels))]
         for s in rig.sensors
     ]
-    print(tables.table(["sensor", "driver", "bus", "axes", "latency ms", "clock", "channels"], lines, left=4))
+    print(tables.table(["sensor", "driver", "bus", "axes", "latency ms", "clock", "channels"], lines, text_columns=4))
     return {"rig": rig.name, "sensors": [s.name for s in rig.sensors]}
 
 
@@ -188,5 +188,5 @@ def _vehicle(vehicle: Vehicle) -> dict[str, Any]:
     lines = [
         [name, f"{q.value:.6g}", q.unit, q.source] for name, q in (*vehicle.numbers.items(), *vehicle.apriori.items())
     ]
-    print(tables.table(["number", "value", "unit", "source"], lines, left=4))
+    print(tables.table(["number", "value", "unit", "source"], lines, text_columns=4))
     return {"vehicle": vehicle.name, "numbers": {n: q.value for n, q in vehicle.numbers.items()}}

@@ -32,7 +32,7 @@ their bytes; a line is met when the value put in lies in our 95 % interval, whic
   lacet paper --tables simulation        tables 1 to 4 alone
   lacet paper --out DIR --seed 7         another folder, other noise, zeros and road
   lacet paper --refit                    fit again (after changing lacet) what was driven before
-  lacet paper --quick --out quick        runs of 8 s: a look in a minute, with wider intervals
+  lacet paper --quick --out quick        runs of 8 s: a trial in a minute, with wider intervals
 
 A second call goes on where the first was stopped. Needs MuJoCo (extra sim).
 Exit code 3: a line of tables 1 to 4 is missed, or more of tables 5 to 7 than chance explains."""
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     began = time.monotonic()
     campaigns = [c for c in (simulation(), experiment()) if args.tables in (None, c.name)]
     _make_room(args.out, {"seed": args.seed, "quick": args.quick}, args.force)
-    status, told = DONE, []
+    status, results = DONE, []
     with Line() as line:
         for campaign in campaigns:
             if args.quick:
@@ -79,10 +79,10 @@ def run(args: argparse.Namespace) -> int:
             print(f"{says}\nWorst row: {where}, {ratio:.2f} times its noise floor.", flush=True)
             print(f"{_laws(fitted['shapes'], truth['hidden'])}\n", flush=True)
             status = max(status, WITH_LOSSES if failed else DONE)
-            told.append(_result(campaign, scored, fitted, says, failed))
+            results.append(_result(campaign, scored, fitted, says, failed))
     seconds = time.monotonic() - began
     print(f"Done in {seconds:.0f} s. Runs, fits and truth are in {args.out}.")
-    write_result(args.json, "paper", {"campaigns": told, "folder": args.out, "seconds": seconds})
+    write_result(args.json, "paper", {"campaigns": results, "folder": args.out, "seconds": seconds})
     return status
 
 

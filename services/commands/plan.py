@@ -29,7 +29,7 @@ from lacet.services.workspace.study import Study
 from lacet.simulate import MANOEUVRES
 from lacet.simulate.engine import engine_library
 
-HELP = "say which run to drive next, and how much it would tell"
+HELP = "say which run to drive next, and how much it would show"
 DESCRIPTION = f"""\
 Rank manoeuvres, at several speeds and amplitudes, by how much a run of each would shrink the 95 % intervals of what is
 poorly known: every parameter whose half-width is above --goal, or what --want names. Nothing is measured for it: a car
@@ -237,8 +237,8 @@ def _ranked(runs: Sequence[PlannedRun], one: Ranked) -> dict[str, Any]:
 def _sentence(runs: Sequence[PlannedRun], ranking: Ranking, measured: bool) -> str:
     """Which run is worth most, in one sentence."""
     if not ranking.targets:
-        reason = "everything that a run of the library can tell is known well enough"
-        return f"No further run is needed: {reason}." if measured else "No run of the library tells anything."
+        reason = "everything that a run of the library can show is known well enough"
+        return f"No further run is needed: {reason}." if measured else "No run of the library shows anything."
     best = ranking.runs[0]
     if best.worth <= 0.0:
         return "No run of the library would shrink what is wanted."
@@ -266,7 +266,7 @@ def _print(result: Mapping[str, Any], most: int) -> None:
         ]  # fmt: skip
         about = f"{len(result['wanted'])} poorly known"
         print(f"{about}. Runs by how much they shrink their 95 % intervals (geometric mean, longest run):\n")
-        print(tables.table(["", "run", "s", "÷", "what shrinks most"], lines, left=2))
+        print(tables.table(["", "run", "s", "÷", "what shrinks most"], lines, text_columns=2))
     if result["best"]:
         shrinks = result["best"]["shrinks"]
         rows = [[s["name"], _two(s["before"]), _two(s["after"]), s["unit"], f"{s['factor']:.1f}"] for s in shrinks]

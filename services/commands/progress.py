@@ -1,4 +1,4 @@
-"""One line that tells how far a long task is: rewritten in place on a terminal, now and then a new line elsewhere."""
+"""Progress of a long task as one line: rewritten in place on a terminal, now and then a new line elsewhere."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Line:
         """Replace the line by what a computation is at."""
         self.show(sentence(step))
 
-    def tell(self, text: str) -> None:
+    def notify(self, text: str) -> None:
         """A sentence that stays."""
         if self._status is not None:
             self._console.print(text)

@@ -38,7 +38,7 @@ HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\
 Record every bus of the rig: raw frames and decoded channels into one log (MCAP), decoded channels also onto the bus
 (Zenoh), where workers (lacet worker) pick them up. The recorder is the bus's router; it listens on this machine only
-unless told otherwise. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged
+by default. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged
 the run, 30 s at most. A dead link is reported and opened again; a full disk is reported and publishing goes on.
 
   lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
@@ -122,23 +122,23 @@ def run(args: argparse.Namespace) -> int:
             log,
             publisher,
             axes=axes,
-            tell=line.tell,
+            notify=line.notify,
             report=lambda health: line.show(describe(health)),
         )
-        line.tell(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
+        line.notify(f"run {start.run_id}: recording {', '.join(rig.buses)} to {args.out}")
         summary = recorder.run(stop, args.duration, args.until_idle, lambda: _ready(args))
         if args.endpoints is not None:
             ready_file(args.endpoints).unlink(missing_ok=True)
-        line.tell(_closing(summary))
+        line.notify(_closing(summary))
         acks: dict[str, Any] = {}
         if publisher is not None:
-            line.tell(f"waiting up to {args.ack_wait:g} s for a worker (Ctrl-C: not any longer)")
+            line.notify(f"waiting up to {args.ack_wait:g} s for a worker (Ctrl-C: not any longer)")
             before = len(signals)
             acks = publisher.wait_for_ack(args.ack_wait, lambda: len(signals) > before)
             for worker, ack in acks.items():
-                line.tell(f"worker {worker} has the run{'' if ack.get('complete') else ', NOT complete'}")
+                line.notify(f"worker {worker} has the run{'' if ack.get('complete') else ', NOT complete'}")
             if not acks:
-                line.tell("no worker has taken the run; the log has everything")
+                line.notify("no worker has taken the run; the log has everything")
     write_result(
         args.json,
         "record",
@@ -184,12 +184,12 @@ def _publisher(
     try:
         session = open_session(connect=(args.connect,)) if args.connect else open_session(listen=(args.listen,))
     except LacetError as error:
-        line.tell(f"RECORDING WITHOUT THE BUS: {error}")
+        line.notify(f"RECORDING WITHOUT THE BUS: {error}")
         return None
     stack.callback(session.close)
     spool = Spool(args.out.absolute().parent)
     stack.callback(spool.close)
-    publisher = RunPublisher(session, rig.name, start, spool, args.drop_live, line.tell)
+    publisher = RunPublisher(session, rig.name, start, spool, args.drop_live, line.notify)
     stack.callback(publisher.close)
     return publisher
 

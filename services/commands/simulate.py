@@ -64,7 +64,7 @@ Gains and latencies belong to the instruments: runs of one command share theirs.
 several commands give each its own --seed, and all the same --sheet-seed.
 
 From a vehicle file come geometry and what its [apriori] table says (mass, spring.fl.k, …); the rest is usual for the
-size and is told. Bench tables are not simulated: wheel centres move along body z."""
+size and is printed. Bench tables are not simulated: wheel centres move along body z."""
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000

@@ -84,7 +84,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     if not args.use:
         raise UsageError(f"name the runs to identify with: lacet study new {folder} --use RUN…")
     if args.draws < LEAST_DRAWS:
-        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     for path in (*args.use, *args.hold):
         if not path.is_file():
             raise UsageError(f"{path}: no such file")

@@ -23,7 +23,7 @@ with the other commands at any time.
   lacet ui DIR --connect tcp/10.0.0.7:7447  show the car live while it is recorded (lacet record --listen)
   lacet ui DIR --host 0.0.0.0               for other machines: the address printed holds a token they need
 
-It listens on loopback only unless told otherwise, and loads nothing from elsewhere. Ctrl-C ends it.
+It listens on loopback only by default, and loads nothing from elsewhere. Ctrl-C ends it.
 Docs: workbench.md."""
 
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
     if not args.most_upload > 0.0:
         raise UsageError(f"--most-upload {args.most_upload:g}: above 0 GB")
     if args.draws < LEAST_DRAWS:
-        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to tell p = 0.05")
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
     # Loaded here, so that the other commands start without it.

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
             (lambda path: {}) if args.no_fit else fit,
             patience=args.patience,
             deadline=args.deadline,
-            tell=lambda text: print(text, file=sys.stderr, flush=True),
+            notify=lambda text: print(text, file=sys.stderr, flush=True),
         )
         results = worker.run(stop, args.once)
         listener.close()
@@ -93,18 +93,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
-    """Open the session as soon as the router is there; None when told to stop before."""
+    """Open the session as soon as the router is there; None when stopped before."""
     until = time.monotonic() + wait
-    told = False
+    warned = False
     while not stop.is_set():
         try:
             return open_session(connect=(router,), wait=1.0)  # no longer: a signal is not heard in there
         except UsageError:
             if time.monotonic() > until:
                 raise
-        if not told:
+        if not warned:
             print(f"no router at {router} yet; trying for {wait:g} s", file=sys.stderr, flush=True)
-            told = True
+            warned = True
         stop.wait(0.3)
     return None
 

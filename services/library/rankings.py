@@ -60,7 +60,9 @@ class Ranking:
         return [[c.key, c.answer, f"{100 * c.gain:.3g}", f"{c.p:.2g}"] for c in self.candidates[:SHOWN]]
 
     def __repr__(self) -> str:
-        return shortened(f"{self.explain()}\n{table(['effect', 'answer', 'gain %', 'p'], self._rows(), left=2)}")
+        return shortened(
+            f"{self.explain()}\n{table(['effect', 'answer', 'gain %', 'p'], self._rows(), text_columns=2)}"
+        )
 
     def _repr_html_(self) -> str:
         return html_table(self.explain(), ["effect", "answer", "gain %", "p"], self._rows())

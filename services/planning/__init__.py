@@ -1,1 +1,1 @@
-"""Planning of runs: the nominal car, the library of manoeuvres, simulated runs and what each would tell."""
+"""Planning of runs: the nominal car, the library of manoeuvres, simulated runs and the information of each."""

@@ -35,7 +35,7 @@ class Plan:
     """One manoeuvre of the library.
 
     `words` say speed and amplitude; `lateral` is the acceleration aimed at [m/s²] where the amplitude is a steering
-    angle: that is made smaller when more than the limit comes out, and told as it came out.
+    angle: that is made smaller when more than the limit comes out, and printed as it came out.
     """
 
     manoeuvre: Manoeuvre
@@ -45,9 +45,9 @@ class Plan:
     @property
     def label(self) -> str:
         """Manoeuvre, speed and amplitude in words."""
-        return self.told(self.lateral or 0.0)
+        return self.label_at(self.lateral or 0.0)
 
-    def told(self, lateral: float) -> str:
+    def label_at(self, lateral: float) -> str:
         """The label with the lateral acceleration that came out [m/s²]."""
         return f"{self.manoeuvre.name} {self.words}" + (f", lateral {lateral:.1f} m/s²" if self.lateral else "")
 
@@ -57,16 +57,16 @@ class Plan:
 
 
 def kinds(only: Sequence[str] = (), without: Sequence[str] = ()) -> list[str]:
-    """Names of the manoeuvres asked for. Raises UsageError for an unknown one, or when none is left."""
+    """Names of the manoeuvres asked for. Raises UsageError for an unknown one, or when all are excluded."""
     for name in (*only, *without):
         if name not in MANOEUVRES:
             raise UsageError(
                 f"no manoeuvre is called '{name}'{nearest(name, MANOEUVRES) or '.'} Known: {', '.join(MANOEUVRES)}"
             )
-    left = [name for name in MANOEUVRES if (not only or name in only) and name not in without]
-    if not left:
-        raise UsageError("no manoeuvre is left to choose from: --only and --without exclude all")
-    return left
+    chosen = [name for name in MANOEUVRES if (not only or name in only) and name not in without]
+    if not chosen:
+        raise UsageError("no manoeuvre remains to choose from: --only and --without exclude all")
+    return chosen
 
 
 def library(car: Car, limits: Limits, names: Sequence[str], duration: float) -> list[Plan]:

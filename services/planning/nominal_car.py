@@ -125,7 +125,7 @@ def _mean(known: Mapping[str, float], family: str, parameter: str) -> float | No
 
 
 def _possible(car: Car) -> bool:
-    """Whether the chassis left after the unsprung parts are taken away can exist."""
+    """Whether the chassis, the car without its unsprung parts, is physically possible."""
     chassis = car.chassis
     moments = np.linalg.eigvalsh(np.asarray(chassis.tensor))
     loads = car.static_loads

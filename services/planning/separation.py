@@ -1,4 +1,4 @@
-"""Which run to drive next to tell effects apart that look alike, or to show one that the present runs cannot test."""
+"""Recommendation of the run that distinguishes tied effects, or shows one that the present runs cannot test."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def recommend(
     work: Work, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
     without: Sequence[str] = (), progress: Progress = silent,
 ) -> Recommendation | None:  # fmt: skip
-    """What every manoeuvre of the library would tell.
+    """Separations of the effects compared by every manoeuvre of the library.
 
     Parameters
     ----------
@@ -135,8 +135,8 @@ def recommend(
         if lacking:
             problems.append(f"left out: {one.label}: {lacking[0]}")
             continue
-        told = planned_run(question, one.prepared, diagnosis.louder)
-        runs.append(_judged(question, present, before, one, told, chosen, bool(why)))
+        weighted = planned_run(question, one.prepared, diagnosis.louder)
+        runs.append(_judged(question, present, before, one, weighted, chosen, bool(why)))
         one.prepared.forget_motion()
         one.prepared.forget_columns()
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
@@ -228,17 +228,17 @@ def _library(
 
 
 def _judged(
-    question: Question, present: Present, before: Separations, run: PlannedRun, told: WeightedRun, limits: Limits,
+    question: Question, present: Present, before: Separations, run: PlannedRun, weighted: WeightedRun, limits: Limits,
     blocked: bool,
 ) -> Recommended:  # fmt: skip
     """One manoeuvre, as long as allowed, and the shortest duration that is enough."""
-    after = Separations(question, present, told.lasting(limits.duration))
+    after = Separations(question, present, weighted.lasting(limits.duration))
     value, now = _value(after), _value(before)
     needed = SHOWS if len(question.compared) == 1 else NEEDED
     seconds = None
     if value >= needed and (now < needed or blocked):
         tried = [*(d for d in DURATIONS if d < limits.duration), limits.duration]
-        enough = (d for d in tried if _value(Separations(question, present, told.lasting(d))) >= needed)
+        enough = (d for d in tried if _value(Separations(question, present, weighted.lasting(d))) >= needed)
         seconds = next(enough, limits.duration)
     ordinary = _alone(after, question.compared[0].values) if len(question.compared) == 1 else None
     sentence = run_sentence(keys_of(question), run.label, seconds or limits.duration, now, value, limits.duration)

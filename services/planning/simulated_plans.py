@@ -38,7 +38,7 @@ from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exc
 from lacet.simulate import run as drive_car
 
 SECONDS = 14.0
-"""Length of a simulated motion: what a longer run tells follows from it."""
+"""Length of a simulated motion: the information of a longer run follows from it."""
 STEP = 0.001
 RATE = 100.0
 """Integration step [s] and rate of the channels kept [Hz]: five times the pre-filter's cut-off."""
@@ -91,7 +91,7 @@ def simulated_runs(
         settings = dataclasses.asdict(plan.manoeuvre)
         if plan.lateral:
             settings["amplitude"] *= factor
-        label, kind = plan.told(lateral), plan.manoeuvre.name
+        label, kind = plan.label_at(lateral), plan.manoeuvre.name
         out.append(PlannedRun(label, drive, settings, kind, plan.manoeuvre.speed, lateral))
     return out, problems
 
@@ -110,8 +110,8 @@ def _motion(plan: Plan, like: PlannedCar, rig: Rig, limits: Limits, folder: Path
         file = folder / f"{plan.manoeuvre.name}-{hashlib.sha256(what.encode()).hexdigest()[:12]}.parquet"
         if file.is_file():
             run = read_table(file)
-            told = json.loads(run.notes)
-            return run, float(told["lateral"]), float(told["factor"])
+            notes = json.loads(run.notes)
+            return run, float(notes["lateral"]), float(notes["factor"])
     factor = 1.0
     motion, lateral = _drive(like.car, like.bars, plan)
     while plan.lateral and lateral > ABOVE * limits.lateral and factor > 0.1:
@@ -150,25 +150,25 @@ def next_runs(
     values: Fit, measured: bool, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float, names: Sequence[str],
     goal: float, count: int, progress: Progress,
 ) -> tuple[Fit, list[Ranking]]:  # fmt: skip
-    """Rank, take the first, rank again with what it will have told, `count` times.
+    """Rank, take the first, rank again with its information added, `count` times.
 
     `measured` : whether `values` were fitted to runs; else nothing but what is plausible is known (`first_fit`).
     Returns the fit with its present intervals, and the rankings.
     """
     now = fit_information(values) if measured else Information.none(values.model)
     excess = residual_excess(values) if measured else {}
-    told: list[RunInformation] = []
+    informations: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
         progress(Step(Stage.RUN_INFORMATION, number, len(runs), run.label))
-        told.append(run_information(run.prepared, values, excess))
+        informations.append(run_information(run.prepared, values, excess))
         run.prepared.forget_motion()
     present = values if measured else predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):
         progress(Step(Stage.RANKING_RUNS))
-        found = rank(values, now, told, vehicle, longest, names, goal)
+        found = rank(values, now, informations, vehicle, longest, names, goal)
         out.append(found)
         if found.runs[0].worth <= 0.0:
             break
-        now = now + told[found.runs[0].index].lasting(found.runs[0].duration)
+        now = now + informations[found.runs[0].index].lasting(found.runs[0].duration)
     return present, out

@@ -59,7 +59,7 @@ def consistency_text(found: Consistency, mended: ConsistentFit) -> str:
             lines.append(f"  {body.name}: {body_fault_words(body.fault)}{sure}")
     grouped = [body.name for body in found.bodies if not body.separable]
     if grouped:
-        lines.append(f"  not to be told body by body (counted together with others): {', '.join(grouped)}")
+        lines.append(f"  not separable body by body (counted together with others): {', '.join(grouped)}")
     lines += [f"  {name}: of the wrong sign by {far:.2g} σ" for name, far in found.wrong_sign.items()]
     if not found.consistent:
         price = mended.price

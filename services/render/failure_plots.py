@@ -126,7 +126,7 @@ def against_figure(against: Mapping[str, Against]) -> Figure:
         axes.set_axis_off()
     _legend(figure, grid[0])
     put_back = any(one.put_back for one in against.values())
-    also = ", what the model's own springs, dampers and masses took up put back" if put_back else ""
+    also = ", what the model's own springs, dampers and masses absorbed put back" if put_back else ""
     figure.suptitle(f"{first.row} against its states{also}", x=0.01, ha="left", fontsize=10)
     return figure
 

@@ -66,7 +66,7 @@ def follows_table(found: FailureAnalysis, most: int = 3) -> str:
         for row in found.worst
         for k, f in enumerate(found.follows.get(row, [])[:most])
     ]
-    return table(["row", "state", "part", "RMS", "p"], lines, left=2) if lines else "  (runs too short to tell)"
+    return table(["row", "state", "part", "RMS", "p"], lines, text_columns=2) if lines else "  (runs too short to tell)"
 
 
 def explainable_table(found: FailureAnalysis) -> str:

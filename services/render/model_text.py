@@ -26,7 +26,7 @@ def _print_tree(model: Mapping[str, Any]) -> None:
         ]
         for k in model["tree"]
     ]  # fmt: skip
-    print(tables.table(["joint", "on", "corner", "what it is", "moves", "carries", "follows"], rows, left=7))
+    print(tables.table(["joint", "on", "corner", "what it is", "moves", "carries", "follows"], rows, text_columns=7))
     print(
         "\n  Axes at zero angles: x forward, y left, z up. Bodies without a name have no mass. Suspension springs and\n"
         "  dampers act on damper clearance, tyres on tyre deflection."
@@ -37,7 +37,7 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
     lines, runs = model["parameters"], model["runs"]
     print(
         f"\nIn principle (any motion, brakes {model['brakes']}): {len(lines)} parameters, of which the equations can "
-        f"tell {model['base_rank']}\n(smallest pivot kept ÷ largest dropped: {model['singular_gap']:.1e})."
+        f"determine {model['base_rank']}\n(smallest pivot kept ÷ largest dropped: {model['singular_gap']:.1e})."
     )
     if runs:
         identified = sum(line["with_runs"] not in (None, "no") for line in lines)
@@ -56,7 +56,7 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
     ]  # fmt: skip
     room = _WIDTH - sum(max(len(row[k]) for row in (head, *body)) + 2 for k in range(len(head) - 1)) - 2
     cut = [[*row[:-1], row[-1] if len(row[-1]) <= room else row[-1][: room - 2] + " …"] for row in body]
-    print("\n" + tables.table(head, cut, left=len(head)))
+    print("\n" + tables.table(head, cut, text_columns=len(head)))
     for title, asked_for in (
         ("No value of their own, whatever the runs", lambda line: line["in_principle"] == "no"),
         ("Not with these runs", lambda line: line["in_principle"] != "no" and line["with_runs"] == "no"),

@@ -32,7 +32,7 @@ _PLAIN = {
     Stage.LACK_OF_FIT: "what they leave",
     Stage.FLOOR_AT_TOLERANCES: "the noise floor at the parameters that the sensor sheet leads to",
     Stage.SYMBOLIC_LAWS: "simple laws that the residual follows",
-    Stage.PRESENT_INFORMATION: "what the present runs tell",
+    Stage.PRESENT_INFORMATION: "the information of the present runs",
     Stage.RANKING_RUNS: "ranking",
     Stage.COMPARING_FOR_REPORT: "comparing for the report",
     Stage.DRAWING_REPORT: "drawing the report",
@@ -48,11 +48,11 @@ _FILLED: dict[Stage, str] = {
     Stage.SHAPE_CONSTANTS: "the constants of {subject}",
     Stage.PARAMETER_CONSTANCY: "whether {subject} is the same in all runs",
     Stage.REGRESSOR_NOISE_OF_EFFECT: "what noise does through {subject}",
-    Stage.EFFECT_REMOVED: "the runs read again with {subject} taken out",
+    Stage.EFFECT_REMOVED: "the runs read again with {subject} removed",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",
     Stage.SELECTION: "{subject}",
     Stage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",
-    Stage.RUN_INFORMATION: "what it would tell, {done} of {total}: {subject}",
+    Stage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
     Stage.DRIVING: "driving {subject}, {done} %",
     Stage.MEASURING: "measuring {subject}",
     Stage.DRAWING_RUN: "drawing {subject}",
@@ -93,7 +93,7 @@ def _sentence(step: Step) -> str:
             return f"the noise floor of the runs read with {_latencies(step)}"
         case Stage.RELINEARISATION:
             largest = max(map(abs, step.values.values()), default=0.0)
-            return f"the runs read again, latencies up to {1e3 * largest:.1f} ms taken out ({step.done})"
+            return f"the runs read again, latencies up to {1e3 * largest:.1f} ms removed ({step.done})"
         case Stage.REGRESSOR_NOISE:
             counted = f": {step.done} of {step.total} draws" if step.total else ""
             return f"the noise in what they follow{counted}"

@@ -22,7 +22,7 @@ _WORDS = {
     "larger": "larger than the sheet",
     "smaller": "smaller than the sheet",
     "not white": "not white: samples depend on their neighbours, or motion reaches this far up",
-    "unknown": "cannot be told",
+    "unknown": "cannot be judged",
 }
 
 
@@ -33,7 +33,7 @@ def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
         measured = ["-", "-"] if n["sigma"] is None else [f"{n['sigma']:.3g}", f"± {n['half95']:.1g}"]
         verdict = f"{_WORDS[n['verdict']]}{': ' + n['why'] if n['why'] else ''}"
         rows.append([n["sensor"], n["family"], *measured, f"{n['sheet']:.3g}", n["unit"], verdict])
-    text = _with_verdicts(["sensor", "family", "noise", "95 %", "sheet", "unit", "verdict"], rows, left=2)
+    text = _with_verdicts(["sensor", "family", "noise", "95 %", "sheet", "unit", "verdict"], rows, text_columns=2)
     odd = [f"  {name}: {s:.3g}, others of its kind {statistics.median(n['columns'].values()):.3g}"
            for n in levels for name, s in n["odd_columns"].items()]  # fmt: skip
     return text + ("\nUnlike their kind:\n" + "\n".join(odd) if odd else "")
@@ -71,10 +71,12 @@ def latency_table(timings: Timings) -> str:
     return _with_verdicts(["sensor", "rig ms", "found ms", "95 %", "verdict"], rows)
 
 
-def _with_verdicts(head: list[str], rows: list[list[str]], left: int = 1) -> str:
+def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1) -> str:
     """A table whose last column is text, to the left."""
     width = max(len(row[-1]) for row in (head, *rows))
-    lines = table([*head[:-1], head[-1].ljust(width)], [[*row[:-1], row[-1].ljust(width)] for row in rows], left)
+    lines = table(
+        [*head[:-1], head[-1].ljust(width)], [[*row[:-1], row[-1].ljust(width)] for row in rows], text_columns
+    )
     return "\n".join(line.rstrip() for line in lines.splitlines())
 
 

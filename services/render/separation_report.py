@@ -59,14 +59,14 @@ def next_text(result: Mapping[str, Any], most: int) -> str:
     ]
     sizes = [
         f"  {e['effect']} taken at {_values(e)}, "
-        + ("as these runs have it" if e["found"] else "an ordinary size: these runs do not tell it")
+        + ("as these runs have it" if e["found"] else "an ordinary size: these runs do not show it")
         for e in found["effects"]
     ]
     if alone:
         (e,) = found["effects"]
         sizes = [f"  largest plausible: {_values({**e, 'values': e['largest']})}; ordinary: {_values(e)}"]
     warnings = [f"! {warning}" for warning in found["warnings"]]
-    return "\n".join([f"{title}:", *sizes, "", tables.table(head, rows, left=2), "", *warnings, found["says"]])
+    return "\n".join([f"{title}:", *sizes, "", tables.table(head, rows, text_columns=2), "", *warnings, found["says"]])
 
 
 def _maybe(x: float | None, digits: bool = False) -> str:

@@ -118,7 +118,7 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
 
 
 def _validation(part: Comparison) -> list[str]:
-    """Measurement, model and error by kind of row, and the colour of what is left."""
+    """Measurement, model and error by kind of row, and the colour of the residual."""
     figures = [plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
     if part.whiteness:
         figures += [validation_plots.spectrum_figure(part), validation_plots.acf_figure(part)]

@@ -8,12 +8,14 @@ from typing import Any
 from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
-    """Columns aligned: the first `left` to the left, the others to the right."""
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
+    """Columns aligned: the first `text_columns` to the left, the others, numbers, to the right."""
     widths = [max(len(line[k]) for line in (head, *rows)) for k in range(len(head))]
 
     def line(cells: Sequence[str]) -> str:
-        parts = [c.ljust(w) if k < left else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=True))]
+        parts = [
+            c.ljust(w) if k < text_columns else c.rjust(w) for k, (c, w) in enumerate(zip(cells, widths, strict=True))
+        ]
         return "  " + "  ".join(parts).rstrip()
 
     return "\n".join([line(head), line(["-" * w for w in widths]), *(line(row) for row in rows)])
@@ -91,7 +93,7 @@ def derived(result: Mapping[str, Any]) -> str:
         lines.append(
             [kind.replace("_", " ").replace(".", " "), where, "   ".join(cells), members[0]["unit"].replace("1", "-")]
         )
-    return table(["derived value", "where", "value ± 95 %", "unit"], lines, left=4) if lines else ""
+    return table(["derived value", "where", "value ± 95 %", "unit"], lines, text_columns=4) if lines else ""
 
 
 _PLACES = ("fl", "fr", "rl", "rr", "front", "rear")
@@ -132,7 +134,7 @@ def ranges(result: Mapping[str, Any]) -> str:
             digits = 0 if kind == "speed" else 1
             low, high = factor * seen[kind]["low"], factor * seen[kind]["high"]
             lines.append([name, f"{low:.{digits}f} to {high:.{digits}f}", unit])
-    return table(["these runs cover", "", "unit"], lines, left=2) if lines else ""
+    return table(["these runs cover", "", "unit"], lines, text_columns=2) if lines else ""
 
 
 def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
@@ -140,7 +142,7 @@ def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
     found = result["bad_seconds"]
     lines = [[b["run"], b["row"], f"{b['start']:g} to {b['stop']:g} s", f"{b['weight']:.2f}"] for b in found[:most]]
     more = f"\n  and {len(found) - most} more" if len(found) > most else ""
-    return table(["run", "row", "bad second", "counts as"], lines, left=3) + more
+    return table(["run", "row", "bad second", "counts as"], lines, text_columns=3) + more
 
 
 def unknowns(result: Mapping[str, Any]) -> str:
@@ -169,7 +171,7 @@ def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
         for row, s in part.items()
     ]  # fmt: skip
     head = ["run", "row", "rms", "unit", "NRMSE %", "VAF %", "floor", "rms ÷ floor", "residual"]
-    text = table(head, lines, left=2)
+    text = table(head, lines, text_columns=2)
     if any(not s.get("judged", True) for part in scored.values() for s in part.values()):
         text += "\n  ? cannot be judged: the runs used leave open what this row needs"
     return text
@@ -192,7 +194,9 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
         for c in result["candidates"]
         if c["answer"] != "not testable"
     ][:most]  # fmt: skip
-    text = table(["effect", "answer", "gain %", "gain N", "p", "blocks", "cannot be told apart from"], lines, left=2)
+    text = table(
+        ["effect", "answer", "gain %", "gain N", "p", "blocks", "cannot be told apart from"], lines, text_columns=2
+    )
     rest = [c["effect"] for c in result["candidates"] if c["answer"] == "not testable"]
     if rest:
         text += f"\n  not testable with these runs: {', '.join(_in_families(rest))}"
@@ -221,7 +225,7 @@ def fall_by_row(versions: Sequence[Any]) -> str:
         return f"{used} | {held}" if any(one["held"] for one in by_version) else used
 
     lines = [[row, *(cell(part, row) for part in by_version)] for row in rows]
-    return table(["row", *(f"version {v.number}" for v in versions)], lines, left=1)
+    return table(["row", *(f"version {v.number}" for v in versions)], lines, text_columns=1)
 
 
 def history(versions: Sequence[Any]) -> str:
@@ -236,4 +240,7 @@ def history(versions: Sequence[Any]) -> str:
             ]
         )  # fmt: skip
     head = ["version", "what changed", "used", "worst row", "held out", "worst row"]
-    return table(head, lines, left=2) + "\n  (residual ÷ noise floor, root mean square over rows; 1.00 is the floor)"
+    return (
+        table(head, lines, text_columns=2)
+        + "\n  (residual ÷ noise floor, root mean square over rows; 1.00 is the floor)"
+    )

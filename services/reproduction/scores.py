@@ -137,7 +137,7 @@ def print_tables(lines: Sequence[Scored], simulation: bool) -> str:
             head = ["parameter", "unit", "a priori", "paper", "error", "sxr %", "lacet", "error", "95 %", "verdict"]
         else:
             head = ["parameter", "unit", "paper = truth", "sxr %", "lacet", "error", "95 %", "verdict"]
-        text = f"Table {which}: {TITLES[which]}\n{table(head, rows, left=2)}"
+        text = f"Table {which}: {TITLES[which]}\n{table(head, rows, text_columns=2)}"
         notes: dict[str, list[str]] = {}
         for s in (s for s in lines if s.line.table == which):
             for note in filter(None, (s.line.note, s.remark)):

@@ -1,4 +1,4 @@
-"""News for the pages: everything published goes to every page that listens (server-sent events)."""
+"""Events for the pages: everything published goes to every page that listens (server-sent events)."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 WAITING = 500
-"""News that may wait for a slow page; a page that falls behind farther loses the oldest and is told to look anew."""
+"""Events that may wait for a slow page; one that falls behind farther loses the oldest and has to load anew."""
 BEAT = 10.0
-"""Seconds of silence after which an empty line tells that the connection lives."""
+"""Seconds of silence after which an empty line shows that the connection lives."""
 
 
 class Events:
-    """From any thread to any number of pages."""
+    """A publisher of events from any thread to any number of pages."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -23,7 +23,7 @@ class Events:
         self._closed = False
 
     def publish(self, event: str, data: Any) -> None:
-        """Tell all pages; never waits."""
+        """Send an event to all pages; never waits."""
         text = f"event: {event}\ndata: {json.dumps(data, ensure_ascii=False)}\n\n"
         with self._lock:
             for queue, loop in self._pages.items():
@@ -42,7 +42,7 @@ class Events:
         return len(self._pages)
 
     async def stream(self, first: list[tuple[str, Any]] | None = None) -> AsyncIterator[str]:
-        """One page's news, beginning with `first`."""
+        """The stream of one page's events, beginning with `first`."""
         queue: asyncio.Queue[str | None] = asyncio.Queue(WAITING)
         with self._lock:
             if self._closed:

@@ -41,7 +41,7 @@ class Watch:
     def __init__(self, folder: Path, events: Events):
         self._folder, self._events = folder, events
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="lacet-watch", daemon=True)
+        self._thread = threading.Thread(target=self._poll, name="lacet-watch", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
@@ -49,7 +49,7 @@ class Watch:
         self._stop.set()
         self._thread.join(2.0)
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         before = state_of(self._folder)
         while not self._stop.wait(PERIOD):
             now = state_of(self._folder)

@@ -1,4 +1,4 @@
-"""Long work: one thread does one job after the other, tells how far it is, and stops when asked."""
+"""Long work: one thread does one job after the other, reports its progress, and stops when asked."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from lacet.services.render.progress import sentence
 from lacet.services.workbench.events import Events
 
 PERIOD = 0.1
-"""Least time between two pieces of news of a job [s]."""
+"""Least time between two progress events of a job [s]."""
 KEPT = 50
 """Finished jobs that are remembered."""
 _OF = re.compile(r"(\d+) of (\d+)\b")
 
 
 class Cancelled(Exception):
-    """The job was cancelled: raised where it tells how far it is."""
+    """The job was cancelled: raised where it reports its progress."""
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Job:
     seconds: float = 0.0
     stop: threading.Event = field(default_factory=threading.Event, repr=False)
 
-    def told(self, result: bool = False) -> dict[str, Any]:
+    def as_data(self, result: bool = False) -> dict[str, Any]:
         """As the page gets it."""
         names = ("id", "do", "args", "state", "text", "done", "total", "error", "seconds")
         return {name: getattr(self, name) for name in names} | ({"result": self.result} if result else {})
@@ -67,7 +67,7 @@ class JobProgress:
     def __init__(self, job: Job, publish: Callable[[Job], None]):
         self.job, self._publish, self._last = job, publish, 0.0
 
-    def tell(self, text: str) -> None:
+    def report(self, text: str) -> None:
         """What is done now. Raises Cancelled."""
         found = _OF.search(text)
         self.job.text = text
@@ -76,7 +76,7 @@ class JobProgress:
 
     def progress(self, step: Step) -> None:
         """A step of a computation. Raises Cancelled."""
-        self.tell(sentence(step))
+        self.report(sentence(step))
 
     def check(self) -> None:
         """Raises Cancelled when the job was cancelled."""
@@ -122,7 +122,7 @@ class Jobs:
         return job
 
     def cancel(self, job: Job) -> None:
-        """Stop a job: at once when it waits, where it next tells how far it is when it runs."""
+        """Stop a job: at once when it waits, at its next report of progress when it runs."""
         job.stop.set()
         if job.state == "waiting":
             job.state, job.text = "cancelled", "cancelled"
@@ -153,7 +153,7 @@ class Jobs:
         self._thread.join(wait)
 
     def _say(self, job: Job) -> None:
-        self.events.publish("job", job.told())
+        self.events.publish("job", job.as_data())
 
     def _work(self) -> None:
         # One thread for linear algebra, as the command line has it: the same study then gives the same digits.

@@ -1,4 +1,4 @@
-"""What the car sends now: the bus is listened to, and told channel by channel."""
+"""Live state of the recording, channel by channel, from the bus."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lacet.daq.rig import Rig
 from lacet.services.workbench.events import Events
 
 PERIOD = 1.0
-"""How often pages are told [s]."""
+"""Period of the events to the pages [s]."""
 WINDOW = 5.0
 """Rates are those of the last so many seconds."""
 GONE = 30.0
@@ -111,14 +111,14 @@ class Live:
                 session.close()
 
     def _follow(self, listener: BusListener) -> None:
-        told = 0.0
+        sent = 0.0
         while not self._stop.is_set():
             message = listener.get(0.1)
             if message is not None:
                 with self._lock:
                     self.take(message)
-            if time.monotonic() - told >= PERIOD and self._last:
-                told = time.monotonic()
+            if time.monotonic() - sent >= PERIOD and self._last:
+                sent = time.monotonic()
                 self._events.publish("live", self.payload())
 
     def take(self, message: Message) -> None:

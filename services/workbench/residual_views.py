@@ -17,7 +17,7 @@ from lacet.services.workbench.session_cache import WAIT, SessionCache
 
 
 def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
-    """A row's residual against a state, clear of noise or not; what the model took up put back where it is clear."""
+    """A row's residual against a state, clear of noise or not; what the model absorbed put back where it is clear."""
     found, _ = cache.found_where(version)
     ready = found.against(row).get(state) if row in found.worst else None
     if ready is None:

@@ -51,7 +51,7 @@ def bench(request: Request) -> Bench:
 def study(request: Request) -> Any:
     """The study, its versions, the present one's diagnosis."""
     b = bench(request)
-    return study_views.study_payload(b.cache, b.jobs.busy.told() if b.jobs.busy else None)
+    return study_views.study_payload(b.cache, b.jobs.busy.as_data() if b.jobs.busy else None)
 
 
 @api.post("/study/runs")
@@ -83,7 +83,7 @@ async def upload(request: Request, filename: str) -> Any:
     found = await uploads.take(b.cache, filename, announced, request.stream(), b.most_upload)
     if found["raw"]:
         at_work = _decoding(b, found["file"])
-        found["job"] = (at_work or b.jobs.submit("decode", {"file": found["file"]})).told()
+        found["job"] = (at_work or b.jobs.submit("decode", {"file": found["file"]})).as_data()
     b.events.publish("study", {"changed": ["runs"]})
     return found
 
@@ -140,13 +140,13 @@ def start(request: Request, body: _JSON) -> Any:
 @api.get("/jobs")
 def jobs(request: Request) -> Any:
     """Every job, without results."""
-    return [job.told() for job in bench(request).jobs.all()]
+    return [job.as_data() for job in bench(request).jobs.all()]
 
 
 @api.get("/jobs/{number}")
 def job(request: Request, number: int) -> Any:
     """A job with its result."""
-    return _job(bench(request), number).told(result=True)
+    return _job(bench(request), number).as_data(result=True)
 
 
 @api.delete("/jobs/{number}")
@@ -155,14 +155,14 @@ def cancel(request: Request, number: int) -> Any:
     b = bench(request)
     found = _job(b, number)
     b.jobs.cancel(found)
-    return found.told()
+    return found.as_data()
 
 
 @api.get("/events")
 async def events(request: Request) -> StreamingResponse:
     """What changes, as it changes."""
     b = bench(request)
-    first = [("job", one.told()) for one in b.jobs.all() if not one.over]
+    first = [("job", one.as_data()) for one in b.jobs.all() if not one.over]
     stream = b.events.stream([("hello", {"pages": b.events.listening + 1}), *first])
     return StreamingResponse(stream, media_type="text/event-stream", headers={"X-Accel-Buffering": "no"})
 
@@ -245,7 +245,7 @@ def nothing(rest: str) -> JSONResponse:
 
 def _submitted(b: Bench, do: str, args: dict[str, Any]) -> dict[str, Any]:
     made: Job = b.jobs.submit(do, args)
-    return {"job": made.told(), "id": made.id}
+    return {"job": made.as_data(), "id": made.id}
 
 
 def _decoding(b: Bench, file: str) -> Job | None:

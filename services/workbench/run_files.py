@@ -29,7 +29,7 @@ FOLDER = "runs"
 RAW = "raw"
 """Folders of the study for runs, and for captures that were decoded into runs."""
 _KEPT_BACK = ("channel_list", "samples_hash")
-"""What the list of runs does not tell."""
+"""Keys that the list of runs does not show."""
 
 
 def run_paths(cache: SessionCache) -> dict[str, Path]:
@@ -136,7 +136,7 @@ class RunFiles:
 
 
 def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Tell where two files hold the same samples."""
+    """Report where two files hold the same samples."""
     names: dict[str, list[str]] = {}
     for run in runs:
         names.setdefault(run.get("samples_hash") or run["path"], []).append(run["name"])
@@ -149,12 +149,12 @@ def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def beside(path: Path) -> list[Path]:
-    """Files that a run is read with: an MDF file's channel map, what is told of a CSV table."""
+    """Files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
     if path.suffix.lower() in mf4.SUFFIXES:
         found = mf4.map_beside(path)
         return [found] if found else []
-    told = path.with_suffix(".json")
-    return [told] if path.suffix.lower() == ".csv" and told.is_file() else []
+    metadata = path.with_suffix(".json")
+    return [metadata] if path.suffix.lower() == ".csv" and metadata.is_file() else []
 
 
 def _state(path: Path) -> str:

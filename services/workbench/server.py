@@ -118,12 +118,12 @@ def _plain(_: Request, error: Exception) -> JSONResponse:
 
 
 def _bug(_: Request, error: Exception) -> JSONResponse:
-    """A bug is told like a fault; the terminal has the whole of it."""
+    """A bug is reported like a fault; the terminal has the whole of it."""
     return JSONResponse({"error": f"an error of lacet itself: {type(error).__name__}: {error}"}, 500)
 
 
 class _Server(uvicorn.Server):
-    """Ends the pages' streams of news when told to stop: they would keep it from stopping."""
+    """Ends the pages' streams of events when asked to stop: they would keep it from stopping."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI):
         super().__init__(config)

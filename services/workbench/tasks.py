@@ -1,4 +1,4 @@
-"""The jobs of the workbench: each is what a command does, told step by step and cancellable."""
+"""The jobs of the workbench: each does what a command does, with progress, and can be cancelled."""
 
 from __future__ import annotations
 

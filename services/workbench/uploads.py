@@ -34,7 +34,7 @@ _PIECE = 1 << 20
 _DAY = 86400.0
 _TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
 _BESIDE = (".toml", ".json")
-"""Endings of a channel map beside an MDF file, and of what is told of a CSV table."""
+"""Endings of a channel map beside an MDF file, and of the metadata of a CSV table."""
 
 
 def safe_name(name: str) -> str:
@@ -123,7 +123,7 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
     raw = False
     if target.suffix in _BESIDE:
         try:
-            _TOML.get(target.name, read_map if target.suffix == ".toml" else _read_told)(part)
+            _TOML.get(target.name, read_map if target.suffix == ".toml" else _read_metadata)(part)
         except LacetError as error:
             raise UsageError(str(error).replace(str(part), target.name)) from None
     elif target.suffix.lower() == ".mcap":
@@ -141,13 +141,13 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
 
 
-def _read_told(path: Path) -> None:
-    """Look whether a file is what is told of a CSV table. Raises UsageError."""
+def _read_metadata(path: Path) -> None:
+    """Check that a file is the metadata of a CSV table. Raises UsageError."""
     try:
-        told = json.loads(path.read_text(encoding="utf-8"))
+        metadata = json.loads(path.read_text(encoding="utf-8"))
     except (ValueError, OSError) as error:
         raise UsageError(f"{path}: is no JSON: {error}") from None
-    unknown = [key for key in told if key not in METADATA_KEYS] if isinstance(told, dict) else ["no object"]
+    unknown = [key for key in metadata if key not in METADATA_KEYS] if isinstance(metadata, dict) else ["no object"]
     if unknown:
         raise UsageError(f"{path}: {', '.join(unknown)}: known are {', '.join(METADATA_KEYS)}")
 

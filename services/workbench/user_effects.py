@@ -50,10 +50,10 @@ def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
     study = cache.study
     cls, stored = with_name(_joined(name, line), study)
     may_have(study, cls)
-    tried, tells = _tried(cache, study, cls)
+    tried, sentence = _tried(cache, study, cls)
     replaced = put(study, cls, stored)
     found = line_result(cls, study.vehicle, _reference(study))
-    return plain({"ok": True, **found, "line": stored, "replaced": replaced, "tried": tried, "tells": tells})
+    return plain({"ok": True, **found, "line": stored, "replaced": replaced, "tried": tried, "tells": sentence})
 
 
 def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:

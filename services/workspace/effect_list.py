@@ -99,7 +99,7 @@ def _joined(head: str, last: Sequence[str]) -> str:
 
 
 def _parameters(variants: Sequence[Effect]) -> list[str]:
-    """Each parameter once, with unit, plausible range and sign; those of bodies are told by `lacet info --model`."""
+    """Each parameter once, with unit, plausible range and sign; those of bodies are listed by `lacet info --model`."""
     if variants[0].name == "body":
         return ["XX … M of every body (lacet info --model)"]
     out: dict[str, None] = {}

@@ -1,4 +1,4 @@
-"""From files to drives: runs opened, rig and vehicle found, doubtful channels left out, and all of it told."""
+"""Loading of runs from files: rig and vehicle found, doubtful channels left out and reported."""
 
 from __future__ import annotations
 

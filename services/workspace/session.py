@@ -116,7 +116,7 @@ class Work:
         return self._fits[version.number]
 
     def knowledge(self, version: Version) -> Knowledge:
-        """What the runs used tell of a version's parameters."""
+        """The parameter knowledge of a version, from the runs used."""
         if version.number not in self._knowledge:
             self._knowledge[version.number] = Knowledge.of(self.fitted(version))
         return self._knowledge[version.number]

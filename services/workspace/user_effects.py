@@ -1,4 +1,4 @@
-"""The one-line effects of a study: the file that holds them, lines put in and taken out."""
+"""The one-line effects of a study: the file that holds them, lines put in and removed."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def publish(publisher: RunPublisher) -> dict[str, Block]:
 
 def work(bus: Bus, folder: Path, capacity: int = 1 << 20, **options: float) -> tuple[Worker, BusListener]:
     listener = BusListener(bus.client, capacity=capacity)
-    return Worker(listener, folder, "w", lambda path: {"size": path.stat().st_size}, tell=print, **options), listener
+    return Worker(listener, folder, "w", lambda path: {"size": path.stat().st_size}, notify=print, **options), listener
 
 
 def assert_whole(result: RunResult, whole: dict[str, Block]) -> None:

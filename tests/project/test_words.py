@@ -29,9 +29,8 @@ PAGES = sorted(
 """Pages in docs/benchmarks are written by measurements that take hours, in the words of the version measured."""
 
 PENDING = (
-    "identify/selection/",
-    "identify/progress.py",
-    "daq/bus/publisher.py", "services/", "docs/reference/",
+    "identify/progress.py", "identify/selection/", "services/library/rankings.py", "services/workspace/session.py",
+    "docs/reference/identify-selection.md",
 )  # fmt: skip
 """Still to be gone through, from the top of the checkout."""
 
@@ -61,6 +60,8 @@ ALLOWED: dict[str, str] = {
     r"\b(tells?|telling|told) (?:\S+ ){0,5}?(apart|from)\b": "plain English for: to distinguish",
     r"\bstrain gauges?\b": "the instrument",
     r"\b(nothing (is )?)?left to (explain|find)\b": "a sentence of machine-readable results and of `lacet where`",
+    r"mostly pulls at the road": "a force, in a message of the checks on loading",
+    r"would tell most": "a sentence of machine-readable results (`next.says`)",
     r"these runs tell no body's parameters": "a sentence of machine-readable results",
     r"too short to tell": "a value of `colour` in machine-readable results (docs/json.md)",
 }
@@ -92,6 +93,7 @@ SIDES = r"(?i:right|forward|rear)|\"lr?\""
 
 ALLOWED_IN: dict[tuple[str, str], str] = {
     ("daq/formats/mcap_write.py", "tell"): "a method that Python's files have",
+    ("services/workbench/static/js/views/user_effect.js", "tells"): "a key of the server's answer (docs/workbench.md)",
 }
 
 
@@ -135,11 +137,12 @@ def identifiers(node: ast.AST) -> Iterator[str]:
 def faults_in_python(source: str) -> list[str]:
     """Old words in the identifiers, docstrings and messages of a module, with their lines."""
     out: list[str] = []
+    lines = source.splitlines()
 
     def walk(node: ast.AST, around: str, within: str) -> None:
         """`around` : the source of the innermost function or class, `within` : of the innermost class."""
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
-            around = ast.get_source_segment(source, node) or around
+            around = "\n".join(lines[node.lineno - 1 : node.end_lineno])
             within = around if isinstance(node, ast.ClassDef) else within
         beside = within if isinstance(node, ast.Attribute) else around
         out.extend(f"{getattr(node, 'lineno', 0)}: {name}" for name in identifiers(node) if bad_name(name, beside))
@@ -177,7 +180,9 @@ def faults(files: list[Path]) -> dict[str, list[str]]:
         name, source = str(file.relative_to(HOME)), file.read_text(encoding="utf-8")
         if not name.startswith(PENDING):
             judge = {".py": faults_in_python, ".js": faults_in_script}.get(file.suffix, bad_words)
-            found[name] = [fault for fault in judge(source) if (name, fault.rpartition(" ")[2]) not in ALLOWED_IN]
+            found[name] = [
+                fault for fault in judge(source) if (name, fault.rpartition(" ")[2].strip("“”")) not in ALLOWED_IN
+            ]
     return {name: those for name, those in found.items() if those}
 
 

@@ -48,7 +48,7 @@ def replay_into_record(folder: Path) -> None:
     receivers = [open_receiver(rig.buses[name], default_endpoint(rig.buses, name, sending=False)) for name in stored]
     path = Path(os.environ.get("TMPDIR", "/tmp")) / "log.mcap"
     log = LogWriter(path, StartRecord("vcan", time.time_ns(), "", rig.text))
-    recorder = Recorder(receivers, Decoder(rig), log, tell=lambda text: print(text, file=sys.stderr))
+    recorder = Recorder(receivers, Decoder(rig), log, notify=lambda text: print(text, file=sys.stderr))
     ready = Event()
 
     def play() -> None:

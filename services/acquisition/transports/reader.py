@@ -24,10 +24,10 @@ class Reader:
     ----------
     receiver : where frames come from.
     queue : where they go; what does not fit is dropped and counted there, under the bus name.
-    tell : called with one plain sentence when the link is found, lost, or found again, and with each warning.
+    notify : called with one plain sentence when the link is found, lost, or found again, and with each warning.
     """
 
-    def __init__(self, receiver: Receiver, queue: BoundedQueue[Frames], tell: Callable[[str], None]):
+    def __init__(self, receiver: Receiver, queue: BoundedQueue[Frames], notify: Callable[[str], None]):
         self.receiver = receiver
         self.received = 0
         """Frames received so far, those the queue dropped included."""
@@ -36,7 +36,7 @@ class Reader:
         self.fault: BaseException | None = None
         """A bug that ended the thread; the recorder raises it again."""
         self._queue = queue
-        self._tell = tell
+        self._notify = notify
         self._links_lost = 0
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"reader-{receiver.source}", daemon=True)
@@ -67,33 +67,33 @@ class Reader:
 
     def _run(self) -> None:
         complained = False
-        told: set[str] = set()
+        warned: set[str] = set()
         try:
             while True:
                 try:
                     self.receiver.open()
                 except OSError as error:
                     if not complained:
-                        self._tell(f"{self.receiver.source} is not there ({error}); trying every {RETRY:g} s")
+                        self._notify(f"{self.receiver.source} is not there ({error}); trying every {RETRY:g} s")
                         complained = True
                     if self._stop.wait(RETRY):
                         return
                     continue
                 if complained:
-                    self._tell(f"{self.receiver.source} is there")
+                    self._notify(f"{self.receiver.source} is there")
                 complained = False
                 self.up.set()
                 for warning in self.receiver.warnings:
-                    if warning not in told:
-                        self._tell(f"{self.receiver.source}: {warning}")
-                told.update(self.receiver.warnings)
+                    if warning not in warned:
+                        self._notify(f"{self.receiver.source}: {warning}")
+                warned.update(self.receiver.warnings)
                 try:
                     self._read()
                     return
                 except OSError as error:
                     self._links_lost += 1
                     complained = True
-                    self._tell(f"{self.receiver.source}: link lost ({error}); trying every {RETRY:g} s")
+                    self._notify(f"{self.receiver.source}: link lost ({error}); trying every {RETRY:g} s")
                 finally:
                     self.up.clear()
                     self.receiver.close()

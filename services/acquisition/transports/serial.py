@@ -172,20 +172,20 @@ class PtySender:
 
     def send(self, frames: Frames) -> None:
         """Send the bytes; waits up to a second for a reader that is slow."""
-        left = memoryview(frames.data.tobytes())
+        remaining = memoryview(frames.data.tobytes())
         until = time.monotonic() + _PATIENCE
-        while left:
+        while remaining:
             if not self.has_reader:
                 break
             try:
-                left = left[os.write(self._master, left) :]
+                remaining = remaining[os.write(self._master, remaining) :]
                 continue
             except BlockingIOError:
                 if time.monotonic() > until:
                     break
             self._poll.poll(50)
-        if left:
-            sent = frames.data.size - len(left)
+        if remaining:
+            sent = frames.data.size - len(remaining)
             self.unsent += int((frames.offset[1:] > sent + frames.offset[0]).sum())
 
     def has_room(self) -> bool:

@@ -172,7 +172,7 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int:
 def waiting_bytes(port: int) -> int | None:
     """Bytes that wait in the fullest receive buffer among this machine's IPv4 UDP sockets on `port`.
 
-    None when nobody listens or the system does not tell.
+    None when nobody listens or the system does not say.
     """
     try:
         lines = Path("/proc/net/udp").read_text().splitlines()[1:]

@@ -161,7 +161,7 @@ def test_stored_frames_through_the_live_loop_give_the_blocks_of_decoding_stamps_
     offline = decode_frames(Decoder(rig), list(stored.values()))
     path = tmp_path / "live.mcap"
     wires = [FakeWire(name, frames, batch) for name, frames in stored.items()]
-    recorder = Recorder(wires, Decoder(rig), LogWriter(path, StartRecord("r", T0, "", rig.text)), tell=lambda _: None)
+    recorder = Recorder(wires, Decoder(rig), LogWriter(path, StartRecord("r", T0, "", rig.text)), notify=lambda _: None)
     summary = recorder.run(Event(), until_idle=0.3)
     assert summary.losses == {"can0": {"incomplete": 1}}
     log = LogReader(path)

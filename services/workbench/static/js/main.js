@@ -18,7 +18,7 @@ const VIEWS = {
 };
 const NAMES = Object.keys(VIEWS);
 
-const { state, set, on, tell } = createState();
+const { state, set, on, notify } = createState();
 const main = document.getElementById("main");
 let shown = { view: "", close: null };
 let turn = 0;
@@ -27,10 +27,10 @@ let addressTimer = 0;
 const jobs = createJobs({
   onJob: (job) => {
     bar.job(job);
-    tell({ job });
+    notify({ job });
   },
   onStudy: () => void readStudy(),
-  onLive: (live) => tell({ live }),
+  onLive: (live) => notify({ live }),
   onLink: (up) => bar.link(up),
 });
 const bar = createJobBar(document.getElementById("jobs"), { cancel: (id) => jobs.cancel(id).catch(complain) });
@@ -97,7 +97,7 @@ async function readStudy() {
     const version = study.exists ? study.current : null;
     Object.assign(state, { study, version });
     fitChoice();
-    tell({ study, version });
+    notify({ study, version });
     heading();
   } catch (cause) {
     complain(cause);
@@ -228,7 +228,7 @@ function theme(name, keep) {
     } catch {
       // not kept then: private windows
     }
-    tell({ theme: name });
+    notify({ theme: name });
   }
 }
 

@@ -172,7 +172,7 @@ export function drawColumns(u, x, extremes, colour, thick) {
  * @param {object} u uPlot
  * @param {ArrayLike<number>} t
  * @param {ArrayLike<number|null>} values
- * @param {{colour: string, width: number, dash?: number[]}} look [device pixels]
+ * @param {{colour: string, width: number, dash?: number[]}} style [device pixels]
  */
 export function drawLine(u, t, values, { colour, width, dash = [] }) {
   const { ctx, bbox } = u;

@@ -1,4 +1,4 @@
-// A canvas that is sharp on every screen, follows its box and the theme, and tells where the pointer is.
+// A canvas that is sharp on every screen, follows its box and the theme, and reports where the pointer is.
 
 import { onTheme } from "./colours.js";
 
@@ -65,7 +65,7 @@ export function sharpCanvas(box, height, paint) {
 export const FONT = "12px system-ui, sans-serif";
 
 /**
- * Tells where pointer and touch are on a canvas.
+ * Reports where pointer and touch are on a canvas.
  * @param {HTMLCanvasElement} canvas
  * @param {{move: (x: number, y: number) => void, leave: () => void, pick?: (x: number, y: number) => void}} act in px
  */

@@ -45,7 +45,7 @@ export function onTheme(listener) {
   return () => listeners.delete(listener);
 }
 
-function tell() {
+function notify() {
   if (queued) return;
   queued = true;
   requestAnimationFrame(() => {
@@ -54,6 +54,6 @@ function tell() {
   });
 }
 
-matchMedia("(prefers-color-scheme: dark)").addEventListener("change", tell);
-matchMedia("(prefers-contrast: more)").addEventListener("change", tell);
-new MutationObserver(tell).observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme", "class"] });
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", notify);
+matchMedia("(prefers-contrast: more)").addEventListener("change", notify);
+new MutationObserver(notify).observe(document.documentElement, { attributes: true, attributeFilter: ["data-theme", "class"] });

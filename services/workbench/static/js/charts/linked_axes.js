@@ -10,7 +10,7 @@ class Link {
     this.window = null; // null: everything
     this.cursor = null;
     this.queued = false;
-    this.tells = false;
+    this.notifies = false;
   }
 
   /** @returns {[number, number]} first and last time of all members. */
@@ -50,9 +50,9 @@ class Link {
    * Shows a window in all members; it is kept inside the data and no narrower than a few samples.
    * @param {number} t0
    * @param {number} t1
-   * @param {boolean} [tell] whether listeners (onZoom) are told: not when they asked for it.
+   * @param {boolean} [notify] whether listeners (onZoom) are called: not when they asked for it.
    */
-  setWindow(t0, t1, tell = true) {
+  setWindow(t0, t1, notify = true) {
     const [low, high] = this.extent;
     let least = Infinity;
     for (const member of this.members) least = Math.min(least, member.least);
@@ -69,7 +69,7 @@ class Link {
     else if (b > high) [a, b] = [high - (b - a), high];
     const whole = a <= low && b >= high;
     this.window = whole ? null : [a, b];
-    this.tells = this.tells || tell;
+    this.notifies = this.notifies || notify;
     if (this.queued) return;
     // Several wheel or touch events a frame make one redraw.
     this.queued = true;
@@ -87,8 +87,8 @@ class Link {
   show() {
     const [a, b] = this.shown;
     for (const member of this.members) member.showWindow();
-    if (this.tells) for (const member of [...this.members]) member.onZoom?.(a, b, this.window === null);
-    this.tells = false;
+    if (this.notifies) for (const member of [...this.members]) member.onZoom?.(a, b, this.window === null);
+    this.notifies = false;
   }
 
   /** Zooms by a factor (below 1: closer) about a time. */

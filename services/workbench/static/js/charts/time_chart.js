@@ -169,7 +169,7 @@ class Chart {
     waiting.delete(this);
     if (!this.width || this.gone) return;
     if (!this.u) {
-      this.u = new uPlot(this.look(), this.data, this.plot);
+      this.u = new uPlot(this.options(), this.data, this.plot);
       this.end = gestures(this.u.over, this.plot, this.shared, {
         timeAt: (px) => this.u.posToVal(px, "x"),
         spacing: () => this.spacing,
@@ -249,7 +249,7 @@ class Chart {
     this.element.remove();
   }
 
-  look() {
+  options() {
     const ink = resolved("--chart-ink", "#555");
     const grid = { stroke: resolved("--chart-grid", "#8883"), width: 1 };
     const font = "12px system-ui, sans-serif";
@@ -292,7 +292,7 @@ class Chart {
     };
   }
 
-  /** A line, which uPlot is told not to draw: it takes several times as long. */
+  /** A line, which uPlot does not draw: it takes several times as long. */
   line(u, k) {
     const s = this.lines[k - 1];
     if (!s || s.hidden || (s.fill && !this.dense)) return;

@@ -167,7 +167,7 @@ function pattern() {
   );
 }
 
-/** The versions the present one was made from: the others were left behind and stand pale. */
+/** The versions the present one was made from: the others are pale. */
 function ancestry(versions, current) {
   const by = new Map(versions.map((v) => [v.version, v]));
   const out = new Set();

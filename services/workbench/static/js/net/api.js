@@ -92,7 +92,7 @@ export function unpack(buffer) {
  */
 export function upload(path, file, onProgress) {
   return new Promise((resolve, reject) => {
-    // fetch tells nothing about how much of a body has gone; a log of some gigabytes needs that
+    // fetch says nothing about how much of a body has gone; a log of some gigabytes needs that
     const request = new XMLHttpRequest();
     request.open("PUT", path);
     request.upload.onprogress = (e) => onProgress?.(e.total ? e.loaded / e.total : 0);

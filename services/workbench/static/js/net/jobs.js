@@ -60,7 +60,7 @@ export function createJobs(hear) {
     }
   }
 
-  async function look(id, entry) {
+  async function load(id, entry) {
     if (entry.over || Date.now() - entry.heard < AGAIN) return;
     try {
       const job = await api.get(`api/jobs/${id}`);
@@ -84,9 +84,9 @@ export function createJobs(hear) {
   function follow(id, { onProgress } = {}) {
     return new Promise((resolve, reject) => {
       const entry = { resolve, reject, onProgress, heard: 0, over: false, timer: 0 };
-      entry.timer = setInterval(() => void look(id, entry), AGAIN / 2);
+      entry.timer = setInterval(() => void load(id, entry), AGAIN / 2);
       waiting.set(id, entry);
-      void look(id, entry); // it may be over before the first event
+      void load(id, entry); // it may be over before the first event
     });
   }
 

@@ -6,13 +6,13 @@ const NUMBERS = new Set(["t0", "t1"]);
 /**
  * The state and its listeners.
  * @returns {{state: Object, set: (patch: Object) => void, on: (listener: (patch: Object) => void) => (() => void),
- *            tell: (patch: Object) => void}}
+ *            notify: (patch: Object) => void}}
  */
 export function createState() {
   const state = { study: null, version: null, run: null, row: null, t0: null, t1: null, cursor: null };
   const listeners = new Set();
 
-  function tell(patch) {
+  function notify(patch) {
     for (const listener of [...listeners]) listener(patch);
   }
 
@@ -20,7 +20,7 @@ export function createState() {
     const changed = Object.fromEntries(Object.entries(patch).filter(([key, value]) => state[key] !== value));
     if (!Object.keys(changed).length) return;
     Object.assign(state, changed);
-    tell(changed);
+    notify(changed);
   }
 
   function on(listener) {
@@ -28,7 +28,7 @@ export function createState() {
     return () => listeners.delete(listener);
   }
 
-  return { state, set, on, tell };
+  return { state, set, on, notify };
 }
 
 /**

@@ -22,7 +22,7 @@ const VERDICTS = {
 export async function show(root, app) {
   let busy = false;
   const verdict = h("div", { class: "verdict-text" });
-  const look = h("button", {
+  const screen = h("button", {
     type: "button",
     class: "primary",
     "data-testid": "diagnose",
@@ -47,7 +47,7 @@ export async function show(root, app) {
     "section",
     { class: "panel verdict", "data-testid": "verdict", "aria-live": "polite" },
     verdict,
-    h("div", { class: "bar verdict-acts" }, look, auto),
+    h("div", { class: "bar verdict-acts" }, screen, auto),
   );
   const about = { effects: new Map() };
 
@@ -94,7 +94,7 @@ export async function show(root, app) {
     try {
       await app.api.run(name, args, { onProgress: (job) => progress(job) });
       await app.refresh();
-      told(name, args, before, present());
+      announce(name, args, before, present());
     } catch (cause) {
       app.complain(cause);
       await app.refresh();
@@ -120,7 +120,7 @@ export async function show(root, app) {
     return study?.versions?.find((v) => v.version === version) ?? null;
   }
 
-  function told(name, args, before, after) {
+  function announce(name, args, before, after) {
     if (!before || !after || before.version === after.version) return;
     const fall = (key) =>
       Number.isFinite(before[key]) && Number.isFinite(after[key])
@@ -130,7 +130,7 @@ export async function show(root, app) {
     const what =
       {
         add: `Added ${args.effect}`,
-        remove: `Took out ${args.effect}`,
+        remove: `Removed ${args.effect}`,
         undo: `Back to version ${after.version}`,
         diagnose: "Done",
       }[name] ?? name;
@@ -144,7 +144,7 @@ export async function show(root, app) {
     const { study } = app.state;
     const now = present();
     const ready = Boolean(study?.exists) && !busy;
-    for (const button of [look, auto]) button.disabled = !ready;
+    for (const button of [screen, auto]) button.disabled = !ready;
     undo.disabled = !ready || !now?.parent;
     root.querySelector(".undo-says").textContent = now?.parent
       ? `back to version ${now.parent}`

@@ -55,7 +55,7 @@ export function createPreview(app, about) {
       return;
     }
     if (candidate.answer === "not testable") {
-      blank("These runs cannot tell: there is nothing to draw.");
+      blank("These runs do not show it: there is nothing to draw.");
       return;
     }
     const path = `api/preview/${version}/${encodeURIComponent(candidate.effect)}/${encodeURIComponent(run)}/${encodeURIComponent(row)}`;

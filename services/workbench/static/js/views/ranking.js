@@ -1,4 +1,4 @@
-/** The ranked list of candidates: one line each, the chosen one told in full beside its preview. */
+/** The ranked list of candidates: one line each, the chosen one in full beside its preview. */
 
 import { h } from "../widgets/dom.js";
 import { number, percent, short, unitText } from "../widgets/format.js";

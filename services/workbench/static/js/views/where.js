@@ -6,7 +6,7 @@ import { residualMap } from "../charts/residual_map.js";
 import { times } from "../widgets/format.js";
 import { surfaceMaps } from "../charts/restoring_surface.js";
 import { rowPictures } from "./where_row.js";
-import { leftKey, leftTable, phaseTable } from "./where_tables.js";
+import { explainableKey, explainableTable, phaseTable } from "./where_tables.js";
 
 const AROUND = 2; // seconds shown on either side of a place of the map
 
@@ -47,7 +47,7 @@ class WhereView {
     const what = this.kinds();
     const surfaces = panel("where-surfaces", "Restoring force over travel and rate", "mean over the runs used", what);
     const phases = panel("where-phases", "By phase of driving", "error ÷ noise floor over all runs", this.phases);
-    const left = panel("where-left", "How much is left to explain", "in blocks of 2 s that the prediction was not made from", leftKey(), this.left);
+    const left = panel("where-left", "How much is left to explain", "in blocks of 2 s that the prediction was not made from", explainableKey(), this.left);
     this.below = h("div", { class: "where-below" }, own, phases, left, surfaces);
     root.append(h("section", { class: "panel where-head" }, this.says), map, this.below);
     this.map = residualMap(map, { onPick: (place) => this.pick(place), rows: app.rows().length || 16 });
@@ -81,7 +81,7 @@ class WhereView {
     this.version = this.app.state.version;
     this.turn += 1;
     void this.drawMap(this.turn);
-    void this.look(this.turn);
+    void this.load(this.turn);
   }
 
   async drawMap(mine) {
@@ -98,7 +98,7 @@ class WhereView {
     }
   }
 
-  async look(mine) {
+  async load(mine) {
     const slow = setTimeout(() => this.veil.say("Looking where the model fails …"), 150);
     try {
       const found = await needing(this.app, () => this.app.api.get(`api/where/${this.version}`), { version: this.version }, this.veil);
@@ -112,7 +112,7 @@ class WhereView {
       this.tables();
       this.pictures.show(found, this.version, this.app.state.row);
     } catch (cause) {
-      if (mine === this.turn) this.veil.fail(cause, () => void this.look(mine));
+      if (mine === this.turn) this.veil.fail(cause, () => void this.load(mine));
     } finally {
       clearTimeout(slow);
     }
@@ -128,7 +128,7 @@ class WhereView {
     const { row } = this.app.state;
     const choose = (name) => this.app.set({ row: name });
     this.phases.replaceChildren(phaseTable(this.found, row, choose));
-    this.left.replaceChildren(Object.keys(this.found.left).length ? leftTable(this.found, row, choose, this.app.state.study.fails_above)
+    this.left.replaceChildren(Object.keys(this.found.left).length ? explainableTable(this.found, row, choose, this.app.state.study.fails_above)
       : h("p", { class: "muted", text: "The runs are too short to say how much is left to explain." }));
   }
 

@@ -56,7 +56,7 @@ export function rowPictures(root, app) {
       const x = one.state.map((v) => scale * v);
       first.update({
         title: "", x: { label: name, unit: shown }, y: { label: "error", unit },
-        hint: one.put_back ? "What the model's own springs, dampers and masses took up is put back." : "The residual as it is.",
+        hint: one.put_back ? "What the model's own springs, dampers and masses absorbed is put back." : "The residual as it is.",
         counts: one.count,
         items: [
           { kind: "level", value: 0, colour: "--chart-ink", dash: [2, 3], width: 1 },

@@ -40,7 +40,7 @@ export function phaseTable(found, chosen, onRow) {
  * @param {number} least error ÷ floor that the bars reach at least
  * @returns {HTMLElement}
  */
-export function leftTable(found, chosen, onRow, least) {
+export function explainableTable(found, chosen, onRow, least) {
   const rows = Object.values(found.left).sort((a, b) => b.rms / b.floor - a.rms / a.floor);
   const longest = Math.max(...rows.map((x) => x.rms / x.floor), least);
   return h("table", { class: "left-table" },
@@ -74,7 +74,7 @@ function parts(x, longest) {
 }
 
 /** What the pieces of the bars stand for. */
-export function leftKey() {
+export function explainableKey() {
   const one = (kind, text) => h("span", { class: "chart-key" }, h("i", { class: `phase-swatch made-${kind}` }), text);
   return h("p", { class: "made-key" }, one("follows", "follows the measured states"), one("history", "follows their history"),
     one("rest", "not predictable: noise, or something not measured"), h("span", { class: "chart-key" }, h("i", { class: "floor-swatch" }), "noise floor"));

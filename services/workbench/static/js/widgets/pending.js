@@ -34,14 +34,14 @@ async function job(app, name, args, place) {
     entry.over = app.api.run(name, args, {
       onProgress: (state) => {
         entry.last = state;
-        for (const one of entry.places) tell(one, name, state);
+        for (const one of entry.places) show(one, name, state);
       },
     }).finally(() => going.delete(key));
     going.set(key, entry);
   }
   if (place) {
     entry.places.add(place);
-    tell(place, name, entry.last);
+    show(place, name, entry.last);
   }
   try {
     await entry.over;
@@ -50,7 +50,7 @@ async function job(app, name, args, place) {
   }
 }
 
-function tell(place, name, state) {
+function show(place, name, state) {
   const words = state?.state === "waiting" ? "waits for other work" : state?.text;
   place.say(`${WORDS[name] ?? name}${words ? `: ${words}` : " …"}`, state?.total ? state.done / state.total : null);
 }

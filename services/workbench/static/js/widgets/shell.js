@@ -117,7 +117,7 @@ export function createJobBar(root, { cancel }) {
   setInterval(tick, 1000);
   return {
     job(job) {
-      if (over.has(job.id)) return; // late news of work that is done
+      if (over.has(job.id)) return; // a late event of work that is done
       said = "";
       if (job.state === "running" || job.state === "waiting") running.set(job.id, job);
       else {
