@@ -383,7 +383,7 @@ def extended(fitted: Fit, effect: Effect) -> Fit:
 
 
 def _weights_free(fitted: Fit) -> FitOptions:
-    """The options of a fit, rows weighted anew by what is left of each."""
+    """The options of a fit, rows weighted anew by their residuals."""
     return replace(fitted.options, weights=None)
 
 

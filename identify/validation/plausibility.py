@@ -56,7 +56,7 @@ class Symptom(Enum):
     GRAVITY_DIRECTION = auto()
     WEIGHT_SIGN = auto()
     WEIGHT_SIZE = auto()
-    WHEEL_PULLS = auto()
+    WHEEL_LOAD_SIGN = auto()
     DISTANCE_SIZE = auto()
     ANGLE_SIZE = auto()
     SPEED_SIZE = auto()
@@ -174,13 +174,13 @@ def _weight(run: PreparedRun) -> Iterator[Doubt]:
     loads = np.sum([dot(corner.force, corner.normal) for corner in run.motion.corners.values()], axis=0)
     weight = float(np.median(loads[keep]))
     each = {c: float(np.median(dot(k.force, k.normal)[keep])) for c, k in run.motion.corners.items()}
-    pulling = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
+    upward = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
     if weight < 0.0:
         yield Doubt(Symptom.WEIGHT_SIGN, value=weight)
     elif weight / _G < _LIGHT * _wheelbase(run) ** 3:
         yield Doubt(Symptom.WEIGHT_SIZE, value=weight, other=weight / _G, guess="kN")
-    elif pulling:
-        yield Doubt(Symptom.WHEEL_PULLS, tuple(pulling))
+    elif upward:
+        yield Doubt(Symptom.WHEEL_LOAD_SIGN, tuple(upward))
 
 
 def _distances(run: PreparedRun) -> Iterator[Doubt]:
@@ -354,7 +354,7 @@ def _near(ratio: float) -> bool:
 
 
 def _slope(x: Array, y: Array) -> tuple[float, float]:
-    """Slope of y against x, and their correlation; zeros where there is nothing to tell from."""
+    """Slope of y against x, and their correlation; zeros where there are too few samples."""
     if x.size < _LEAST:
         return 0.0, 0.0
     x, y = x - np.mean(x), y - np.mean(y)

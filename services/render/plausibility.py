@@ -21,7 +21,7 @@ def sentence(doubt: Doubt) -> str:
             return f"the wheel forces' z add up to {value:.3g} N: they are positive when the wheels carry the car"
         case Symptom.WEIGHT_SIZE:
             return f"the wheel forces' z add up to {value:.3g} N, a car of {other:.2g} kg: are they in {doubt.guess}?"
-        case Symptom.WHEEL_PULLS:
+        case Symptom.WHEEL_LOAD_SIGN:
             return f"{names} mostly pulls at the road: z is positive when a wheel carries the car"
         case Symptom.DISTANCE_SIZE | Symptom.ANGLE_SIZE:
             unit = "m" if doubt.symptom is Symptom.DISTANCE_SIZE else "rad"
