@@ -1,15 +1,15 @@
-"""A singular or badly scaled problem in words: which parameters take part, and what hardly moves."""
+"""Singular or badly scaled problems: the parameters that the equations leave open, and what hardly moves."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
-from lacet.identify.car.rows import row_unit
 from lacet.identify.effects.base import Effect, PhysicalEffect, SuspensionForce
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.base_parameters import BaseParameters
@@ -20,7 +20,52 @@ from lacet.identify.regression.prepared_run import PreparedRun
 CONDITION = 1e6
 """Ratio of best to worst known direction beyond which a problem is badly scaled, parameters in plausible sizes."""
 _SHARE = 0.05
-_MOST = 6
+
+
+@dataclass(frozen=True)
+class SmallTravel:
+    """The travel at some corners hardly moves: `travel` [m] and `rate` [m/s], largest standard deviations there."""
+
+    corners: tuple[str, ...]
+    travel: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class SmallChange:
+    """Parameters hardly change any row: one at its largest plausible value changes `row` by `size` at most.
+
+    `row` is empty where nothing that is measured changes with them; `single` : whether it is one parameter only.
+    """
+
+    row: str
+    size: float
+    single: bool
+
+
+@dataclass(frozen=True)
+class Undetermined:
+    """Parameters that the equations leave open, each by itself; `why` : what hardly moves."""
+
+    names: tuple[str, ...]
+    why: SmallTravel | SmallChange | None = None
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Parameters of which the equations leave a combination open, each with its share of it [%]."""
+
+    shares: tuple[tuple[str, float], ...]
+    why: SmallTravel | SmallChange | None = None
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A parameter that the runs merge into others, `holders`, although it acts differently."""
+
+    name: str
+    holders: tuple[str, ...]
+    why: SmallTravel | SmallChange | None = None
 
 
 def weak_directions(
@@ -59,8 +104,8 @@ def weak_directions(
 
 def explain_singular(
     root: Array, names: Sequence[str], priors: Sequence[float] | Array, condition: float = CONDITION, least: float = 0.0
-) -> list[str]:
-    """Every open direction of `weak_directions` in words, with the share of each parameter.
+) -> list[Undetermined | Combination]:
+    """Every open direction of `weak_directions`, with the share of each parameter.
 
     Raises UsageError when `root` has entries that are not finite, naming the parameters they belong to.
     """
@@ -68,13 +113,14 @@ def explain_singular(
     table = np.asarray(root, float)[:, : len(names)]
     bad = [names[int(k)] for k in np.flatnonzero(~np.all(np.isfinite(table), axis=0))]
     if bad:
-        raise UsageError(f"the equations are not finite in the columns of {_listed(bad)}")
-    return [_in_words(direction, names) for direction in weak_directions(table, size, condition, least)]
+        listed = " and ".join(filter(None, (", ".join(bad[:-1]), bad[-1])))
+        raise UsageError(f"the equations are not finite in the columns of {listed}")
+    return [_open_direction(direction, names) for direction in weak_directions(table, size, condition, least)]
 
 
 def explain_weak(
     root: Array, names: Sequence[str], model: Model, runs: Sequence[PreparedRun], least: float = 2.0
-) -> list[str]:
+) -> list[Undetermined | Combination]:
     """What a fit's equations leave open, with what hardly moves in the runs.
 
     `root` is the weighted triangle with the plausible ranges in it (`Information.root`), `names` its unknowns. Sensor
@@ -88,34 +134,32 @@ def explain_weak(
     priors = np.array([known[name] for name in picked])
     owners = _owners(model)
     single: dict[str, list[str]] = {}
-    out: list[str] = []
+    out: list[Undetermined | Combination] = []
     for direction in weak_directions(turned, priors, CONDITION, least):
         members = [picked[i] for i, _ in direction]
         if len(members) == 1:
             single.setdefault(owners[members[0]].key, []).append(members[0])
         else:
-            out.append(_in_words(direction, picked) + _why(members, model, runs))
+            out.append(replace(_open_direction(direction, picked), why=_weakness(members, model, runs)))
     for members in single.values():
         ordered = sorted(members, key=picked.index)
-        out.append(
-            f"{_listed(ordered)} {'is' if len(ordered) == 1 else 'are'} not determined" + _why(ordered, model, runs)
-        )
+        out.append(Undetermined(tuple(ordered), _weakness(ordered, model, runs)))
     return out
 
 
-def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[PreparedRun]) -> list[str]:
+def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[PreparedRun]) -> list[Merged]:
     """Parameters that these runs merge into others although they act differently, with what hardly moves.
 
     Groups of rigid bodies among themselves are the car's build (a wheel's mass moves with its axle's) and are left out.
     """
     owners = _owners(model)
-    out: list[str] = []
+    out: list[Merged] = []
     for column, k in enumerate(base.dependent):
         name = base.names[int(k)]
         holders = [base.names[int(i)] for i in base.independent[base.relations[:, column] != 0.0]]
         if all(isinstance(owners[n], RigidBody) for n in (name, *holders)):
             continue
-        out.append(f"{name} cannot be told from {_listed(holders)}" + _why([name, *holders], model, runs))
+        out.append(Merged(name, tuple(holders), _weakness([name, *holders], model, runs)))
     return out
 
 
@@ -151,51 +195,37 @@ def _when(t: Array, bad: NDArray[np.intp]) -> str:
     return f"t = {t[bad[0]]:.2f} s ({bad.size} of {t.size} samples)"
 
 
-def _in_words(direction: Sequence[tuple[int, float]], names: Sequence[str]) -> str:
+def _open_direction(direction: Sequence[tuple[int, float]], names: Sequence[str]) -> Undetermined | Combination:
+    if len(direction) == 1:
+        return Undetermined((names[direction[0][0]],))
     total = sum(c**2 for _, c in direction)
-    members = [(names[i], round(100 * c**2 / total)) for i, c in direction]
-    if len(members) == 1:
-        return f"{members[0][0]} is not determined"
-    more = f" and {len(members) - _MOST} more" if len(members) > _MOST else ""
-    return _listed([f"{name} ({share} %)" for name, share in members[:_MOST]]) + more + " cannot be told apart"
-
-
-def _listed(words: Sequence[str]) -> str:
-    return words[0] if len(words) == 1 else ", ".join(words[:-1]) + " and " + words[-1]
+    return Combination(tuple((names[i], 100 * c**2 / total) for i, c in direction))
 
 
 def _owners(model: Model) -> dict[str, Effect]:
     return {q.name: effect for effect in (*model.physics, *model.faults) for q in effect.parameters}
 
 
-def _why(members: Sequence[str], model: Model, runs: Sequence[PreparedRun]) -> str:
-    """What hardly moves, after a colon: travel for suspension laws, else how little these parameters change any row."""
+def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun]) -> SmallTravel | SmallChange | None:
+    """What hardly moves: travel for suspension laws, else how little these parameters change any row."""
     owners = _owners(model)
     laws = [one for name in members if isinstance(one := owners[name], SuspensionForce)]
     if laws:
         corners = sorted({c for one in laws for c in one.corners()} & {c for d in runs for c in d.motion.corners})
         travel, rate = (_spread(runs, corners, what) for what in ("travel", "rate"))
-        return f": travel at {', '.join(corners)} moves by ± {_plain(travel)} mm, at ± {_plain(rate)} mm/s"
+        return SmallTravel(tuple(corners), travel, rate)
     physics = [owners[name].as_physics for name in members]
     size, row = 0.0, ""
     for name, effect in zip(members, physics, strict=True):
         if effect is None:
-            return ""
+            return None
         place = [q.name for q in effect.parameters].index(name)
         for run in runs:
             for key, table in run.columns(effect).items():
                 change = effect.parameters[place].largest * float(np.std(table[place]))
                 if change > size:
                     size, row = change, key
-    if not row:
-        return ": nothing these runs measure changes with it"
-    who = "it changes" if len(members) == 1 else "one of them changes"
-    return f": at its largest plausible value {who} {row} by ± {size:.2g} {row_unit(row)}, and no row more"
-
-
-def _plain(metres: float) -> str:
-    """Millimetres to two digits; below a tenth of a micrometre it is rounding."""
-    return f"{1e3 * metres:.2g}" if metres >= 1e-7 else "0"
+    return SmallChange(row, size, len(members) == 1)
 
 
 def _spread(runs: Sequence[PreparedRun], corners: Sequence[str], what: str) -> float:

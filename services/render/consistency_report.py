@@ -7,14 +7,17 @@ from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.regression.identifiability import explain_grouping, explain_weak
 from lacet.identify.regression.information import Information
 from lacet.identify.regression.wls import Fit
+from lacet.services.render.identifiability import open_direction
 
 
 def left_open(fitted: Fit) -> list[str]:
     """What the runs of a fit merge or leave no better known than plausible, one line each; never empty."""
     known = Information.of(fitted)
-    lines = explain_grouping(fitted.base, fitted.model, fitted.runs)
-    lines += explain_weak(known.root, known.names, fitted.model, fitted.runs)
-    return lines or ["nothing"]
+    found = [
+        *explain_grouping(fitted.base, fitted.model, fitted.runs),
+        *explain_weak(known.root, known.names, fitted.model, fitted.runs),
+    ]
+    return [open_direction(one) for one in found] or ["nothing"]
 
 
 def consistency_words(found: Consistency) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lacet.identify.car.rows import row_unit
 from lacet.identify.properties.derived import ImpossibleCar, RowMissing
 from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
+from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
 from lacet.identify.validation.parameter_estimates import (
     CountedWith,
     HardlyKnown,
@@ -19,6 +21,7 @@ from lacet.identify.validation.score import Comparison
 from lacet.services.render.rows import row_absence
 
 _SHOWS = "what shows it: "
+_MOST_SHARES = 6
 _FIXED = {
     Fixed.FREE: "left free: no row is about the ground's axes",
     Fixed.NO_KINGPIN: "stays 0: no caster, no inclination",
@@ -47,6 +50,39 @@ def unidentified(why: Unidentified | None) -> str:
             return f"{row}{' and others' if others else ''} left out: {reason}"
         case CountedWith(names):
             return f"acts only together with {', '.join(names[:4])}, and is counted there"
+
+
+def open_direction(found: Undetermined | Combination | Merged) -> str:
+    """What the equations of a fit leave open or merge, with what hardly moves in the runs."""
+    match found:
+        case Undetermined(names, why):
+            text = f"{listed(names)} {'is' if len(names) == 1 else 'are'} not determined"
+        case Combination(shares, why):
+            more = f" and {len(shares) - _MOST_SHARES} more" if len(shares) > _MOST_SHARES else ""
+            some = listed([f"{name} ({round(share)} %)" for name, share in shares[:_MOST_SHARES]])
+            text = f"{some}{more} cannot be told apart"
+        case Merged(name, holders, why):
+            text = f"{name} cannot be told from {listed(holders)}"
+    return text + _weakness(why)
+
+
+def _weakness(why: SmallTravel | SmallChange | None) -> str:
+    """What hardly moves, after a colon."""
+    match why:
+        case None:
+            return ""
+        case SmallTravel(corners, travel, rate):
+            return f": travel at {', '.join(corners)} moves by ± {_milli(travel)} mm, at ± {_milli(rate)} mm/s"
+        case SmallChange("", _, _):
+            return ": nothing these runs measure changes with it"
+        case SmallChange(row, size, single):
+            who = "it changes" if single else "one of them changes"
+            return f": at its largest plausible value {who} {row} by ± {size:.2g} {row_unit(row)}, and no row more"
+
+
+def _milli(metres: float) -> str:
+    """Thousandths to two digits; below a tenth of a millionth it is rounding."""
+    return f"{1e3 * metres:.2g}" if metres >= 1e-7 else "0"
 
 
 def open_parameters(why: OpenParameters | None) -> str:

@@ -13,6 +13,7 @@ from lacet.identify.effects.base import Parameter, SuspensionForce
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.identifiability import (
+    Undetermined,
     explain_grouping,
     explain_singular,
     explain_weak,
@@ -24,6 +25,7 @@ from lacet.identify.regression.information import Information
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import FitOptions, fit
+from lacet.services.render.identifiability import open_direction
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -51,7 +53,7 @@ def test_several_singular_directions_stand_by_themselves() -> None:
     """Two pairs and a lone one, not a mixture of all five."""
     W = np.random.default_rng(1).normal(size=(30, 6))
     W[:, 1], W[:, 3], W[:, 4] = -W[:, 0], 2 * W[:, 2], 0.0
-    told = explain_singular(W, ["a", "b", "c", "d", "e", "f"], np.ones(6))
+    told = [open_direction(one) for one in explain_singular(W, ["a", "b", "c", "d", "e", "f"], np.ones(6))]
     assert sorted(told) == sorted([
         "a (50 %) and b (50 %) cannot be told apart", "c (80 %) and d (20 %) cannot be told apart",
         "e is not determined",
@@ -64,8 +66,8 @@ def test_plausible_sizes_decide_what_is_badly_scaled() -> None:
     W = np.diag([1e-5, 1.0, 1e-9])
     names = ["k", "m", "x"]
     assert explain_singular(W, names, [1e5, 1.0, 1e9]) == []
-    assert explain_singular(W, names, [1e5, 1.0, 1.0]) == ["x is not determined"]
-    assert explain_singular(np.zeros((2, 2)), ["a", "b"], [1.0, 1.0]) == ["a is not determined", "b is not determined"]
+    assert explain_singular(W, names, [1e5, 1.0, 1.0]) == [Undetermined(("x",))]
+    assert explain_singular(np.zeros((2, 2)), ["a", "b"], [1.0, 1.0]) == [Undetermined(("a",)), Undetermined(("b",))]
     with pytest.raises(UsageError, match="columns of m"):
         explain_singular(np.diag([1.0, np.nan, 1.0]), names, np.ones(3))
 
@@ -82,7 +84,7 @@ def test_a_travel_that_does_not_move_merges_spring_and_load_and_is_told() -> Non
     """No travel: spring and static load are one parameter, which the runs, not the car's build, merge."""
     drive, model = hardly_moving(0.0), Model.of(base_model(VEHICLE, "hub"))
     fitted = fit(model, [drive], FitOptions(unbias=False))
-    told = explain_grouping(fitted.base, model, [drive])
+    told = [open_direction(one) for one in explain_grouping(fitted.base, model, [drive])]
     assert any(
         line.startswith("offset.fl.f0 cannot be told from spring.fl.k: travel at fl moves by ± 0 mm") for line in told
     ), told
@@ -93,7 +95,8 @@ def test_a_travel_that_hardly_moves_is_told_with_its_size() -> None:
     """A hundredth of a millimetre: not singular, yet the runs know no more than what is plausible."""
     drive, model = hardly_moving(1e-5), Model.of(base_model(VEHICLE, "hub"))
     known = Information.of(fit(model, [drive], FitOptions(unbias=False)))
-    told = [line for line in explain_weak(known.root, known.names, model, [drive]) if "spring.fl.k" in line]
+    found = explain_weak(known.root, known.names, model, [drive])
+    told = [line for line in map(open_direction, found) if "spring.fl.k" in line]
     assert len(told) == 1
     assert "travel at fl moves by ± 0.007" in told[0], told
 
