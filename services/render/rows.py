@@ -1,17 +1,27 @@
-"""Rows of the equations in words: why one is absent, what a run's reading left out, how a residual looks."""
+"""Rows of the equations in words: names, level of colour, why one is absent, what reading left out, residuals."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
-from lacet.identify.car.rows import Absence, RowAbsence
+from lacet.identify.car.rows import Absence, RowAbsence, row_unit
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
 from lacet.identify.validation.explainable_residual import ExplainableResidual
-from lacet.identify.validation.score import FAILS, RowScore
+from lacet.identify.validation.score import FAILS, RowScore, fails
 from lacet.identify.validation.whiteness import Colour
 
 _MOST_INTERVALS = 3
+LEVELS = (FAILS, 1.6, 2.5, 6.0)
+"""Residual ÷ floor above which a row is drawn at the next of five levels of colour."""
+
+_KINDS = {"suspension": ("Susp", "suspension"), "tyre": ("Tyre", "tyre"), "spin": ("Spin", "wheel spin")}
+_CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+_CHASSIS = {
+    "fx": "longitudinal force", "fy": "lateral force", "fz": "vertical force", "mx": "roll moment",
+    "my": "pitch moment", "mz": "yaw moment",
+}  # fmt: skip
 
 
 def row_absence(why: RowAbsence) -> str:
@@ -112,3 +122,22 @@ def _intervals(holes: tuple[tuple[float, float], ...]) -> str:
     some = ", ".join(f"{start:.2f} to {stop:.2f} s" for start, stop in holes[:_MOST_INTERVALS])
     more = len(holes) - _MOST_INTERVALS
     return some + (f" and {more} more intervals" if more > 0 else "")
+
+
+def row_label(row: str) -> dict[str, str]:
+    """A row of the equations as the page names it: `label` for a small field, `about` in words, `unit`."""
+    kind, place = row.split(".")
+    if kind == "chassis":
+        return {"label": place.capitalize(), "about": f"chassis, {_CHASSIS[place]}", "unit": row_unit(row)}
+    label, about = _KINDS[kind]
+    return {"label": label, "about": f"{about}, {_CORNERS[place]}", "unit": row_unit(row)}
+
+
+def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:
+    """A row's score with what the page shows of it: whether the row `fails`, and its `level` of colour, 0 to 4."""
+    ratio = float(score["ratio"])
+    return {
+        **score,
+        "fails": fails(ratio) and bool(score.get("judged", True)),
+        "level": sum(ratio > limit for limit in LEVELS),
+    }

@@ -26,7 +26,7 @@ from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
 from lacet.services.render.identifiability import rows_not_judged
-from lacet.services.render.row_labels import with_verdict
+from lacet.services.render.rows import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.results import scores

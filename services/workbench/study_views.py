@@ -16,7 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, row_unit
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, pooled_ratio
-from lacet.services.render.row_labels import row_label, with_verdict
+from lacet.services.render.rows import row_label, with_verdict
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.session_cache import Compared, SessionCache
