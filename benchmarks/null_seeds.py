@@ -27,7 +27,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate
+from lacet.identify.selection.score_tests import Candidate
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start
@@ -92,7 +93,7 @@ class Verdict:
     @property
     def first(self) -> Candidate:
         """The candidate nearest to being proposed: smallest p, of these the largest gain."""
-        tested = [c for c in self.last.candidates if c.answer != "not testable"]
+        tested = [c for c in self.last.candidates if c.tested]
         return min(tested, key=lambda c: (c.p, -c.total_gain))
 
 
@@ -145,7 +146,7 @@ def page(campaign: Campaign, verdicts: Sequence[Verdict], draws: int, command: s
     quiet = sum(v.last.verdict == "nothing missing" for v in verdicts)
     hidden = " and ".join(f"`{effect.name}` ({effect.size:g} N/m)" for effect in campaign.hidden) or "nothing"
     ratios = np.array([ratio for v in verdicts for ratio in v.held_ratios])
-    alarms = sum(v.first.p <= SIGNIFICANCE for v in verdicts)
+    alarms = sum(v.first.p <= SELECTION.significance for v in verdicts)
     return "\n".join(
         [
             f"# Hidden: {hidden.replace('`', '')}; seeds {verdicts[0].seed} to {verdicts[-1].seed}",
@@ -156,8 +157,8 @@ def page(campaign: Campaign, verdicts: Sequence[Verdict], draws: int, command: s
             f"{draws} noise-floor draws a diagnosis, so the smallest possible p is {1 / (draws + 1):.3f}.",
             "",
             f"**Exactly what was hidden was named in {right} of {len(verdicts)} seeds**; the last verdict was "
-            f'"nothing missing" in {quiet}. A candidate with p ≤ {SIGNIFICANCE:g} is left in {alarms} seeds, not '
-            f"proposed because its gain or the whole excess over the floor is too small. "
+            f'"nothing missing" in {quiet}. A candidate with p ≤ {SELECTION.significance:g} is left in {alarms} '
+            f"seeds, not proposed because its gain or the whole excess over the floor is too small. "
             f"Held-out residual ÷ floor over all rows and seeds: mean "
             f"{ratios.mean():.3f}, 95 % below {np.quantile(ratios, 0.95):.3f}, largest {ratios.max():.3f}.",
             "",

@@ -24,9 +24,9 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
-from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive
@@ -45,7 +45,7 @@ def timed(what: str, function: Callable[[], T]) -> tuple[T, float]:
     return out, processor
 
 
-def dense(space: TrialSpace) -> Callable[[int], float]:
+def dense(space: ScoreTests) -> Callable[[int], float]:
     """Dense weighted least squares of everything and one candidate."""
     base = [*range(space.layout.model), *range(space.layout.model, space.layout.model + len(space.layout.sheet))]
     starts = np.concatenate([[0], np.cumsum([len(b.columns) for b in space.sums.blocks])])
@@ -95,7 +95,7 @@ def main() -> None:
         floor, _ = timed(f"noise floor, {args.draws} draws", lambda: floor_of(fitted, args.draws))
         first, _ = timed("first ranking, noise in the columns simulated", lambda: diagnose(fitted, floor, candidates))
         _, ours = timed("ranking", lambda: diagnose(fitted, floor, candidates, noise=first.noise))
-        space = TrialSpace.of(Reading.of(fitted, floor), candidates, 0, first.noise)
+        space = ScoreTests.of(Linearisation.of(fitted, floor), candidates, 0, first.noise)
         solve = dense(space)
         _, theirs = timed(
             f"dense least squares of {TIMED} candidates",

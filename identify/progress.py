@@ -47,7 +47,6 @@ class Stage(Enum):
     EFFECT_REMOVED = auto()
     FLOOR_BESIDE_EFFECT = auto()
     SYMBOLIC_LAWS = auto()
-    SELECTION = auto()
     # Which run to drive next
     PRESENT_INFORMATION = auto()
     SIMULATING_RUN = auto()
@@ -97,6 +96,3 @@ Progress = Callable[[Step], None]
 
 def silent(_: object) -> None:
     """Progress nobody wants to see."""
-
-
-Tell = Callable[[str], None]

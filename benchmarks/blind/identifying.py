@@ -180,7 +180,7 @@ def step_of(d: Diagnosis) -> dict[str, Any]:
     """A diagnosis as plain data."""
     worst = max(d.ratios, key=lambda row: d.ratios[row])
     return {
-        "verdict": d.verdict,
+        "verdict": d.verdict.value,
         "best": d.best.key if d.best else None,
         "shape": dict(d.best.shape) if d.best else {},
         "ties": [key for key, _ in d.best.ties] if d.best else [],
@@ -188,7 +188,7 @@ def step_of(d: Diagnosis) -> dict[str, Any]:
         "excess": d.excess,
         "explained": d.explained,
         "candidates": [
-            {"key": c.key, "answer": c.answer, "p": c.p, "gain": c.gain, "total": c.total_gain, "drop": c.drop,
+            {"key": c.key, "answer": c.answer.value, "p": c.p, "gain": c.gain, "total": c.total_gain, "drop": c.drop,
              "size": c.size, "coverage": c.coverage}
             for c in d.candidates
         ],

@@ -28,13 +28,13 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import scaled_triangle
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import sheet_of
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 NEEDED = 25.0
 """Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""
-SHOWS = 8.0
-"""Weighted size √λ from which an effect can be tested (`selection.score_tests`)."""
+SHOWS = SELECTION.least_size
+"""Weighted size √λ from which an effect can be tested, as in the selection."""
 DRAWS = 8
 """Draws of the channels' noise behind the floor of a run not driven yet."""
 _GONE = 1e-7
@@ -78,7 +78,7 @@ class Question:
         model = fitted.model
         mine = {fault.key for fault in model.faults}
         self.tolerances = tuple((fault, sigma) for fault, sigma in tolerances if fault.key not in mine and sigma > 0.0)
-        self.sheet = sheet_of(fitted)
+        self.sheet = fitted.sheet_entries
         self.parameters = len(model.parameters)
         self.first = self.parameters + len(self.sheet) + len(self.tolerances)
         self.shapes = [

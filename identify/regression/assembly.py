@@ -150,6 +150,11 @@ class Assembly:
                 self._cache.own[place] = found
         return found
 
+    @staticmethod
+    def noisy_sheet_responses(piece: Piece, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
+        """The same of a piece with other noise drawn, by its `sensitivity`; not kept."""
+        return sheet_responses(piece.prepared, sensitivity)
+
     def as_known(self) -> Known:
         """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""
         if not all((run, None) in self._cache.pieces for run in range(len(self.runs))) or self.at is None:

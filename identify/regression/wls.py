@@ -10,9 +10,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import NotIdentifiable
 from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -30,6 +32,7 @@ from lacet.identify.regression.qr_accumulation import (
     zeros_following,
 )
 from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.tolerances import SheetEntry, sheet_entries
 from lacet.identify.regression.uncertainty import at_least, block_bootstrap, spread_of
 from lacet.identify.signals.reconstruct import Recording
 
@@ -157,6 +160,58 @@ class Fit:
     def value(self, name: str) -> float:
         """A parameter by name."""
         return float(self.theta[self.model.names.index(name)])
+
+    @property
+    def sheet_entries(self) -> tuple[SheetEntry, ...]:
+        """Gains and latencies of the sensor sheet that the rows depend on, those apart that the model has as faults."""
+        ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in self.model.faults))
+        found: dict[SheetEntry, None] = {}
+        for run, drive in enumerate(self.runs):
+            piece = next(self.assembly.pieces_of(run))
+            assert piece.sensitivity is not None
+            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+        return tuple(entry for entry in found if entry[:2] not in ours)
+
+    def entry_name(self, entry: SheetEntry) -> str:
+        """Name of an entry of the sensor sheet for people: a latency goes by its sensor, a gain by its column."""
+        what, channel, component = entry
+        if what != "latency":
+            return f"{what} of {CHANNELS[channel].columns[component]}"
+        sensor = self.runs[0].recording.rig.sensor_of(channel)
+        return f"latency of {sensor.name if sensor else channel}"
+
+    def orthonormaliser(self, sigma: Mapping[str, float]) -> Array:
+        """(q, q) T: the columns W, weighted by `sigma`, every run's zeros eliminated, are nearly orthonormal as W T."""
+        root = self.equations.root({row: sigma.get(row, own) for row, own in self.sigma.items()})
+        p = len(self.place)
+        R, lengths = scaled_triangle(root[:, :p])
+        return np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float) / lengths[:, None]
+
+    def with_effect(self, effect: Effect) -> Fit:
+        """The model with one more effect, fitted in the same way to the same runs (`extended`)."""
+        return extended(self, effect)
+
+    def without_latencies(self, latencies: Mapping[SheetEntry, float]) -> Fit:
+        """The same model on the runs without these latencies [s]; sensitivities are this fit's where they are kept."""
+        rig = self.runs[0].recording.rig
+        faults = [
+            SensorLatency.of_sensor(sensor)
+            if (sensor := rig.sensor_of(channel))
+            else SensorLatency(channel, members=(channel,))
+            for _, channel, _ in latencies
+        ]
+        sizes = np.array(list(latencies.values()))
+        drives = [PreparedRun(at_faults(drive.recording, faults, sizes)) for drive in self.runs]
+        try:
+            stored = self.stored
+        except ValueError:  # a long run, in pieces
+            stored = None
+        return refitted(self, drives, stored)
+
+    def refitted_to(self, other: Fit) -> Fit:
+        """The same model, fitted in the same way, to the runs of another fit, with their own sensitivities."""
+        return refitted(self, other.runs)
 
 
 def fit(

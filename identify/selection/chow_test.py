@@ -1,7 +1,7 @@
-"""Whether a law holds in every run alike, or would have to be another in each: a Chow test against simulated runs.
+"""Parameter constancy across runs: a Chow test of one law against simulated runs.
 
 A cause that is in no catalogue may look like a listed law in one run and not in the next. A law's parameters belong to
-the car: how much more they explain when each run may have its own tells whether they are the same.
+the car: the test asks how much more they explain when each run has its own.
 
 Source: G. C. Chow, Tests of equality between sets of coefficients in two linear regressions, Econometrica 28 (1960).
 """
@@ -17,25 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.selection.cross_products import TrialSums, products_of, solved, without_zeros
-from lacet.identify.selection.lack_of_fit import SIGNIFICANCE, with_columns
-from lacet.identify.selection.regressor_noise import ColumnNoise
-from lacet.identify.selection.score_tests import Candidate, TrialSpace
-
-ACTS = 1e-3
-"""Part of a law's energy that a run must hold to have a say."""
-DIFFERS = 0.15
-"""A law is not one law when its differences between runs explain this part of what it explains itself: parameters that
-scatter by two fifths."""
-SECONDS = 64.0
-"""Runs beyond so much data, those that show least, are taken as one [s]: noise is drawn for each of the others."""
-PAIRS = 1
-"""Pairs of draws of that noise."""
+from lacet.identify.selection.cross_products import CrossProducts, products_of, solved, without_zeros
+from lacet.identify.selection.lack_of_fit import with_columns
+from lacet.identify.selection.regressor_noise import RegressorNoise
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.settings import SELECTION
 
 
 @dataclass(frozen=True)
-class Constancy:
+class ParameterConstancy:
     """One law run by run.
 
     Attributes
@@ -58,7 +48,7 @@ class Constancy:
         return float((1 + np.count_nonzero(self.null >= self.further)) / (1 + self.null.size))
 
     @property
-    def apart(self) -> tuple[int, str, str]:
+    def farthest_apart(self) -> tuple[int, str, str]:
         """Place of the parameter that differs most, in its σ, and the two runs in which it does."""
         off = {
             (k, a, b): abs(self.values[a][k] - self.values[b][k]) / np.hypot(self.spread[a][k], self.spread[b][k])
@@ -68,12 +58,15 @@ class Constancy:
         return max(off, key=lambda place: off[place])
 
     @property
-    def broken(self) -> bool:
+    def rejected(self) -> bool:
         """Whether it is another law in each run: more than chance, and enough to matter."""
-        return self.p <= SIGNIFICANCE and self.further - float(np.mean(self.null)) > DIFFERS * self.common
+        return (
+            self.p <= SELECTION.significance
+            and self.further - float(np.mean(self.null)) > SELECTION.inconstant_share * self.common
+        )
 
 
-def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ()) -> Constancy | None:
+def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:
     """A candidate run by run, beside all that is known and `others`, all at their shapes; None where one run shows it.
 
     Model, sensor tolerances and the others are the same in all runs; each run's zeros are its own.
@@ -83,20 +76,22 @@ def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ())
     effects = {effect.key: effect for effect in space.effects}
     inside, trials = space.beside([replace(effects[one.key], shape=one.shape) for one in (c, *others)])
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
-    kept = np.arange(len(inside.taken))
-    if (freed := space.tried[c.key].freed) is not None:  # what stands for a fault does not excuse it
-        kept = np.setdiff1d(kept, freed.own)
-    sheet, drawn = inside.taken[kept[model:]], space.columns.drawn[kept[model:] - model]
+    kept = np.arange(len(inside.nuisance))
+    if (
+        without_tolerance := space.tried[c.key].without_tolerance
+    ) is not None:  # what stands for a fault does not excuse it
+        kept = np.setdiff1d(kept, without_tolerance.own)
+    sheet, drawn = inside.nuisance[kept[model:]], space.columns.drawn[kept[model:] - model]
     fresh = {
         i: q.prior
         for trial in trials[1:]
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
     }
-    known = with_columns(inside.taken[kept], inside.prior[np.ix_(kept, kept)], inside.pull[kept], fresh)
+    known = with_columns(inside.nuisance[kept], inside.prior[np.ix_(kept, kept)], inside.prior_side[kept], fresh)
     names, groups, chance = _groups(space, sums, inside.column_noise, mine)
     chance = [noise + products[:, sheet] @ drawn for noise, products in zip(chance, groups, strict=True)]
     energy = [float(np.trace(one[mine, mine])) for one in groups]
-    shown = [i for i, own in enumerate(energy) if own > ACTS * sum(energy)]
+    shown = [i for i, own in enumerate(energy) if own > SELECTION.least_energy_of_run * sum(energy)]
     if len(shown) < 2:
         return None
     right = [products[:, [sums.layout.right]] for products in groups]
@@ -106,16 +101,16 @@ def constancy(space: TrialSpace, c: Candidate, others: Sequence[Candidate] = ())
 def _compared(
     names: Sequence[str], groups: Sequence[Array], right: Sequence[Array], chance: Sequence[Array],
     shown: Sequence[int], mine: slice, known: tuple[NDArray[np.intp], Array, Array],
-) -> Constancy:  # fmt: skip
+) -> ParameterConstancy:  # fmt: skip
     """Falls with parameters of the columns at `mine` alike in all `shown` groups of runs, and another in each.
 
     `groups` products (w, w) of all columns, run by run; `right` (w, 1) and `chance` (w, D) those with the residual and
     with simulated ones; `known` places, normal matrix and right side of the columns that are the same in all runs.
     """
-    taken, prior, pull = known
+    nuisance, prior, prior_side = known
     k, m = mine.stop - mine.start, len(shown)
-    across = np.concatenate([groups[i][taken, mine] for i in shown], axis=1)
-    gain = solved(np.sum([one[np.ix_(taken, taken)] for one in groups], axis=0) + prior, across)
+    across = np.concatenate([groups[i][nuisance, mine] for i in shown], axis=1)
+    gain = solved(np.sum([one[np.ix_(nuisance, nuisance)] for one in groups], axis=0) + prior, across)
     normal = -across.T @ gain
     for at, i in enumerate(shown):
         normal[at * k : (at + 1) * k, at * k : (at + 1) * k] += groups[i][mine, mine]
@@ -123,39 +118,41 @@ def _compared(
 
     def falls(parts: Sequence[Array], beforehand: Array) -> tuple[Array, Array, Array]:
         score = np.concatenate([parts[i][mine] for i in shown])
-        score = score - gain.T @ (np.sum([one[taken] for one in parts], axis=0) + beforehand)
+        score = score - gain.T @ (np.sum([one[nuisance] for one in parts], axis=0) + beforehand)
         each, both = solved(normal, score), alike.T @ score
         common = np.einsum("kd,kd->d", both, solved(alike.T @ normal @ alike, both))
         return each, common, np.einsum("kd,kd->d", score, each) - common
 
-    each, common, further = falls(right, pull[:, None])
+    each, common, further = falls(right, prior_side[:, None])
     spread = np.sqrt(np.maximum(0.0, np.diag(solved(normal, np.eye(k * m)))))
-    null = falls(chance, np.zeros((len(taken), 1)))[2]
-    return Constancy(
+    null = falls(chance, np.zeros((len(nuisance), 1)))[2]
+    return ParameterConstancy(
         dict(zip(names, each[:, 0].reshape(m, k), strict=True)), dict(zip(names, spread.reshape(m, k), strict=True)),
         float(common[0]), float(further[0]), null,
     )  # fmt: skip
 
 
 def _groups(
-    space: TrialSpace, sums: TrialSums, noise: Array, mine: slice
+    space: ScoreTests, sums: CrossProducts, noise: Array, mine: slice
 ) -> tuple[list[str], list[Array], list[Array]]:
     """Names, products (w, w) less the noise in columns, and products (w, D) with simulated noise, run by run.
 
     `noise` is that of all runs: what is not drawn for runs by themselves belongs to the others together.
     """
-    runs = space.fitted.runs
-    found = [_of_run(space, sums, run) for run in range(len(runs))]
-    left, seconds, single = SECONDS, [float(np.ptp(drive.recording.t)) for drive in runs], list[int]()
-    for run in sorted(range(len(runs)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
-        left -= seconds[run]
-        if left >= 0.0 or not single:
+    drives = space.fitted.runs
+    found = [_of_run(space, sums, run) for run in range(len(drives))]
+    budget, single = SELECTION.chow_seconds, list[int]()
+    seconds = [float(np.ptp(drive.recording.t)) for drive in drives]
+    for run in sorted(range(len(drives)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
+        budget -= seconds[run]
+        if budget >= 0.0 or not single:
             single.append(run)
-    rest = [run for run in range(len(runs)) if run not in single]
-    names, products, chance = _told_apart(runs, single), list[Array](), [found[run][1] for run in single]
+    rest = [run for run in range(len(drives)) if run not in single]
+    names = _distinct_names([drive.name for drive in drives], single)
+    products, chance = list[Array](), [found[run][1] for run in single]
     for run in single:
-        drawn = ColumnNoise.of_run(space.fitted, sums, space.floor.sigma, run, PAIRS)
-        own = drawn.products(sums, space.louder, space.floor.sigma)
+        drawn = RegressorNoise.of_run(space.fitted, sums, space.floor.sigma, run, SELECTION.chow_noise_pairs)
+        own = drawn.products(sums, space.noise_ratio, space.floor.sigma)
         products.append(found[run][0] - own)
         noise = noise - own
     if rest:
@@ -165,17 +162,17 @@ def _groups(
     return names, products, chance
 
 
-def _told_apart(drives: Sequence[PreparedRun], runs: Sequence[int]) -> list[str]:
-    """Names of runs, with their numbers where two are called the same."""
-    often = Counter(drive.name for drive in drives)
-    return [drives[run].name if often[drives[run].name] == 1 else f"{drives[run].name} ({run + 1})" for run in runs]
+def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:
+    """Names of some runs, with their numbers where two of all are called the same."""
+    often = Counter(names)
+    return [names[run] if often[names[run]] == 1 else f"{names[run]} ({run + 1})" for run in runs]
 
 
-def _of_run(space: TrialSpace, sums: TrialSums, run: int) -> tuple[Array, Array]:
+def _of_run(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
     """(w, w) products of one run's columns and (w, D) those with its simulated noise, its zeros eliminated."""
     blocks = [block for block in sums.blocks if block.run == run]
     z, w = blocks[0].zeros.shape[1], sums.layout.width
     folds, drawn = products_of(blocks, z, w, len(blocks[0].draws))
-    gain, left = without_zeros(folds.sum(axis=0), z)
-    noise = np.sum([space.louder[row] * products for row, products in drawn.items()], axis=0)
-    return left, noise[z:] - gain.T @ noise[:z]
+    gain, remainder = without_zeros(folds.sum(axis=0), z)
+    noise = np.sum([space.noise_ratio[row] * products for row, products in drawn.items()], axis=0)
+    return remainder, noise[z:] - gain.T @ noise[:z]

@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Tell, silent
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
-from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.qr_accumulation import scaled_triangle
-from lacet.identify.regression.tolerances import SheetEntry, sheet_entries, sheet_responses
+from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One effect at one set of shape constants, and the place of its columns."""
+    """An effect at one set of shape constants, and the place of its columns."""
 
     effect: Effect
     place: slice
@@ -41,7 +40,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Layout:
-    """The model's columns, one for one tolerance of each entry of the sensor sheet, the trials', the residual."""
+    """Order of the columns: the model's, one for a tolerance of each entry of the sheet, the trials', the residual.
+
+    `model` columns come first; `sheet` and `trials` say what follows them; the right side is the last.
+    """
 
     model: int
     sheet: tuple[SheetEntry, ...]
@@ -60,7 +62,7 @@ class Layout:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What the columns of sheet and trials are, for telling two layouts apart."""
+        """Descriptions of the columns of sheet and trials: equal layouts have equal ones."""
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
 
     @property
@@ -74,20 +76,8 @@ class Layout:
         return self.right + 1
 
 
-def sheet_of(fitted: Fit) -> list[SheetEntry]:
-    """Gains and latencies of the sheet that the runs' rows can see, those apart that the model has as faults."""
-    ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in fitted.model.faults))
-    found: dict[SheetEntry, None] = {}
-    for run, drive in enumerate(fitted.runs):
-        piece = next(fitted.assembly.pieces_of(run))
-        assert piece.sensitivity is not None
-        seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
-        found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
-    return [entry for entry in found if entry[:2] not in ours]
-
-
 def sensor_columns(
-    fitted: Fit, layout: Layout, piece: Piece, noisy: PreparedRun | None = None
+    fitted: Fit, layout: Layout, piece: Piece, noisy: Piece | None = None
 ) -> dict[str, list[tuple[slice, Array]]]:
     """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
     out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
@@ -95,9 +85,10 @@ def sensor_columns(
     if piece.sensitivity is None or not (faults or layout.sheet):
         return out
     # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
-    run = noisy or piece.prepared
+    run = (noisy or piece).prepared
     sensitivity = piece.sensitivity.on(run.recording)
-    responses = sheet_responses(noisy, sensitivity) if noisy else fitted.assembly.own_sheet_responses(piece)
+    assembly = fitted.assembly
+    responses = assembly.noisy_sheet_responses(noisy, sensitivity) if noisy else assembly.own_sheet_responses(piece)
     for place, entry in enumerate(layout.sheet, start=layout.model):
         for row, series in responses.get(entry, {}).items():
             if row in out and np.any(series):
@@ -110,19 +101,13 @@ def sensor_columns(
     return out
 
 
-_SHARED = 1e-9
-"""Part of the largest eigenvalue below which a direction is one that other columns have too."""
-FOLDS = 5
-BLOCK = 2.0
-"""Length of a block of the cross-validation [s]."""
-
-
 @dataclass(frozen=True)
 class Block:
-    """Samples of one row of one run, weighted.
+    """Weighted samples of one row of one run.
 
-    `zeros` (n, z), priors taken in; `columns` (n, a) those that are not empty, at places `active` of the layout;
-    `number` (n,) of each sample's block of `BLOCK` seconds, counted over all runs; `draws` (D, n) the row's noise.
+    `zeros` (n, z) columns of its sensor zeros, per σ of their priors; `columns` (n, a) those that are not
+    empty, at places `active` of the layout; `number` (n,) of each sample's block of `block_seconds`, counted over all
+    runs; `draws` (D, n) the row's simulated noise.
     """
 
     run: int
@@ -135,20 +120,20 @@ class Block:
 
 
 @dataclass(frozen=True)
-class TrialSums:
+class CrossProducts:
     """Sums of products of the columns of `layout`, every run's zeros eliminated.
 
     Attributes
     ----------
-    turn : (p, p), the model's parameters from those of its orthonormal columns.
+    turn : (p, p) matrix from parameters of the model's orthonormal columns to its own.
     known : (p, p) normal matrix of what is known of the model's parameters beforehand, for the orthonormal columns.
     blocks : the samples, run by run.
-    total : (w, w) of all samples; `train`, `test` (FOLDS, w, w) of those outside and inside a fold, `test` at the zeros
-        found outside.
+    total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
+        zeros found outside.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
-    temper : the zeros' priors are stiffened by this factor.
-    following : for each run (z, w): what its zeros take of each column.
-    noise_zeros : for each run (z, D): what its zeros take of its noise.
+    prior_stiffening : factor by which the zeros' priors are stiffer than the sensor sheet says.
+    zero_gains : for each run (z, w) regression of each column on its zeros.
+    noise_zeros : for each run (z, D) the same of its simulated noise.
     """
 
     layout: Layout
@@ -160,77 +145,78 @@ class TrialSums:
     test: Array
     null: Mapping[str, Array]
     null_sheet: Array
-    temper: float
-    following: tuple[Array, ...]
+    prior_stiffening: float
+    zero_gains: tuple[Array, ...]
     noise_zeros: tuple[Array, ...]
 
     @classmethod
     def of(
-        cls, fitted: Fit, floor: NoiseFloor, layout: Layout, temper: float, drifts: Mapping[str, float],
+        cls, fitted: Fit, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float],
         rng: np.random.Generator,
-    ) -> TrialSums:  # fmt: skip
+    ) -> CrossProducts:  # fmt: skip
         """Go once over the samples.
 
         Parameters
         ----------
         fitted : the model, on its runs.
         floor : weights and simulated noise.
-        temper : the zeros' priors are stiffened by this factor.
+        prior_stiffening : factor by which the zeros' priors are stiffer than the sensor sheet says.
         drifts : 1 σ of the sensor faults that are another in each run, by key.
         rng : for simulated zeros and drifts.
         """
-        turn = _orthonormal(fitted, floor.sigma)
+        turn = fitted.orthonormaliser(floor.sigma)
         # Known equations are centred on the fit. One that the fit has left far behind (a late laser moves a wheel's
         # moment by twelve σ) is as wide as that, else a candidate would be praised for leading it back.
         beforehand = fitted.equations.known
         beyond = np.hypot(1.0, beforehand @ fitted.solution)
         known, w, draws = (beforehand / beyond[:, None]) @ turn, layout.width, floor.count
-        total, train, test = np.zeros((w, w)), np.zeros((FOLDS, w, w)), np.zeros((FOLDS, w, w))
+        total = np.zeros((w, w))
+        train, test = np.zeros((2, SELECTION.folds, w, w))
         null = {row: np.zeros((w, draws)) for row in floor.sigma}
         null_sheet = np.zeros((w, draws))
         blocks: list[Block] = []
-        following: list[Array] = []
+        zero_gains: list[Array] = []
         noise_zeros: list[Array] = []
         first = 0
         for run in range(len(fitted.runs)):
-            priors = fitted.zeros[run][1] / temper
+            priors = fitted.zeros[run][1] / prior_stiffening
             z = len(priors)
             mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
             first = 1 + max((int(b.number.max()) for b in mine), default=first)
             folds, noise = products_of(mine, z, w, draws)
             whole = folds.sum(axis=0)
-            gain, left = without_zeros(whole, z)
-            total += left
+            gain, remainder = without_zeros(whole, z)
+            total += remainder
             for fold, inside in enumerate(folds):
                 outside, rest = without_zeros(whole - inside, z)
                 train[fold] += rest
                 test[fold] += at_zeros(inside, outside)
             for row, products in noise.items():
                 null[row] += products[z:] - gain.T @ products[:z]
-            # Zeros are drawn from the sheet, whose σ the priors are `temper` times stiffer than.
-            drawn = temper * rng.standard_normal((z, draws))
+            # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
+            drawn = prior_stiffening * rng.standard_normal((z, draws))
             null_sheet += whole[z:, :z] @ drawn - gain.T @ (whole[:z, :z] @ drawn)
             for trial in layout.trials:
                 if trial.effect.key in drifts:
                     size = drifts[trial.effect.key] * rng.standard_normal((1, draws))
-                    null_sheet += left[:, trial.place] @ size
+                    null_sheet += remainder[:, trial.place] @ size
             blocks += mine
-            following.append(gain)
+            zero_gains.append(gain)
             pushed = np.sum([products[:z] for products in noise.values()], axis=0)
             noise_zeros.append(np.asarray(np.linalg.solve(whole[:z, :z] + np.eye(z), pushed), float))
         return cls(
-            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, temper,
-            tuple(following), tuple(noise_zeros),
+            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, prior_stiffening,
+            tuple(zero_gains), tuple(noise_zeros),
         )  # fmt: skip
 
     def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """(n, k) of each block: columns · coefficients (w, k), less what the run's zeros take of it."""
+        """(n, k) of each block: columns · coefficients (w, k), less their regression on the run's zeros."""
         for block in self.blocks:
-            taken = self.following[block.run] @ coefficients
-            yield block, block.columns @ coefficients[block.active] - block.zeros @ taken
+            nuisance = self.zero_gains[block.run] @ coefficients
+            yield block, block.columns @ coefficients[block.active] - block.zeros @ nuisance
 
     def noise_series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """(n, D) of each block: its noise plus columns · coefficients (w, D), less what the run's zeros take of it."""
+        """(n, D) of each block: its noise plus columns · coefficients (w, D), less the regression on its zeros."""
         for block, moved in self.series(coefficients):
             yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
 
@@ -246,23 +232,24 @@ def _blocks(
             start = seen.get(row, 0)
             seen[row] = start + len(columns)
             time = piece.instants[row] * (filters.step / filters.rate)
+            number = first + (time // SELECTION.block_seconds).astype(np.intp)
             zeros = piece.blocks[row][:, : len(priors)] * (priors / floor.sigma[row])
             noise = floor.draws[run][row][:, start : seen[row]] / floor.sigma[row]
             model = columns[:, : layout.model]
-            # The right side is what the fit leaves: priors then hold on to the fit, and do not pull at its scale.
+            # The right side is what the fit leaves: priors then hold on to the fit, and not to a smaller scale.
             columns[:, -1] -= model @ fitted.solution
             columns[:, : layout.model] = model @ turn
-            yield Block(run, row, zeros, columns, active, first + (time // BLOCK).astype(np.intp), noise)
+            yield Block(run, row, zeros, columns, active, number, noise)
 
 
 def columns_of(
-    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: PreparedRun | None = None
+    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: Piece | None = None
 ) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
     """For each row of a piece, weighted columns (n, a), the measured side last, and their places in the layout.
 
     `noisy` : the same piece with more noise, whose columns are wanted instead.
     """
-    p, keep, run = layout.model, fitted.base.independent, noisy or piece.prepared
+    p, keep, run = layout.model, fitted.base.independent, (noisy or piece).prepared
     tried = [(trial.place, one) for trial in layout.trials if (one := trial.effect.as_physics) is not None]
     run.prepare([*(fitted.model.physics if noisy else ()), *(one for _, one in tried)])
     sensors = sensor_columns(fitted, layout, piece, noisy)
@@ -270,8 +257,8 @@ def columns_of(
     for row, block in piece.blocks.items():
         model, right = block[:, block.shape[1] - p :], piece.right[row]
         if noisy:
-            model, right = model.copy(), noisy.measured[row]
-            model[:, : len(keep)] = noisy.matrix(fitted.model.physics, row)[:, keep]
+            model, right = model.copy(), run.measured[row]
+            model[:, : len(keep)] = run.matrix(fitted.model.physics, row)[:, keep]
         own = [*sensors[row], *((place, found[row]) for place, found in physics if row in found)]
         parts = [model, *(columns.T for _, columns in own), right[:, None]]
         active = [*range(p), *(i for place, _ in own for i in range(place.start, place.stop)), layout.right]
@@ -279,128 +266,128 @@ def columns_of(
 
 
 def products_of(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:
-    """(FOLDS, z + w, z + w) products of a run's columns, zeros first, and row → (z + w, D) those with its noise."""
-    folds = np.zeros((FOLDS, z + w, z + w))
+    """(folds, z + w, z + w) products of a run's columns, zeros first, and row → (z + w, D) those with its noise."""
+    folds = np.zeros((SELECTION.folds, z + w, z + w))
     noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
     for block in blocks:
         both = np.concatenate([block.zeros, block.columns], axis=1)
         place = np.concatenate([np.arange(z), z + block.active])
-        for fold in range(FOLDS):
-            part = both[block.number % FOLDS == fold]
+        for fold in range(SELECTION.folds):
+            part = both[block.number % SELECTION.folds == fold]
             folds[fold][np.ix_(place, place)] += part.T @ part
         noise[block.row][place] += both.T @ block.draws.T
     return folds, noise
 
 
-def _orthonormal(fitted: Fit, sigma: Mapping[str, float]) -> Array:
-    """(p, p) T: the model's columns, weighted and with zeros eliminated, are nearly orthonormal as W T."""
-    root = fitted.equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})
-    p = len(fitted.place)
-    R, lengths = scaled_triangle(root[:, :p])
-    return np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float) / lengths[:, None]
-
-
 def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:
-    """(z, w) how zeros of prior σ = 1 follow the other columns, and (w, w) what is left of those."""
+    """(z, w) regression of the other columns on zeros of prior σ = 1, and (w, w) products of their remainders."""
     gain = np.asarray(np.linalg.solve(normal[:z, :z] + np.eye(z), normal[:z, z:]), float)
     return gain, normal[z:, z:] - normal[z:, :z] @ gain
 
 
 def at_zeros(normal: Array, gain: Array) -> Array:
-    """(w, w) products of the columns less the zeros that follow them by `gain` (z, w)."""
+    """(w, w) products of the columns less their regression `gain` (z, w) on the zeros."""
     z = len(gain)
     across = gain.T @ normal[:z, z:]
     return normal[z:, z:] - across - across.T + gain.T @ normal[:z, :z] @ gain
 
 
 @dataclass(frozen=True)
-class Reading:
-    """A fit to runs as they were read.
+class Linearisation:
+    """A fit, and the latencies of the runs at which its columns are linearised.
 
     Attributes
     ----------
     fitted, floor : fit and noise floor.
-    late : entry of the sheet → latency that was taken out of the runs [s]; empty where none was.
-    sums : of the model and the sheet on them.
+    latencies : entry of the sheet → latency that was removed from the runs [s]; empty for runs as recorded.
+    sums : cross products of the columns of model and sensor sheet.
     """
 
     fitted: Fit
     floor: NoiseFloor
-    late: Mapping[SheetEntry, float]
-    sums: TrialSums
+    latencies: Mapping[SheetEntry, float]
+    sums: CrossProducts
 
     @classmethod
-    def of(cls, fitted: Fit, floor: NoiseFloor) -> Reading:
-        """Of runs as they were recorded."""
-        return cls(fitted, floor, {}, sheet_sums(fitted, floor))
+    def of(cls, fitted: Fit, floor: NoiseFloor) -> Linearisation:
+        """At the latencies of the rig file: runs as they were recorded."""
+        return cls(fitted, floor, {}, sheet_products(fitted, floor))
 
     @cached_property
-    def clocks(self) -> dict[SheetEntry, float]:
+    def latency_tolerances(self) -> dict[SheetEntry, float]:
         """Latencies among the sheet's entries → tolerance [s]."""
         rig = self.fitted.runs[0].recording.rig
         return {e: rig.tolerance(e[1], "latency") for e in self.sums.layout.sheet if e[0] == "latency"}
 
     @cached_property
-    def pull(self) -> Array:
-        """(model and sheet,) where the rig file's latencies are, in tolerances from those the runs were read at."""
-        off = [-self.late[e] / self.clocks[e] if e in self.late else 0.0 for e in self.sums.layout.sheet]
+    def prior_side(self) -> Array:
+        """(model and sheet,) means of the priors, in tolerances: the rig file's latencies, from those removed."""
+        off = [
+            -self.latencies[e] / self.latency_tolerances[e] if e in self.latencies else 0.0
+            for e in self.sums.layout.sheet
+        ]
         return np.array([0.0] * self.sums.layout.model + off)
 
     @property
     def omega(self) -> float:
-        """Of the fit's cut-off [rad/s]."""
+        """Angular frequency of the fit's cut-off [rad/s]."""
         return 2.0 * np.pi * self.fitted.runs[0].recording.filters.fit_cutoff
 
-    def known(self, pull: Array) -> tuple[NDArray[np.intp], Array, Array]:
+    def known(self, prior_side: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""
         sums, layout = self.sums, self.sums.layout
         places = np.arange(layout.right)
-        taken = places[np.diag(sums.total)[places] > 0.0]
+        nuisance = places[np.diag(sums.total)[places] > 0.0]
         prior = np.eye(layout.right)
         prior[: layout.model, : layout.model] = sums.known
-        return taken, prior[np.ix_(taken, taken)], pull[taken]
+        return nuisance, prior[np.ix_(nuisance, nuisance)], prior_side[nuisance]
 
 
-def sheet_sums(fitted: Fit, floor: NoiseFloor) -> TrialSums:
-    """Of a fit's columns and those of the sensor sheet."""
-    layout = Layout.of(len(fitted.place), sheet_of(fitted), ())
-    return TrialSums.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
+def sheet_products(fitted: Fit, floor: NoiseFloor) -> CrossProducts:
+    """Cross products of a fit's columns and those of the sensor sheet."""
+    layout = Layout.of(len(fitted.place), fitted.sheet_entries, ())
+    return CrossProducts.of(fitted, floor, layout, 1.0, {}, np.random.default_rng(0))
 
 
 @dataclass(frozen=True)
-class TrialColumns:
-    """Columns on a fit's runs, as sums.
+class CandidateColumns:
+    """Columns of candidates beside those of model and sensor sheet, as cross products.
 
     Attributes
     ----------
-    reading : the fit and its floor, on runs as they were read.
+    linearisation : the fit and its floor, at the latencies removed from the runs.
     effects : candidates that can be computed on these runs; those of the model are passed over.
-    cannot : key → why another candidate cannot be.
+    cannot : key → what the runs lack for another candidate.
     sums : of products of all columns.
     sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
         column's own unit.
-    taken : places of the columns of model and sheet that act.
-    prior, pull : (a, a) normal matrix and (a,) right side of what is known of their parameters.
+    nuisance : (a,) places of the columns of model and sheet that act: their parameters are nuisance to every test.
+    prior, prior_side : (a, a) normal matrix and (a,) right side of the priors of their parameters.
     drawn : (s, D) tolerances of the sheet drawn for every simulated run.
     """
 
-    reading: Reading
+    linearisation: Linearisation
     effects: tuple[Effect, ...]
     cannot: Mapping[str, str]
-    sums: TrialSums
+    sums: CrossProducts
     sheet: Mapping[int, str]
     sigma: Mapping[int, float]
-    taken: NDArray[np.intp]
+    nuisance: NDArray[np.intp]
     prior: Array
-    pull: Array
+    prior_side: Array
     drawn: Array
 
     @classmethod
     def of(
-        cls, reading: Reading, candidates: Sequence[Effect], seed: int, temper: float, tell: Tell = silent
-    ) -> TrialColumns:
-        """Go once over the samples; `seed` is of simulated zeros and tolerances, priors `temper` times stiffer."""
-        fitted, floor = reading.fitted, reading.floor
+        cls,
+        linearisation: Linearisation,
+        candidates: Sequence[Effect],
+        seed: int,
+        prior_stiffening: float,
+        progress: Progress = silent,
+    ) -> CandidateColumns:
+        """Go once over the samples; `seed` of simulated zeros and tolerances; priors are stiffened."""
+        fitted, floor = linearisation.fitted, linearisation.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
         effects = [effect for effect in fresh if effect.key not in cannot]
@@ -410,9 +397,9 @@ class TrialColumns:
         kinds = {e.key: e.sheet_kind for e in effects}
         drifts = {key: bound for key, bound in bounds.items() if kinds[key] == "drift" and bound > 0.0}
         shapes = [one for effect in effects for one in effect.shapes()]
-        layout = Layout.of(len(fitted.place), reading.sums.layout.sheet, shapes)
-        tell(f"what {len(effects)} effects would do")
-        sums = TrialSums.of(fitted, floor, layout, temper, drifts, rng)
+        layout = Layout.of(len(fitted.place), linearisation.sums.layout.sheet, shapes)
+        progress(Step(Stage.TRIAL_COLUMNS, total=len(effects)))
+        sums = CrossProducts.of(fitted, floor, layout, prior_stiffening, drifts, rng)
         # Gains and latencies stand in the sheet channel by channel; other faults stand for their own tolerance.
         sheet = {layout.model + i: f"{e[0]} of {e[1]}" for i, e in enumerate(layout.sheet)}
         sigma = dict.fromkeys(sheet, 1.0)
@@ -422,13 +409,13 @@ class TrialColumns:
                 sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
         there = [place for place in sheet if sums.total[place, place] > 0.0]
         one = np.array([sigma[place] for place in there])
-        prior = scipy.linalg.block_diag(sums.known, np.diag((temper / one) ** 2))
-        taken = np.concatenate([np.arange(layout.model), there]).astype(np.intp)
+        prior = scipy.linalg.block_diag(sums.known, np.diag((prior_stiffening / one) ** 2))
+        nuisance = np.concatenate([np.arange(layout.model), there]).astype(np.intp)
         known = np.zeros(layout.width)
-        known[: len(reading.pull)] = reading.pull
-        pull = np.concatenate([np.zeros(layout.model), (temper / one) ** 2 * known[there]])
+        known[: len(linearisation.prior_side)] = linearisation.prior_side
+        prior_side = np.concatenate([np.zeros(layout.model), (prior_stiffening / one) ** 2 * known[there]])
         drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
-        return cls(reading, tuple(effects), cannot, sums, sheet, sigma, taken, prior, pull, drawn)
+        return cls(linearisation, tuple(effects), cannot, sums, sheet, sigma, nuisance, prior, prior_side, drawn)
 
 
 def _cannot(fitted: Fit, effect: Effect) -> str:
@@ -436,10 +423,10 @@ def _cannot(fitted: Fit, effect: Effect) -> str:
 
 
 def solved(G: Array, sides: Array) -> Array:
-    """G⁻¹ · sides; directions that columns share (two laws that are one on these runs) are taken once."""
+    """G⁻¹ · sides; by eigenvalues; directions that columns share (two laws that are one on these runs) count once."""
     scale = np.sqrt(np.diag(G))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(G / np.outer(scale, scale))
-    kept = values > _SHARED * values[-1]
+    kept = values > SELECTION.shared_eigenvalue * values[-1]
     V = vectors[:, kept]
     return (V @ ((V.T @ (sides / scale[:, None])) / values[kept, None])) / scale[:, None]

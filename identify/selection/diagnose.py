@@ -1,83 +1,75 @@
 """Which physical effect is missing: every candidate tried on top of the fitted model, and ranked honestly.
 
 Rows are weighted by the simulated noise floor, frozen for all candidates and versions. What the model, each run's
-sensor zeros and the sensor sheet's tolerances can explain is partialled out of every candidate first. The rank is the
-gain in blocked cross-validation; a candidate is proposed only when the largest drop over all candidates is larger than
-what the same search finds in simulated runs that lack nothing, and the gain matters in newtons.
+sensor zeros and the sensor sheet's tolerances can explain is nuisance, removed from every candidate first (partial
+regression). The rank is the gain in blocked cross-validation; a candidate is proposed only when its score passes the
+max-score statistic of simulated runs that lack nothing (parametric bootstrap), and the gain matters in newtons.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import StrEnum
 
 import numpy as np
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.progress import Tell, silent
+from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.chow_test import Constancy, constancy
-from lacet.identify.selection.cross_products import Reading, sheet_sums
+from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
+from lacet.identify.selection.cross_products import Linearisation, sheet_products
 from lacet.identify.selection.forward_selection import best_set, refined, with_ties
-from lacet.identify.selection.lack_of_fit import SIGNIFICANCE, Left, structured
-from lacet.identify.selection.regressor_noise import ColumnNoise, noise_through
-from lacet.identify.selection.relinearisation import STILL, columns_as_read, read_again, without_fault
+from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
+from lacet.identify.selection.regressor_noise import RegressorNoise, noise_through_effect
+from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, without_fault
 from lacet.identify.selection.score_tests import (
-    LEAST_GAIN,
+    Answer,
     Candidate,
-    TrialSpace,
+    Pending,
+    ScoreTests,
     implausible,
+    is_significant,
     judged,
-    stands_out,
-    unit_of,
 )
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.symbolic_laws import Formula, propose
-from lacet.identify.selection.tolerance_tests import Excused
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_at
-
-MAIN = 0.75
-"""Part of the excess of its rows that the best set of effects must explain, else the cause is not listed…"""
-RARE = 0.01
-"""… where no more of simulated runs leave as much: one in twenty leaves half the excess of a small effect."""
-OWN = 0.3
-"""Part of that excess that the one proposed must take away itself: of three alike each has a third."""
-STAYS = 0.15
-"""Part of all excess that may stay behind the best set; if more does and is no noise, it is not listed either."""
+from lacet.identify.selection.tolerance_tests import ToleranceUse
+from lacet.identify.validation.noise_floor import NoiseFloor
 
 
 @dataclass(frozen=True)
-class Look:
-    """What one look at the candidates tells.
+class Screening:
+    """Result of one screening of all candidates beside a fit.
 
     Attributes
     ----------
     space : the candidates beside the fit.
-    now : what the model leaves, with the sensor sheet's tolerances taken out.
+    now : lack of fit of the model beside the sensor tolerances.
     ranked : those that can be tested, best first; `untestable` the others.
     best : the first that passes every bar, or None.
     together : the best set of up to three.
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set takes away.
-    sheet : what the sensor sheet takes up beside the best, or beside none.
-    strained : whether the sheet would have to be wrong for that, the best takes away less, and nothing else calls the
-        cause unlisted already.
-    changing : the best run by run, if it would have to be another law in each and the rows do not already call the
+    sheet : sensor tolerances that the runs need beside the best, or beside none.
+    tolerance_exceeded : whether their test fails, the best takes away less, and nothing else calls the cause unlisted.
+    not_constant : the best run by run, if it would have to be another law in each and the rows do not already call the
         cause unlisted; else None.
-    unlisted : whether what is above the floor, strains the sheet or changes from run to run has a cause that no
-        candidate stands for.
+    unlisted : whether what is above the floor, fails the tolerance test or is inconstant has a cause that no candidate
+        stands for.
     """
 
-    space: TrialSpace
-    now: Left
+    space: ScoreTests
+    now: LackOfFit
     ranked: tuple[Candidate, ...]
     untestable: tuple[Candidate, ...]
     best: Candidate | None
     together: tuple[str, ...]
     excess: float
     explained: float
-    sheet: Excused
-    strained: bool
-    changing: Constancy | None
+    sheet: ToleranceUse
+    tolerance_exceeded: bool
+    not_constant: ParameterConstancy | None
     unlisted: bool
 
     @property
@@ -86,21 +78,21 @@ class Look:
         return {effect.key: effect for effect in self.space.effects}
 
 
-def look(space: TrialSpace, tell: Tell) -> Look:
-    """Try all candidates of a space."""
-    now, draws = space.left_by([]), space.floor.count
-    tell("how far each takes the error down")
+def screen(space: ScoreTests, progress: Progress) -> Screening:
+    """Screening of all candidates: ranks, what the best explain together, and whether that is enough."""
+    now, draws = space.residual_beside([]), space.floor.count
+    progress(Step(Stage.SCORE_TESTS))
     all_tried = space.family_wise(space.try_all())
     effects = {effect.key: effect for effect in space.effects}
     # What chance does as well comes last.
-    ranked = sorted((c for c in all_tried if c.tested), key=lambda c: (c.p > SIGNIFICANCE, -strength(c)))
-    tell("which cannot be told apart")
-    standing_out = {c.key for c in ranked if stands_out(c, effects[c.key])}
-    ranked = with_ties([judged(c, effects[c.key], draws) for c in ranked], space, standing_out)
-    plausible = [c.key for c in ranked if not implausible(c, effects[c.key].parameters)]
-    tell("what the best explain together")
+    ranked = sorted((c for c in all_tried if c.tested), key=lambda c: (c.p > SELECTION.significance, -strength(c)))
+    progress(Step(Stage.TIES))
+    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key])}
+    ranked = with_ties([judged(c, effects[c.key]) for c in ranked], space, standing_out)
+    plausible = [c.key for c in ranked if implausible(c, effects[c.key]) is None]
+    progress(Step(Stage.FORWARD_SELECTION))
     together = best_set(space, plausible)
-    best = next((c for c in ranked if c.answer == "missing"), None)
+    best = next((c for c in ranked if c.answer is Answer.MISSING), None)
     # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     own = [row for row in now.above if best and row in best.rows] or now.above
     excess, explained, unlisted = now.excess(own), 0.0, False
@@ -108,218 +100,255 @@ def look(space: TrialSpace, tell: Tell) -> Look:
         # A gap between two values of the grid would leave what looks like another cause.
         sharper: list[Candidate] = []
         for c in [c for c in ranked if c.key in together]:
-            tell(f"the constants of {c.key}")
+            progress(Step(Stage.SHAPE_CONSTANTS, subject=c.key))
             sharper.append(refined(space, c))
-        tell("what they leave")
-        after = space.left_by([replace(effects[c.key], shape=c.shape) for c in sharper])
+        progress(Step(Stage.LACK_OF_FIT))
+        after = space.residual_beside([replace(effects[c.key], shape=c.shape) for c in sharper])
         explained = (excess - after.excess(own)) / excess
-        little = explained < MAIN and after.chance(own) <= max(RARE, 1.0 / (1.0 + draws))
-        unlisted = structured(now) and (
-            best is None or little or strength(best) < OWN * excess or _stays(space, now, after, best, tell)
+        little = explained < SELECTION.set_share and after.chance(own) <= max(SELECTION.set_chance, 1.0 / (1.0 + draws))
+        unlisted = excess_is_coloured(now) and (
+            best is None
+            or little
+            or strength(best) < SELECTION.own_share * excess
+            or _excess_remains(space, now, after, best, progress)
         )
     untestable = tuple(c for c in all_tried if not c.tested)
-    changing = None
+    not_constant = None
     if best is not None and not unlisted:
-        tell(f"whether {best.key} is the same in all runs")
-        found = constancy(space, best, [c for c in ranked if c.key in together and c.key != best.key])
-        changing = found if found is not None and found.broken else None
-    # Where the sheet's tolerances take the whole cause up no row fails, and some fault is larger than any tolerance.
-    sheet = space.excused(best.key if best else "")
-    strained = not (unlisted or changing) and sheet.strained and (best is None or strength(best) < sheet.excess)
-    return Look(
+        progress(Step(Stage.PARAMETER_CONSTANCY, subject=best.key))
+        found = chow_test(space, best, [c for c in ranked if c.key in together and c.key != best.key])
+        not_constant = found if found is not None and found.rejected else None
+    # Where the tolerances absorb the whole cause no row fails, and some fault is larger than any tolerance.
+    sheet = space.tolerance_use(best.key if best else "")
+    tolerance_exceeded = (
+        not (unlisted or not_constant) and sheet.tolerance_exceeded and (best is None or strength(best) < sheet.excess)
+    )
+    return Screening(
         space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
-        sheet, strained, changing, unlisted or strained or changing is not None,
+        sheet, tolerance_exceeded, not_constant, unlisted or tolerance_exceeded or not_constant is not None,
     )  # fmt: skip
 
 
-def _stays(space: TrialSpace, now: Left, after: Left, best: Candidate, tell: Tell) -> bool:
+def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: Candidate, progress: Progress) -> bool:
     """Whether the best set leaves too much of the excess, and that is no noise, the noise through the best included."""
-    left, most = after.excess(now.above), STAYS * now.excess(now.above)
-    if after.family > SIGNIFICANCE or left <= most or not structured(after):
+    remainder, most = after.excess(now.above), SELECTION.unexplained_share * now.excess(now.above)
+    if after.family > SELECTION.significance or remainder <= most or not excess_is_coloured(after):
         return False
     effect = space.tried[best.key].trial.effect.as_physics
     if effect is None:
         return True
-    tell(f"what noise does through {best.key}")
+    progress(Step(Stage.REGRESSOR_NOISE_OF_EFFECT, subject=best.key))
     c = refined(space, best)
-    through = noise_through(
-        space.fitted, space.floor.sigma, space.louder, replace(effect, shape=c.shape), np.array(c.values)
+    through = noise_through_effect(
+        space.fitted, space.floor.sigma, space.noise_ratio, replace(effect, shape=c.shape), np.array(c.values)
     )
-    return left - sum(max(0.0, through[row]) for row in now.above) > most
+    return remainder - sum(max(0.0, through[row]) for row in now.above) > most
 
 
 def strength(c: Candidate) -> float:
-    """Weighted squares it takes off; a latency's gain is told beside the rig's clocks, which tolerances may move."""
+    """Weighted squares a candidate explains: a latency's gain ignores other clocks' tolerances, its drop does not."""
     return min(c.total_gain, c.drop)
 
 
-MARGINAL = 1.25
-"""Residual ÷ floor up to which a row may fail by latencies of one tolerance, or a floor of parameters led astray."""
-BENT = 0.25
-"""Part of what a candidate takes off that may be what first-order columns do not tell of latencies."""
-UNUSUAL = 3.0
-"""Tolerances beyond which a user is told what the sensor sheet would have to be wrong by."""
-MOST_TOLD = 4
-"""No more of its entries are told, and no more candidates."""
-LOUD = 1.3
-"""Noise ÷ sheet above which a user is told that sensors are noisier than their sheet says."""
+class Verdict(StrEnum):
+    """Verdict of a diagnosis."""
+
+    MISSING = "missing"
+    """An effect is proposed."""
+    NOTHING = "nothing missing"
+    UNLISTED = "unlisted cause"
+    """The model fails for a cause that no candidate stands for."""
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What a verdict rests on, beside the numbers of the diagnosis itself.
+
+    Attributes
+    ----------
+    strongest : the strongest candidate that passes every bar, whatever the verdict; None where none does.
+    ratios : row → residual ÷ floor beside the sensor sheet's tolerances.
+    tolerances : how much of them the runs need beside the strongest.
+    tolerance_exceeded : whether the tolerance test fails, and makes the cause unlisted.
+    not_constant : the strongest run by run, where it would have to be another law in each.
+    """
+
+    strongest: Candidate | None
+    ratios: Mapping[str, float]
+    tolerances: ToleranceUse
+    tolerance_exceeded: bool
+    not_constant: ParameterConstancy | None
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What is missing in a model.
+    """What is missing in a model; `lacet.services.render.verdicts` has its sentences.
 
     Attributes
     ----------
-    verdict : ``missing``, ``nothing missing`` or ``unlisted cause``.
-    says : the verdict in plain sentences.
+    verdict : whether an effect is missing.
     best : the candidate proposed, or None.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set of up to three candidates takes away.
     draws : number of noise-floor simulations behind p.
-    louder : row → noise ÷ sheet, where everything a candidate could explain was taken out; 1 where the sheet holds.
+    noise_ratio : row → noise ÷ sheet, judged by what all candidates together leave; 1 where the sheet holds.
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
-    noise : in the columns at the first look, for that of the next ranking.
+    noise : in the columns at the first screening, for that of the next ranking.
+    grounds : what the verdict rests on.
+    effects : key → effect of every candidate that can be computed.
     formulas : for an unlisted cause, laws that part of the residual follows, best first.
     """
 
-    verdict: str
-    says: str
+    verdict: Verdict
     best: Candidate | None
     candidates: tuple[Candidate, ...]
     ratios: Mapping[str, float]
     excess: float
     explained: float
     draws: int
-    louder: Mapping[str, float]
+    noise_ratio: Mapping[str, float]
     failing: tuple[str, ...]
     together: tuple[str, ...]
-    noise: ColumnNoise = field(repr=False)
+    noise: RegressorNoise = field(repr=False)
+    grounds: Grounds = field(repr=False)
+    effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
+
+    @property
+    def unlisted(self) -> bool:
+        """Whether the model fails for a cause that no candidate stands for."""
+        return self.verdict is Verdict.UNLISTED
 
 
 def diagnose(
-    fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: ColumnNoise | None = None,
-    tell: Tell = silent,
+    fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: RegressorNoise | None = None,
+    progress: Progress = silent,
 ) -> Diagnosis:  # fmt: skip
     """Rank `candidates` on top of a fitted model, on the runs it was fitted to.
 
     `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns, as an earlier ranking
-    of the same candidates found it, spares finding it again. `tell` is told what is done now.
+    of the same candidates found it, spares finding it again. `progress` receives each step.
     """
-    tell("what the sensor sheet leaves open")
-    found, seen = _looked(Reading.of(fitted, floor), candidates, seed, noise, tell)
-    if may_leave_more(seen) and seen.best is not None:
-        _, beside = _looked(without_fault(seen.space, seen.best.key, tell), candidates, seed, None, tell)
-        seen = explained_by(seen, beside)
+    progress(Step(Stage.SENSOR_TOLERANCES))
+    found, seen = _screened(Linearisation.of(fitted, floor), candidates, seed, noise, progress)
+    if fault_may_leave_more(seen) and seen.best is not None:
+        _, beside = _screened(without_fault(seen.space, seen.best.key, progress), candidates, seed, None, progress)
+        seen = explained_with_fault(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
     if best is not None:
         best = refined(seen.space, best)
-        best = replace(best, why=judged(best, seen.effects[best.key], floor.count).why)
+        best = replace(best, reason=judged(best, seen.effects[best.key]).reason)
         ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_open(c, best) for c in ranked]
     ratios, formulas = _ratios(fitted, floor), list[Formula]()
     if seen.unlisted:
-        tell("simple laws that the residual follows")
-        hidden = seen.strained or not failing
-        formulas = propose(seen.space.reading, _worst(ratios) if hidden else failing, seed)
-        verdict, says = "unlisted cause", _unlisted(seen, formulas)
-    elif best is not None:
-        verdict, says = "missing", _missing(best)
-    else:
-        verdict, says = "nothing missing", _nothing(seen, ranked)
+        progress(Step(Stage.SYMBOLIC_LAWS))
+        hidden = seen.tolerance_exceeded or not failing
+        formulas = propose(seen.space.linearisation, _worst(ratios) if hidden else failing, seed)
+    verdict = Verdict.UNLISTED if seen.unlisted else Verdict.MISSING if best is not None else Verdict.NOTHING
+    grounds = Grounds(seen.best, seen.now.ratios, seen.sheet, seen.tolerance_exceeded, seen.not_constant)
     return Diagnosis(
-        verdict, says, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained,
-        floor.count, seen.space.louder, failing, seen.together, found, tuple(formulas),
+        verdict, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained, floor.count,
+        seen.space.noise_ratio, failing, seen.together, found, grounds, seen.effects, tuple(formulas),
     )  # fmt: skip
 
 
-def _looked(
-    reading: Reading, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None, tell: Tell
-) -> tuple[ColumnNoise, Look]:
-    """Noise in the columns of the first look at runs, and what was seen at last, more closely where that may matter."""
-    columns = columns_as_read(reading, candidates, seed, tell)
-    seen = look(TrialSpace(columns, noise, tell), tell)
+def _screened(
+    linearisation: Linearisation,
+    candidates: Sequence[Effect],
+    seed: int,
+    noise: RegressorNoise | None,
+    progress: Progress,
+) -> tuple[RegressorNoise, Screening]:
+    """Noise in the columns of the first screening, and the last screening: re-linearised where that may matter."""
+    columns = relinearised_columns(linearisation, candidates, seed, progress)
+    seen = screen(ScoreTests(columns, noise, progress), progress)
     found = seen.space.noise
-    for closer in (_read_closely, _with_its_floor):
+    for closer in (_relinearised, _with_floor_at_tolerances):
         if _in_doubt(seen):
             space = seen.space
-            closest = closer(space, tell)
-            if closest is not space.reading:
+            closest = closer(space, progress)
+            if closest is not space.linearisation:
                 # What noise adds cancels in what the model explains at this fit's zeros only.
                 same = space.noise if closest.fitted is space.fitted else None
-                seen = look(TrialSpace.of(closest, candidates, seed, same, tell), tell)
+                seen = screen(ScoreTests.of(closest, candidates, seed, same, progress), progress)
     return found, seen
 
 
-def _in_doubt(seen: Look) -> bool:
-    """Whether a closer look may change the answer, where rows fail by little or not at all.
+def _in_doubt(seen: Screening) -> bool:
+    """Whether a re-linearised screening may change the answer, where rows fail by little or not at all.
 
     For an unlisted cause latencies and floor may be to blame. What is proposed was compared with simulated runs as loud
     as this one, so that a floor somewhat low has not made it; latencies may have.
     """
     now = seen.now
     # Sensors louder than their sheet lift all rows; a cause has a colour.
-    louder = seen.space.louder if now.above and not structured(now) else dict[str, float]()
-    if any(now.ratios[row] >= MARGINAL * louder.get(row, 1.0) for row in now.above):
+    noise_ratio = seen.space.noise_ratio if now.above and not excess_is_coloured(now) else dict[str, float]()
+    if any(now.ratios[row] >= SELECTION.marginal_ratio * noise_ratio.get(row, 1.0) for row in now.above):
         return False
     # Latencies may also make a candidate where no row fails.
     unsure = seen.unlisted and bool(now.above)
-    return unsure or (seen.best is not None and _bent(seen.space) > BENT * strength(seen.best))
+    return unsure or (
+        seen.best is not None and _second_order_squares(seen.space) > SELECTION.second_order_share * strength(seen.best)
+    )
 
 
-def _bent(space: TrialSpace) -> float:
-    """Weighted squares that latencies may leave beside their first-order columns: about (ω τ / 2)² of what those do."""
-    layout, omega = space.layout, space.reading.omega
-    found = dict(zip(space.partialled.taken.tolist(), space.partialled.gain[:, layout.right].tolist(), strict=True))
-    places = [layout.model + layout.sheet.index(entry) for entry in space.reading.clocks]
-    late = np.array([found.get(place, 0.0) for place in places])
-    reach = omega * np.max(np.abs(late * list(space.reading.clocks.values())), initial=0.0)
-    return float((reach / 2.0) ** 2 * late @ space.sums.total[np.ix_(places, places)] @ late)
+def _second_order_squares(space: ScoreTests) -> float:
+    """Weighted squares of the latencies' second order: about (ω τ / 2)² of those of their first-order columns."""
+    layout, omega = space.layout, space.linearisation.omega
+    found = dict(zip(space.regression.nuisance.tolist(), space.regression.gain[:, layout.right].tolist(), strict=True))
+    places = [layout.model + layout.sheet.index(entry) for entry in space.linearisation.latency_tolerances]
+    latencies = np.array([found.get(place, 0.0) for place in places])
+    reach = omega * np.max(np.abs(latencies * list(space.linearisation.latency_tolerances.values())), initial=0.0)
+    return float((reach / 2.0) ** 2 * latencies @ space.sums.total[np.ix_(places, places)] @ latencies)
 
 
-def _read_closely(space: TrialSpace, tell: Tell) -> Reading:
-    """Latencies taken out of the runs that a first-order column tells well, but not to a part of the noise."""
-    return space.reading if space.reading.late else read_again(space.reading, tell, STILL)
+def _relinearised(space: ScoreTests, progress: Progress) -> Linearisation:
+    """The runs linearised anew also at latencies that first-order columns describe, but not to a part of the noise."""
+    return (
+        space.linearisation
+        if space.linearisation.latencies
+        else relinearise(space.linearisation, progress, SELECTION.settled_phase)
+    )
 
 
-def _with_its_floor(space: TrialSpace, tell: Tell) -> Reading:
-    """The noise floor where the sensor sheet leads the parameters to: that of the fit may be another."""
-    tell("the noise floor at the parameters that the sensor sheet leads to")
-    floor = floor_at(space.fitted, space.led, space.floor.count)
-    return replace(space.reading, floor=floor, sums=sheet_sums(space.fitted, floor))
+def _with_floor_at_tolerances(space: ScoreTests, progress: Progress) -> Linearisation:
+    """The noise floor at the parameters that the sensor tolerances give: that of the fit may be another."""
+    progress(Step(Stage.FLOOR_AT_TOLERANCES))
+    floor = space.floor.redrawn(space.fitted, space.tolerated_parameters)
+    return replace(space.linearisation, floor=floor, sums=sheet_products(space.fitted, floor))
 
 
-def may_leave_more(seen: Look) -> bool:
-    """Whether rows fail for a cause that is not listed, and the best that stands out is a sensor fault."""
-    rows_fail = seen.unlisted and not seen.strained and seen.changing is None
+def fault_may_leave_more(seen: Screening) -> bool:
+    """Whether rows fail for a cause that is not listed, and the best is a sensor fault, whose column is coarse."""
+    rows_fail = seen.unlisted and not seen.tolerance_exceeded and seen.not_constant is None
     return rows_fail and seen.best is not None and seen.effects[seen.best.key].as_fault is not None
 
 
-def explained_by(seen: Look, beside: Look) -> Look:
-    """`seen` as it is to be judged, once the best was taken out of the runs and `beside` is what was seen then.
+def explained_with_fault(seen: Screening, beside: Screening) -> Screening:
+    """A screening judged anew, once its best was removed from the runs and `beside` is the screening of those.
 
     The fault alone, or with the best set beside it, must explain as much as is asked of any set.
     """
     assert seen.best is not None
-    before = seen.space.left_unexcused(seen.best.key)
-    whole, alone = before.excess(before.above), beside.now.excess(beside.now.above)
-    left = alone if beside.unlisted else beside.excess * (1.0 - beside.explained)
-    if left > (STAYS if beside.unlisted else 1.0 - MAIN) * whole:
+    before = seen.space.residual_without_tolerance(seen.best.key)
+    whole, gain_test = before.excess(before.above), beside.now.excess(beside.now.above)
+    remainder = gain_test if beside.unlisted else beside.excess * (1.0 - beside.explained)
+    if remainder > (SELECTION.unexplained_share if beside.unlisted else 1.0 - SELECTION.set_share) * whole:
         return seen
     together = (seen.best.key,) if beside.unlisted else (seen.best.key, *beside.together)
     best = _as_fitted(seen.best, beside.space.fitted)
-    return replace(seen, best=best, unlisted=False, excess=whole, explained=1.0 - left / whole, together=together)
+    return replace(seen, best=best, unlisted=False, excess=whole, explained=1.0 - remainder / whole, together=together)
 
 
 def _as_fitted(fault: Candidate, fitted: Fit) -> Candidate:
-    """With the size at which it was taken out."""
+    """The fault with the size that the fit found, at which it was removed."""
     (at,) = (i for i, name in enumerate(fitted.model.names) if name.startswith(f"{fault.key}."))
     wide = np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at])
-    return replace(fault, values=(float(fitted.theta[at]),), interval=(1.96 * float(wide),))
+    return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
 
 
 def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
@@ -332,108 +361,18 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
 
 
 def _open(c: Candidate, best: Candidate | None) -> Candidate:
-    """A candidate that passes is missing only if it is the one proposed, or tied with it; else it is judged later."""
+    """A candidate with its final answer: missing only if it is the one proposed or tied with it, else undecided."""
     tied = c.key in dict(best.ties) if best else False
-    if c.answer == "missing" and not tied and not (best and c.key == best.key):
-        more = f"It is judged again once {best.key} is added." if best else "It does not explain what is left."
-    elif c.answer == "not needed" and best and tied:
-        more = f"But it cannot be told apart from {best.key}."
+    if c.answer is Answer.MISSING and not tied and not (best and c.key == best.key):
+        pending = Pending.UNTIL_BEST_IS_ADDED if best else Pending.NOT_ENOUGH
+    elif c.answer is Answer.NOT_NEEDED and best and tied:
+        pending = Pending.TIED_WITH_BEST
     else:
         return c
-    return replace(c, answer="undecided", why=f"{c.why} {more}")
-
-
-def _missing(best: Candidate) -> str:
-    tied = f" It cannot be told apart from {', '.join(key for key, _ in best.ties)} on these runs." if best.ties else ""
-    return f"{best.key} is missing. {best.why}{tied}"
-
-
-def _unlisted(seen: Look, formulas: Sequence[Formula]) -> str:
-    if seen.strained:
-        return _strained(seen, formulas)
-    if seen.changing and seen.best:
-        return _changing(seen.changing, seen.best, seen.effects[seen.best.key], formulas)
-    now = seen.now
-    worst = max(now.above, key=lambda row: now.ratios[row])
-    own = [row for row in now.above if seen.best and row in seen.best.rows] or now.above
-    where = f" in {', '.join(own)}" if len(own) < len(now.above) else ""
-    says = (
-        f"The model fails ({worst} at {now.ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
-        f"set of effects of the catalogue ({', '.join(seen.together) or 'none'}) explains "
-        f"{100 * max(0.0, seen.explained):.0f} % of what is above the floor{where}, and the rest is no noise."
-    )
-    if seen.best and where and seen.explained >= MAIN:
-        says += f" Of these rows {seen.best.key} may be the cause: add it, and see what the others still lack."
-    if not formulas:
-        return f"{says} No law of the measured states describes it: it may depend on something that is not measured."
-    return f"{says} {_described(formulas[0])}"
-
-
-def _strained(seen: Look, formulas: Sequence[Formula]) -> str:
-    """Why a sensor sheet that would have to be so wrong is a cause that is not listed."""
-    sheet = seen.sheet
-    beside = f"Beside {seen.best.key}, the best of the catalogue, the" if seen.best else "The"
-    says = (
-        f"{beside} model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(sheet)}). The squares "
-        f"of all but latencies sum to {sheet.squares:.0f}, in simulated runs that lack nothing to "
-        f"{np.mean(sheet.null):.0f} and never above {np.max(sheet.null):.0f}. Either several instruments are off "
-        f"(calibrate them, or write their true tolerances into the rig file), or the cause is not listed."
-    )
-    return f"{says} {_described(formulas[0])}" if formulas else says
-
-
-def _changing(runs: Constancy, best: Candidate, effect: Effect, formulas: Sequence[Formula]) -> str:
-    """Why a law that would have to be another in each run is none."""
-    k, *two = runs.apart
-    q = effect.parameters[k]
-    told = " and ".join(f"{runs.values[r][k]:.3g} ± {1.96 * runs.spread[r][k]:.2g} {q.unit} in {r}" for r in two)
-    says = (
-        f"The model lacks something, and the cause is not listed: {best.key} explains most, but it would have to be "
-        f"another law in each run ({q.name} is {told}; simulated runs differ as much with p = {runs.p:.2g})."
-    )
-    return f"{says} {_described(formulas[0])}" if formulas else says
-
-
-def _described(best: Formula) -> str:
-    return (
-        f"What comes nearest of simple laws is '{best.text}', which takes {100 * best.gain:.0f} % off "
-        f"{', '.join(best.rows)} in parts of the runs it was not fitted to: a description, not a cause."
-    )
+    return replace(c, answer=Answer.UNDECIDED, pending=pending)
 
 
 def _worst(ratios: Mapping[str, float]) -> list[str]:
-    """Rows at least half as far above their floor as the worst, before any tolerance is taken out."""
-    half = 0.5 * (max(ratios.values()) ** 2 - 1.0)
+    """Rows whose squares above the floor are a share of the worst row's, beside no tolerance."""
+    half = SELECTION.worst_rows_share * (max(ratios.values()) ** 2 - 1.0)
     return [row for row, ratio in ratios.items() if ratio > 1.0 and ratio**2 - 1.0 >= half]
-
-
-def _off(sheet: Excused, least: float = 0.0) -> str:
-    """Entries of the sensor sheet that are farthest off, in tolerances."""
-    most = sorted(sheet.sizes.items(), key=lambda one: -abs(one[1]))[:MOST_TOLD]
-    return ", ".join(f"{name} {size:+.1f}" for name, size in most if abs(size) > least)
-
-
-def _nothing(seen: Look, ranked: Sequence[Candidate]) -> str:
-    now = seen.now
-    worst = max(now.ratios, key=lambda row: now.ratios[row])
-    least = min((c.p for c in ranked), default=1.0)
-    says = (
-        f"Nothing is missing that these runs can show: with the sensor sheet's tolerances taken out the row farthest "
-        f"above its noise floor is {worst}, at {now.ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
-        f"does, chance does with p = {least:.2g}."
-    )
-    if small := [c for c in ranked if stands_out(c, seen.effects[c.key])]:
-        told = ", ".join(f"{c.key} {c.gain_rms:.3g} {unit_of(c)} RMS, p = {c.p:.2g}" for c in small[:MOST_TOLD])
-        says += (
-            f" Chance does not explain all: {told}. That is less than {100 * LEAST_GAIN:g} % of any row; add it if so "
-            f"little matters to you."
-        )
-    loud = [f"{row} {ratio:.1f} times" for row, ratio in seen.space.louder.items() if ratio > LOUD]
-    if loud:
-        says += f" Sensors are noisier than their sheet says ({', '.join(loud)}): lacet check tells which."
-    if off := _off(seen.sheet, UNUSUAL):
-        says += (
-            f" For that the sensor sheet would have to be off by more than {UNUSUAL:g} of its tolerances "
-            f"({off}): look at these instruments (lacet check measures latencies)."
-        )
-    return says

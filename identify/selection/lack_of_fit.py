@@ -1,4 +1,4 @@
-"""What stays unexplained: rows against what simulated runs leave when they are treated alike."""
+"""Lack of fit: residuals by row against those of simulated runs that are treated alike."""
 
 from __future__ import annotations
 
@@ -11,36 +11,22 @@ from numpy.typing import NDArray
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import Reading, TrialColumns, TrialSums, solved
-from lacet.identify.selection.partial_regression import Partialled, beside
+from lacet.identify.selection.cross_products import CandidateColumns, CrossProducts, Linearisation, solved
+from lacet.identify.selection.partial_regression import PartialRegression, beside
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.whiteness import whiteness
-
-EXCESS = 1.05
-"""Residual ÷ floor above which a row can be said to fail…"""
-CHANCE = 0.05
-"""… if in no more than this part of simulated runs any row stands as far above."""
-LOUDEST = 3.0
-"""No sensor is more times as noisy as its sheet says: what is above that is a cause."""
-
-
-COLOURED = 0.5
-"""Part of an excess that must stand above the noise's level to be no noise."""
-QUIET = 0.25
-"""Part of a spectrum's bands that is taken for noise alone."""
-SIGNIFICANCE = 0.05
-"""Family-wise error of a proposal."""
 
 
 @dataclass(frozen=True)
-class Left:
-    """What a set of columns leaves of the residual.
+class LackOfFit:
+    """Residual beside a set of columns, compared with simulated runs.
 
     Attributes
     ----------
     ratios : row → RMS ÷ that of simulated runs treated alike.
     squares : row → weighted squares above those of simulated runs.
     p : row → probability that in a simulated run any row stands as far above; `family` the smallest of them.
-    residual : run and row → (n,) what is left, weighted; `draws` (D, n) the same of simulated runs.
+    residual : run and row → (n,) weighted residual; `draws` (D, n) the same of simulated runs.
     null : row → (D,) weighted squares of simulated runs above their mean.
     """
 
@@ -64,23 +50,29 @@ class Left:
     @property
     def above(self) -> tuple[str, ...]:
         """The rows above their floor by more than chance."""
-        return tuple(row for row, ratio in self.ratios.items() if ratio > EXCESS and self.p[row] <= CHANCE)
+        return tuple(
+            row
+            for row, ratio in self.ratios.items()
+            if ratio > SELECTION.failing_ratio and self.p[row] <= SELECTION.failing_chance
+        )
 
 
-def left_after(sums: TrialSums, total: Array, taken: NDArray[np.intp], prior: Array, pull: Array) -> Left:
-    """The residual after the columns at `taken`.
+def residual_after(
+    sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
+) -> LackOfFit:
+    """The residual after the columns at `nuisance`.
 
-    `prior` (a, a) and `pull` (a,) are normal matrix and right side of what is known of their parameters; `total` (w, w)
-    the products of the columns of `sums`, without the noise in them as far as it is known.
+    `prior` (a, a) and `prior_side` (a,) are normal matrix and right side of what is known of their parameters;
+    `total` (w, w) the products of the columns of `sums`, without the noise in them as far as it is known.
     """
     right, w = sums.layout.right, sums.layout.width
-    noise = np.sum([products[taken] for products in sums.null.values()], axis=0)
-    sides = np.concatenate([(total[taken, right] + pull)[:, None], noise], axis=1)
-    following = solved(total[np.ix_(taken, taken)] + prior, sides)
+    noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
+    sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
+    zero_gains = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
     own = np.zeros((w, 1))
-    own[right], own[taken] = 1.0, -following[:, :1]
+    own[right], own[nuisance] = 1.0, -zero_gains[:, :1]
     drawn = np.zeros((w, noise.shape[1]))
-    drawn[taken] = -following[:, 1:]
+    drawn[nuisance] = -zero_gains[:, 1:]
     residual: dict[tuple[int, str], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
     draws: dict[tuple[int, str], list[Array]] = {key: [] for key in residual}
     for block, series in sums.series(own):
@@ -104,7 +96,7 @@ def left_after(sums: TrialSums, total: Array, taken: NDArray[np.intp], prior: Ar
         row: (1 + int(np.count_nonzero(worst >= (squares[row] - means[row]) / spread[row]))) / (1 + count)
         for row in runs
     }
-    return Left(
+    return LackOfFit(
         ratios={row: float(np.sqrt(squares[row] / means[row])) for row in runs},
         squares={row: squares[row] - means[row] for row in runs},
         p=p,
@@ -115,78 +107,87 @@ def left_after(sums: TrialSums, total: Array, taken: NDArray[np.intp], prior: Ar
     )
 
 
-def louder_rows(sums: TrialSums, taken: NDArray[np.intp], prior: Array, pull: Array) -> dict[str, float]:
-    """Row → by how much its noise exceeds the sensor sheet's, from 1 to `LOUDEST`.
+def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[str, float]:
+    """Row → by how much its noise exceeds the sensor sheet's, from 1 to `most_noise_ratio`.
 
-    Everything that the physics of any candidate could explain is taken out first, beside the columns at `taken`: what
-    is left is noise, or a cause nobody has listed; both make a fall of the same size less remarkable. Sensor faults
-    stay within their tolerances: set free together they would scale the measurement away.
+    Everything that the physics of any candidate could explain is explained first, beside the columns at `nuisance`.
+    What remains is noise, or a cause nobody has listed; both make a fall of the same size less remarkable. Sensor
+    faults stay within their tolerances: without them, together, they would scale the measurement away.
     """
-    there = set(taken.tolist())
+    there = set(nuisance.tolist())
     fresh = {
         i: q.prior
         for trial in sums.layout.trials
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
         if not trial.fault and i not in there
     }
-    ratios = left_after(sums, sums.total, *with_columns(taken, prior, pull, fresh)).ratios
-    return {row: min(LOUDEST, max(1.0, ratio)) for row, ratio in ratios.items()}
+    ratios = residual_after(sums, sums.total, *with_columns(nuisance, prior, prior_side, fresh)).ratios
+    return {row: min(SELECTION.most_noise_ratio, max(1.0, ratio)) for row, ratio in ratios.items()}
 
 
 def with_columns(
-    taken: NDArray[np.intp], prior: Array, pull: Array, fresh: Mapping[int, float]
+    nuisance: NDArray[np.intp], prior: Array, prior_side: Array, fresh: Mapping[int, float]
 ) -> tuple[NDArray[np.intp], Array, Array]:
     """Places, normal matrix and right side of what is known beforehand, with further columns of 1 σ by place."""
-    places = np.concatenate([taken, list(fresh)]).astype(np.intp)
+    places = np.concatenate([nuisance, list(fresh)]).astype(np.intp)
     both = scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))
-    return places, both, np.concatenate([pull, np.zeros(len(fresh))])
+    return places, both, np.concatenate([prior_side, np.zeros(len(fresh))])
 
 
-def left_by(
-    columns: TrialColumns, known: Partialled, added: Sequence[Effect] = (), grid: Mapping[str, slice] | None = None
-) -> Left:
+def residual_beside(
+    columns: CandidateColumns,
+    known: PartialRegression,
+    added: Sequence[Effect] = (),
+    grid: Mapping[str, slice] | None = None,
+) -> LackOfFit:
     """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
     if not added:
-        return left_after(known.sums, known.total, known.taken, known.prior, known.pull)
+        return residual_after(known.sums, known.total, known.nuisance, known.prior, known.prior_side)
     inside, trials = beside(columns, known, added, grid or {})
     fresh = {
         i: q.prior
         for trial in trials
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
     }
-    return left_after(inside.sums, inside.total, *with_columns(inside.taken, inside.prior, inside.pull, fresh))
+    return residual_after(
+        inside.sums, inside.total, *with_columns(inside.nuisance, inside.prior, inside.prior_side, fresh)
+    )
 
 
-def left_unexcused(known: Partialled, own: NDArray[np.intp]) -> Left:
+def residual_without_tolerance(known: PartialRegression, own: NDArray[np.intp]) -> LackOfFit:
     """The residual after model, zeros and sensor sheet, without tolerances at positions `own` of a fault."""
-    kept = np.setdiff1d(np.arange(len(known.taken)), own)
+    kept = np.setdiff1d(np.arange(len(known.nuisance)), own)
     prior = known.prior[np.ix_(kept, kept)]
-    return left_after(known.sums, known.total, known.taken[kept], prior, known.pull[kept])
+    return residual_after(known.sums, known.total, known.nuisance[kept], prior, known.prior_side[kept])
 
 
-def prior_stiffening(reading: Reading) -> float:
-    """Residual ÷ floor over all rows once zeros, gains and latencies have taken their share, never less than 1.
+def prior_stiffening(linearisation: Linearisation) -> float:
+    """Factor for the priors of nuisance parameters: residual ÷ floor over all rows beside the tolerances, at least 1.
 
-    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would soak the missing
-    effect up. Priors are stiffened by this factor, which leaves them as they are when nothing is missing.
+    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would absorb the missing
+    effect. The factor is 1 when nothing is missing.
     """
-    sums = reading.sums
-    ratios = left_after(sums, sums.total, *reading.known(reading.pull)).ratios
+    sums = linearisation.sums
+    ratios = residual_after(sums, sums.total, *linearisation.known(linearisation.prior_side)).ratios
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
-def structured(left: Left) -> bool:
-    """Whether what is above the floor has another colour than the noise; sensors louder than their sheet leave it.
+def excess_is_coloured(remainder: LackOfFit) -> bool:
+    """Whether what is above the floor has another colour than the noise; noisier sensors do not change it.
 
     The noise's level is read from the quietest bands of each row's spectrum: most of the excess must stand above it.
     """
     smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
-    for key, residual in left.residual.items():
-        found = whiteness(residual, left.draws[key], np.arange(residual.size), 1.0) if key[1] in left.above else None
+    for key, residual in remainder.residual.items():
+        if key[1] not in remainder.above:
+            continue
+        found = whiteness(residual, remainder.draws[key], np.arange(residual.size), 1.0)
         if found is not None and found.frequency.size > 1:
             smallest, count = min(smallest, found.ljung_box), count + 1
             width = np.gradient(found.frequency)
-            level = min(LOUDEST**2, float(np.quantile(found.spectrum / found.floor, QUIET)))
+            level = min(
+                SELECTION.most_noise_ratio**2, float(np.quantile(found.spectrum / found.floor, SELECTION.quiet_bands))
+            )
             excess += float(np.sum(width * (found.spectrum - found.floor)))
             coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
-    return smallest * count <= SIGNIFICANCE and coloured > COLOURED * excess > 0.0
+    return smallest * count <= SELECTION.significance and coloured > SELECTION.coloured_share * excess > 0.0

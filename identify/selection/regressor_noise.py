@@ -14,31 +14,26 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Layout, TrialSums, at_zeros, columns_of
-
-NOISE_PAIRS = 2
-"""Pairs of draws."""
-_SECONDS = 180.0
-"""Of more data than this, pieces are left out [s]."""
-
+from lacet.identify.selection.cross_products import CrossProducts, Layout, at_zeros, columns_of
+from lacet.identify.selection.settings import SELECTION
 
 _Products = dict[str, tuple[NDArray[np.intp], Array]]
 
 
 @dataclass(frozen=True)
-class ColumnNoise:
-    """What noise adds to the sums that a ranking is made of.
+class RegressorNoise:
+    """Products of the noise in the columns, by row: the errors-in-variables correction of the cross products.
 
     Attributes
     ----------
@@ -54,9 +49,9 @@ class ColumnNoise:
 
     @classmethod
     def of(
-        cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], pairs: int = NOISE_PAIRS,
+        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], pairs: int = SELECTION.noise_pairs,
         progress: Progress = silent,
-    ) -> ColumnNoise:  # fmt: skip
+    ) -> RegressorNoise:  # fmt: skip
         """Draw it, weighted by the rows' `sigma`; `progress` receives how many draws are done."""
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
         chosen, share = _chosen(fitted)
@@ -68,24 +63,26 @@ class ColumnNoise:
         for run, pieces in chosen.items():
             for row, products in _of_run(fitted, sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
-        return cls(column_labels(fitted, sums.layout), totals, dict(sigma))
+        return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
     @classmethod
-    def of_run(cls, fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, pairs: int) -> ColumnNoise:
+    def of_run(
+        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], run: int, pairs: int
+    ) -> RegressorNoise:
         """What one run's noise alone adds."""
         pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
         totals = _of_run(fitted, sums, sigma, run, pieces, pairs, lambda: None)
-        return cls(column_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
+        return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
 
     def fits(self, labels: tuple[str, ...], rows: Iterable[str]) -> bool:
         """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
 
-    def products(self, sums: TrialSums, louder: Mapping[str, float], sigma: Mapping[str, float]) -> Array:
-        """(w, w) for the columns of `sums`, rows so much `louder` than their sheet; nothing for the residual's own."""
+    def products(self, sums: CrossProducts, noise_ratio: Mapping[str, float], sigma: Mapping[str, float]) -> Array:
+        """(w, w) for the columns of `sums`, rows so many times as noisy as their sheet; 0 for the residual's own."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
-        scaled = {row: louder[row] * self.sigma[row] / sigma[row] for row in louder if row in self.totals}
+        scaled = {row: noise_ratio[row] * self.sigma[row] / sigma[row] for row in noise_ratio if row in self.totals}
         out = turn.T @ np.sum([scale**2 * self.totals[row] for row, scale in scaled.items()], axis=0) @ turn
         out[-1, -1] = 0.0
         return out
@@ -104,7 +101,7 @@ class ColumnNoise:
         return out
 
     @classmethod
-    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> ColumnNoise:
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RegressorNoise:
         """What `arrays` gave."""
         totals: dict[str, Array] = {}
         sigma: dict[str, float] = {}
@@ -115,38 +112,38 @@ class ColumnNoise:
         return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
 
 
-def column_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
+def regressor_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
     """What the columns are."""
     return (*fitted.columns, *layout.labels)
 
 
 def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
-    """Run → numbers of its pieces that are taken, of about `_SECONDS` of data in all; and the part that is of all."""
+    """Run → numbers of the pieces drawn for, about `noise_seconds` of data in all; and their share of all data."""
     counts = {
         (run, k): _samples(piece)
         for run in range(len(fitted.runs))
         for k, piece in enumerate(fitted.assembly.pieces_of(run))
     }
     seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
-    taken = list(counts)[:: max(1, int(seconds // _SECONDS))]
+    nuisance = list(counts)[:: max(1, int(seconds // SELECTION.noise_seconds))]
     chosen: dict[int, list[int]] = {}
-    for run, k in taken:
+    for run, k in nuisance:
         chosen.setdefault(run, []).append(k)
-    return chosen, sum(counts[place] for place in taken) / sum(counts.values())
+    return chosen, sum(counts[place] for place in nuisance) / sum(counts.values())
 
 
 def _of_run(
-    fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int,
+    fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int,
     drawn: Callable[[], None],
 ) -> dict[str, Array]:  # fmt: skip
     """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
-    side = np.concatenate([priors / sums.temper, np.ones(w)])
+    side = np.concatenate([priors / sums.prior_stiffening, np.ones(w)])
     # The right side here is the residual, from which the zeros that were found are taken already.
-    further = sums.following[run].copy()
+    further = sums.zero_gains[run].copy()
     further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
-    further[:, layout.right] -= values * sums.temper / priors
+    further[:, layout.right] -= values * sums.prior_stiffening / priors
     whole: dict[str, Array] = {}
     for piece in (piece for k, piece in enumerate(fitted.assembly.pieces_of(run)) if k in chosen):
         for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs, drawn).items():
@@ -173,7 +170,7 @@ def _of_piece(
         out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
         for sign in (1, -1):
-            noisy = piece.prepared.noisy(draw, sign, [2003, *place, draw], loads=True)
+            noisy = replace(piece, prepared=piece.prepared.noisy(draw, sign, [2003, *place, draw], loads=True))
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
@@ -184,7 +181,7 @@ def _of_piece(
                 across = zeros[row].T @ (columns - before) / (2 * pairs)
                 products[:z, z:] += across
                 products[z:, :z] += across.T
-            noisy.forget_motion()
+            noisy.prepared.forget_motion()
         drawn()
     piece.prepared.forget_noisy(loads=True)
     return out
@@ -194,29 +191,32 @@ def _samples(piece: Piece) -> int:
     return sum(len(right) for right in piece.right.values())
 
 
-DRAWS = 2
-"""Draws of noise on each run."""
-
-
-def noise_through(
-    fitted: Fit, sigma: Mapping[str, float], louder: Mapping[str, float], effect: PhysicalEffect, values: Array
+def noise_through_effect(
+    fitted: Fit, sigma: Mapping[str, float], noise_ratio: Mapping[str, float], effect: Effect, values: Array
 ) -> dict[str, float]:
     """Row → weighted squares, over all runs, that noise adds through an effect with parameters `values` [SI].
 
-    `sigma` are the rows' weights, `louder` by how much their noise exceeds the sheet's.
+    `sigma` are the rows' weights, `noise_ratio` by how much their noise exceeds the sheet's.
     """
-    physics, theta = fitted.model.physics, fitted.physics
+    physics, theta, tried = fitted.model.physics, fitted.physics, effect.as_physics
+    if tried is None:
+        raise ValueError(f"{effect.key} is a sensor fault: noise goes through the laws of physics")
     out = dict.fromkeys(sigma, 0.0)
     for piece in fitted.assembly.pieces():
         run = piece.prepared
-        law = {row: values @ columns for row, columns in run.columns(effect).items()}
-        left = {row: run.measured[row] - run.matrix(physics, row) @ theta for row in law}
-        for draw in range(DRAWS):
+        law = {row: values @ columns for row, columns in run.columns(tried).items()}
+        remainder = {row: run.measured[row] - run.matrix(physics, row) @ theta for row in law}
+        for draw in range(SELECTION.law_noise_draws):
             noisy = run.noisy(draw, 1, [2005, piece.run, piece.number or 0, draw], loads=True)
-            for row, columns in noisy.columns(effect).items():
-                plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - left[row]
+            for row, columns in noisy.columns(tried).items():
+                plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
                 both = plain - (values @ columns - law[row])
-                out[row] += louder[row] ** 2 * float(both @ both - plain @ plain) / sigma[row] ** 2 / DRAWS
+                out[row] += (
+                    noise_ratio[row] ** 2
+                    * float(both @ both - plain @ plain)
+                    / sigma[row] ** 2
+                    / SELECTION.law_noise_draws
+                )
             noisy.forget_motion()
         run.forget_noisy(loads=True)
     return out

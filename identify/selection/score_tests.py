@@ -4,27 +4,71 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, StrEnum, auto
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.car.rows import row_unit
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Tell, silent
-from lacet.identify.selection.cross_products import BLOCK, Reading, Trial, TrialColumns
+from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, Trial
 from lacet.identify.selection.lack_of_fit import (
-    SIGNIFICANCE,
-    Left,
-    left_by,
-    left_unexcused,
-    louder_rows,
+    LackOfFit,
+    noise_ratios,
     prior_stiffening,
+    residual_beside,
+    residual_without_tolerance,
 )
-from lacet.identify.selection.partial_regression import GONE, Partialled, beside
-from lacet.identify.selection.regressor_noise import ColumnNoise, column_labels
-from lacet.identify.selection.tolerance_tests import Excused, Freed, excused, own_columns
+from lacet.identify.selection.partial_regression import PartialRegression, beside
+from lacet.identify.selection.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
+
+
+class Answer(StrEnum):
+    """Answer to one candidate for what is missing."""
+
+    MISSING = "missing"
+    """The one proposed, and those tied with it."""
+    UNDECIDED = "undecided"
+    """It helps now, and is judged again once the one proposed is added; or it is not judged yet."""
+    NOT_NEEDED = "not needed"
+    NOT_TESTABLE = "not testable"
+
+
+class Reason(Enum):
+    """Reason of a candidate's answer."""
+
+    NOT_COMPUTABLE = auto()
+    """A run lacks what it needs (`Candidate.lacks`)."""
+    NEVER_ACTS = auto()
+    IN_THE_MODEL = auto()
+    """The model explains its columns on these runs."""
+    FEW_BLOCKS = auto()
+    """Its `coverage` is below `least_coverage`."""
+    SMALL = auto()
+    """Its `size` is below `least_size`; `absorbed` names what explains its columns."""
+    NOISE = auto()
+    """More than `most_noise_in_candidate` of its columns is noise (`noise_part`)."""
+    CHANCE = auto()
+    """Its `p` is above `significance`."""
+    LITTLE = auto()
+    """Its `gain` and `most` are below `least_gain`."""
+    IMPLAUSIBLE = auto()
+    """A parameter is outside what is plausible on any car."""
+    PASSES = auto()
+    """It passes every bar."""
+
+
+class Pending(Enum):
+    """Why a tested candidate is undecided."""
+
+    UNTIL_BEST_IS_ADDED = auto()
+    NOT_ENOUGH = auto()
+    """It passes every bar and does not explain what fails: the cause is unlisted."""
+    TIED_WITH_BEST = auto()
 
 
 @dataclass(frozen=True)
@@ -34,17 +78,17 @@ class Candidate:
     Attributes
     ----------
     key : the effect, with `shape` the constants that fit best.
-    answer : ``missing`` (the one proposed, and those tied with it), ``undecided`` (it helps now, and is judged again
-        once that one is added), ``not needed`` or ``not testable``.
-    why : two plain sentences with numbers.
+    answer : whether it is missing, with its `reason`; `pending` where a tested one is undecided.
     gain : what it takes away in blocked cross-validation, as part of the weighted residual of its rows, at most 1;
         `total_gain` the same in weighted squares, of all rows.
     most : part of the weighted residual of one row that it takes away, in the row where that is most.
     gain_rms : the residual it takes away, as RMS over its `rows` of one unit [N or N·m].
     drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
     coverage : effective number of blocks it acts in.
-    size : √λ of the largest plausible effect after everything else is partialled out.
-    absorbed : what takes it up where it cannot be tested, largest share first.
+    size : √λ of the largest plausible effect beside all nuisance parameters.
+    absorbed : effects and tolerances that explain its columns where it cannot be tested, largest share first.
+    noise_part : largest part of its columns that is noise, where it cannot be tested for that.
+    lacks : channels or rows that the runs lack, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that cannot be told apart from it on these runs, with their correlation.
     block_gain : (B,) weighted squares it takes away, block by block.
@@ -58,8 +102,9 @@ class Candidate:
 
     key: str
     shape: Mapping[str, float]
-    answer: str = ""
-    why: str = ""
+    answer: Answer = Answer.UNDECIDED
+    reason: Reason | None = None
+    pending: Pending | None = None
     rows: tuple[str, ...] = ()
     gain: float = 0.0
     most: float = 0.0
@@ -70,6 +115,8 @@ class Candidate:
     coverage: float = 0.0
     size: float = 0.0
     absorbed: tuple[tuple[str, float], ...] = ()
+    noise_part: float = 0.0
+    lacks: str = ""
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
@@ -78,26 +125,16 @@ class Candidate:
     @property
     def tested(self) -> bool:
         """Whether the runs could show it."""
-        return self.answer != "not testable"
-
-
-LEAST_COVERAGE = 3.0
-"""Effective number of blocks in which a candidate must act."""
-LEAST_SIZE = 8.0
-"""Weighted size √λ that the largest plausible effect must have after everything else is partialled out."""
-MOSTLY_NOISE = 0.5
-"""Part of a candidate's own columns that may be noise: beyond it the runs do not tell what it would do."""
-FREE = 0.2
-"""Part of a fault's column that may be noise for it to be weighed without its own tolerance; more is excused by it."""
+        return self.answer is not Answer.NOT_TESTABLE
 
 
 @dataclass(frozen=True)
-class Tried:
-    """A candidate's best trial. `null` (D,) is the largest fall over its shapes in each simulated run.
+class ScoreTest:
+    """Score test of a candidate at its best shape; `null` (D,) the largest fall over its shapes in each simulated run.
 
-    `freed` is there for a sensor fault that the sheet has a tolerance for: what it is judged by. `alone` is what its
-    gain is told by: for a latency, where no clock's tolerance excuses it, as runs show how clocks differ and nothing
-    of their common time; `freed` for others.
+    `without_tolerance` is there for a sensor fault that the sheet has a tolerance for, and judges it. `gain_test` gives
+    its gain: of a latency without the tolerance of any latency, as runs show how clocks differ and nothing of their
+    common time; `without_tolerance` for others.
     """
 
     trial: Trial
@@ -105,8 +142,8 @@ class Tried:
     null: Array
     values: Array
     spread: Array
-    freed: Freed | None = None
-    alone: Freed | None = None
+    without_tolerance: FaultWithoutTolerance | None = None
+    gain_test: FaultWithoutTolerance | None = None
 
     @property
     def key(self) -> str:
@@ -114,68 +151,71 @@ class Tried:
         return self.trial.effect.key
 
 
-class TrialSpace:
-    """A fitted model with every candidate beside it, less what model, zeros and the sheet's tolerances explain.
+class ScoreTests:
+    """Score tests of every candidate beside a fitted model, with model, zeros and sensor tolerances as nuisance.
 
     Parameters
     ----------
     columns : those of model, sensor sheet and candidates.
     noise : the noise in them, where it is known already.
-    tell : told what is done now.
+    progress : receives each step.
 
     Attributes
     ----------
     columns, noise : as given, or found.
-    partialled : everything less what model, zeros and the sensor sheet's tolerances explain. A sensor fault is tried as
-        one that is free of its tolerance.
-    freed : place → sensor fault that the sheet has a tolerance for.
+    regression : partial regression of all columns on those of model, zeros and sensor tolerances.
+    without_tolerance : place → test of a sensor fault without its own tolerance, where the sheet has one.
     null : (w, D) products of all columns with simulated runs that lack nothing.
     louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
     """
 
-    def __init__(self, columns: TrialColumns, noise: ColumnNoise | None = None, tell: Tell = silent):
+    def __init__(self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent):
         self.columns, self.sums, self.layout = columns, columns.sums, columns.sums.layout
-        self.reading, self.effects = columns.reading, columns.effects
-        self.fitted, self.floor = columns.reading.fitted, columns.reading.floor
-        if noise is None or not noise.fits(column_labels(self.fitted, self.layout), self.floor.sigma):
-            tell("the noise in what they follow")
-            noise = ColumnNoise.of(
-                self.fitted, self.sums, self.floor.sigma,
-                progress=lambda step: tell(f"the noise in what they follow: {step.done} of {step.total} draws"),
-            )  # fmt: skip
+        self.linearisation, self.effects = columns.linearisation, columns.effects
+        self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
+        if noise is None or not noise.fits(regressor_labels(self.fitted, self.layout), self.floor.sigma):
+            progress(Step(Stage.REGRESSOR_NOISE))
+            noise = RegressorNoise.of(self.fitted, self.sums, self.floor.sigma, progress=progress)
         self.noise = noise
-        self.louder = louder_rows(self.sums, columns.taken, columns.prior, columns.pull)
-        noisy = noise.products(self.sums, self.louder, self.floor.sigma)
-        self.partialled = Partialled(self.sums, columns.taken, columns.prior, noisy, columns.pull)
-        self.freed = {
-            trial.place.start: Freed(self.partialled, trial.place.start, own)
+        self.noise_ratio = noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
+        noisy = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
+        self.regression = PartialRegression(self.sums, columns.nuisance, columns.prior, noisy, columns.prior_side)
+        self.without_tolerance = {
+            trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
             for trial in self.layout.trials
             if trial.fault
-            and (own := own_columns(self.partialled, trial.place.start, self._alike(trial))).size
-            and np.all(self.partialled.remaining(trial.place) > GONE)
+            and (own := tolerances_like(self.regression, trial.place.start, self._alike(trial))).size
+            and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         }
-        loud = [self.louder[row] * products for row, products in self.sums.null.items()]
-        there = columns.taken[self.layout.model :]
+        loud = [self.noise_ratio[row] * products for row, products in self.sums.null.items()]
+        there = columns.nuisance[self.layout.model :]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
-        self.null = self.sums.null_sheet + self.partialled.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
-        self.tried: dict[str, Tried] = {}
+        self.null = self.sums.null_sheet + self.regression.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
+        self.tried: dict[str, ScoreTest] = {}
 
     @classmethod
     def of(
-        cls, reading: Reading, candidates: Sequence[Effect], seed: int, noise: ColumnNoise | None = None,
-        tell: Tell = silent,
-    ) -> TrialSpace:  # fmt: skip
+        cls, linearisation: Linearisation, candidates: Sequence[Effect], seed: int, noise: RegressorNoise | None = None,
+        progress: Progress = silent,
+    ) -> ScoreTests:  # fmt: skip
         """Candidates beside a model on runs as they were read."""
-        return cls(TrialColumns.of(reading, candidates, seed, prior_stiffening(reading), tell), noise, tell)
+        return cls(
+            CandidateColumns.of(linearisation, candidates, seed, prior_stiffening(linearisation), progress),
+            noise,
+            progress,
+        )
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
     def try_all(self) -> list[Candidate]:
-        """Every candidate: its best shape, what these runs can tell of it, and how far the error falls."""
+        """Every candidate: its best shape, whether these runs can show it, and how far the error falls."""
         out = [
-            Candidate(key, {}, "not testable", f"Cannot be tested: {why}.") for key, why in self.columns.cannot.items()
+            Candidate(key, {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=why)
+            for key, why in self.columns.cannot.items()
         ]
-        there = [t for t in self.layout.trials if np.all(self.partialled.remaining(t.place) > GONE)]
+        there = [
+            t for t in self.layout.trials if np.all(self.regression.remaining_energy(t.place) > SELECTION.gone_share)
+        ]
         every = [self._try(trial) for trial in there]
         covered = dict(zip((one.trial.place.start for one in every), self._block_energy(every), strict=True))
         for effect in self.effects:
@@ -184,7 +224,8 @@ class TrialSpace:
             shown = [
                 one
                 for one in seen
-                if self._size(one) >= LEAST_SIZE and covered[one.trial.place.start] >= LEAST_COVERAGE
+                if self._size(one) >= SELECTION.least_size
+                and covered[one.trial.place.start] >= SELECTION.least_coverage
             ]
             if seen:
                 best = max(shown or seen, key=lambda one: one.drop)
@@ -196,41 +237,50 @@ class TrialSpace:
                 out.append(self._unseen(effect, shapes))
         return self._with_blocks(out)
 
-    def _try(self, trial: Trial) -> Tried:
-        if (freed := self.freed.get(trial.place.start)) is not None and freed.noisy_part < FREE:
-            value, spread = np.array([freed.value]), np.array([freed.spread])
-            alone = freed
+    def _try(self, trial: Trial) -> ScoreTest:
+        if (
+            without_tolerance := self.without_tolerance.get(trial.place.start)
+        ) is not None and without_tolerance.noisy_part < SELECTION.most_noise_in_fault:
+            value, spread = np.array([without_tolerance.value]), np.array([without_tolerance.spread])
+            gain_test = without_tolerance
             if trial.effect.sheet_kind == "latency":
-                alone = Freed(self.partialled, trial.place.start, self._clocks)
-            return Tried(trial, freed.drop, freed.null(self.null), value, spread, freed, alone)
-        drop, null = self.partialled.scores(trial.place, self.null)
-        return Tried(trial, drop, null, *self.partialled.values(trial.place))
+                gain_test = FaultWithoutTolerance(self.regression, trial.place.start, self._latency_positions)
+            return ScoreTest(
+                trial,
+                without_tolerance.drop,
+                without_tolerance.null(self.null),
+                value,
+                spread,
+                without_tolerance,
+                gain_test,
+            )
+        drop, null = self.regression.scores(trial.place, self.null)
+        return ScoreTest(trial, drop, null, *self.regression.values(trial.place))
 
     def _alike(self, trial: Trial) -> NDArray[np.intp]:
-        """Positions among the columns partialled out of the tolerances that may stand for a fault."""
+        """Positions among the nuisance columns of the tolerances that may stand for a fault."""
         mine = trial.effect.sheet_entries
         faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
         first, model = self.layout.model + len(self.layout.sheet), self.layout.model
         out: list[int] = []
-        for position in range(model, len(self.partialled.taken)):
-            place = int(self.partialled.taken[position])
+        for position in range(model, len(self.regression.nuisance)):
+            place = int(self.regression.nuisance[position])
             entry = self.layout.sheet[place - model][:2] if place < first else None
             if mine & ({entry} if entry else faults[place].sheet_entries):
                 out.append(position)
         return np.array(out, np.intp)
 
     @cached_property
-    def _clocks(self) -> NDArray[np.intp]:
-        """Positions among the columns partialled out of all latencies of the sheet."""
-        late = [self.layout.model + i for i, entry in enumerate(self.layout.sheet) if entry[0] == "latency"]
-        return np.flatnonzero(np.isin(self.partialled.taken, late))
+    def _latency_positions(self) -> NDArray[np.intp]:
+        """Positions among the nuisance columns of all latencies of the sheet."""
+        latencies = [self.layout.model + i for i, entry in enumerate(self.layout.sheet) if entry[0] == "latency"]
+        return np.flatnonzero(np.isin(self.regression.nuisance, latencies))
 
     def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
         acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
-        why = "the model already explains all it does on these runs" if acts else "it never acts on these runs"
-        return Candidate(effect.key, {}, "not testable", f"Cannot be tested: {why}. {_shown(effect)}")
+        return Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.IN_THE_MODEL if acts else Reason.NEVER_ACTS)
 
-    def _block_energy(self, tried: Sequence[Tried]) -> list[float]:
+    def _block_energy(self, tried: Sequence[ScoreTest]) -> list[float]:
         """For each trial, the effective number of blocks it acts in."""
         if not tried:
             return []
@@ -240,7 +290,7 @@ class TrialSpace:
             scales = [q.largest for q in one.trial.effect.parameters]
             places = np.zeros((self.layout.width, len(scales)))
             places[one.trial.place] = np.diag(scales)
-            parts.append(self.partialled.coefficients(places))
+            parts.append(self.regression.coefficients(places))
             owner += [i] * len(scales)
         columns = np.concatenate(parts, axis=1)
         energy = np.zeros((self._block_count, columns.shape[1]))
@@ -256,43 +306,41 @@ class TrialSpace:
     def _block_count(self) -> int:
         return 1 + max(int(block.number.max()) for block in self.sums.blocks)
 
-    def _size(self, one: Tried) -> float:
+    def _size(self, one: ScoreTest) -> float:
         """√λ of the largest plausible size."""
         largest = np.array([q.largest for q in one.trial.effect.parameters])
-        energy = np.array([one.freed.energy]) if one.freed else np.diag(self.partialled.left)[one.trial.place]
+        energy = (
+            np.array([one.without_tolerance.energy])
+            if one.without_tolerance
+            else np.diag(self.regression.reduced)[one.trial.place]
+        )
         return float(np.sqrt(max(0.0, np.max(energy * largest**2))))
 
-    def _measured(self, one: Tried, coverage: float) -> Candidate:
+    def _measured(self, one: ScoreTest, coverage: float) -> Candidate:
         effect, place, size = one.trial.effect, one.trial.place, self._size(one)
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),
-            interval=tuple(float(1.96 * x) for x in one.spread),
+            interval=tuple(float(SELECTION.interval_quantile * x) for x in one.spread),
         )  # fmt: skip
-        if coverage < LEAST_COVERAGE:
-            reason = f"it acts in only {coverage:.1f} blocks of {BLOCK:g} s (at least {LEAST_COVERAGE:g} needed)"
-        elif size < LEAST_SIZE:
-            absorbed = self._absorbed(one)
-            found = replace(found, absorbed=absorbed)
-            by = ", ".join(f"{key} {100 * share:.0f} %" for key, share in absorbed[:3])
-            reason = (
-                f"even at its largest plausible size it would stand out by only {size:.1f} times its noise "
-                f"(at least {LEAST_SIZE:g} needed){f', most of it taken up by {by}' if by else ''}"
-            )
-        elif one.freed is None and (part := self.partialled.noisy_part(place)) > MOSTLY_NOISE:
-            reason = f"{100 * part:.0f} % of what it would follow is noise of the sensors"
-        else:
-            return replace(found, total_gain=one.alone.fall() if one.alone else self.partialled.fall(place))
-        return replace(found, answer="not testable", why=f"Cannot be tested: {reason}. {_shown(effect)}")
+        if coverage < SELECTION.least_coverage:
+            return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.FEW_BLOCKS)
+        if size < SELECTION.least_size:
+            return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.SMALL, absorbed=self._absorbed(one))
+        if one.without_tolerance is None:
+            part = self.regression.noisy_part(place)
+            if part > SELECTION.most_noise_in_candidate:
+                return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.NOISE, noise_part=part)
+        return replace(found, total_gain=one.gain_test.fall() if one.gain_test else self.regression.fall(place))
 
-    def _absorbed(self, one: Tried) -> tuple[tuple[str, float], ...]:
-        """What takes a candidate's columns up: shares of their energy, by effect of the model and by sensor fault."""
+    def _absorbed(self, one: ScoreTest) -> tuple[tuple[str, float], ...]:
+        """Shares of a candidate's columns that nuisance parameters explain, by effect and by sensor tolerance."""
         place, total = one.trial.place, self.sums.total
-        k = place.start + int(np.argmax(np.diag(self.partialled.left)[place]))
+        k = place.start + int(np.argmax(np.diag(self.regression.reduced)[place]))
         whole = float(total[k, k])
         # Shares of a regression, as products of coefficient and covariance, in the model's own parameters.
         p = self.layout.model
-        gain = self.partialled.gain[:, k]
+        gain = self.regression.gain[:, k]
         turned = np.linalg.solve(self.sums.turn, np.eye(p))
         parts = (self.sums.turn @ gain[:p]) * (turned.T @ total[:p, k])
         shares: dict[str, float] = {}
@@ -300,11 +348,14 @@ class TrialSpace:
         for name, part in zip(names, parts, strict=True):
             shares[name] = shares.get(name, 0.0) + float(part) / whole
         for other, part in zip(
-            self.partialled.taken[p:].tolist(), gain[p:] * total[self.partialled.taken[p:], k], strict=True
+            self.regression.nuisance[p:].tolist(), gain[p:] * total[self.regression.nuisance[p:], k], strict=True
         ):
             name = self.columns.sheet[other]
             shares[name] = shares.get(name, 0.0) + float(part) / whole
-        ranked = sorted(((key, share) for key, share in shares.items() if share > 0.05), key=lambda item: -item[1])
+        ranked = sorted(
+            ((key, share) for key, share in shares.items() if share > SELECTION.absorbed_share),
+            key=lambda item: -item[1],
+        )
         return tuple(ranked)
 
     @cached_property
@@ -324,36 +375,36 @@ class TrialSpace:
         if not tested:
             return list(found)
         right, m = self.layout.right, len(tested)
-        # The effects, the residual, and for a fault that the sheet excuses the residual without that excuse.
+        # The effects, the residual, and for a fault with a tolerance the residual without that tolerance.
         plain = np.zeros((self.layout.width, m + 1))
         plain[right, -1] = 1.0
         for i, key in enumerate(tested):
             plain[self.tried[key].trial.place, i] = self.tried[key].values
-        plain = self.partialled.coefficients(plain)
+        plain = self.regression.coefficients(plain)
         before = np.repeat(plain[:, -1:], m, axis=1)
         for i, key in enumerate(tested):
-            if (alone := self.tried[key].alone) is not None:
-                plain[:, i], before[:, i] = (alone.coefficients() * np.array([alone.value, 1.0])).T
+            if (gain_test := self.tried[key].gain_test) is not None:
+                plain[:, i], before[:, i] = (gain_test.coefficients() * np.array([gain_test.value, 1.0])).T
         falls = np.zeros((self._block_count, m))
         squares, counts = {row: np.zeros(m) for row in self.floor.sigma}, dict.fromkeys(self.floor.sigma, 0)
         rows = {row: np.zeros(m) for row in self.floor.sigma}
         whole = 0.0
         for block, series in self.sums.series(np.concatenate([plain, before], axis=1)):
-            effect, left, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
+            effect, remainder, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
             after = (without - effect) ** 2
-            np.add.at(falls, block.number, left**2 - after)
+            np.add.at(falls, block.number, remainder**2 - after)
             squares[block.row] += np.sum(without**2, axis=0)
             rows[block.row] += np.sum(without**2 - after, axis=0)
             counts[block.row] += len(series)
-            whole += float(np.sum(left**2))
+            whole += float(np.sum(remainder**2))
         # In cross-validation the model alone leaves more than on all data.
-        more = max(0.0, sum(float(test[right, right]) for _, test in self.partialled.folds) - whole)
+        more = max(0.0, sum(float(test[right, right]) for _, test in self.regression.folds) - whole)
         place = {key: i for i, key in enumerate(tested)}
         out: list[Candidate] = []
         for c in found:
             if c.tested:
                 here = more + sum(float(squares[row][place[c.key]]) for row in c.rows)
-                alike = [row for row in c.rows if row_unit(row) == row_unit(c.rows[0])]
+                alike = self.floor.of_one_unit(c.rows)
                 scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
                 rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
                 # Rows it does not act on gain too, where it frees the parameters they share.
@@ -365,10 +416,10 @@ class TrialSpace:
         return out
 
     @property
-    def led(self) -> Array:
-        """Values of the physics' parameters that the sensor sheet leads to, beside no candidate."""
+    def tolerated_parameters(self) -> Array:
+        """(p,) parameters of the physics that the regression with sensor tolerances gives, beside no candidate."""
         out, model = self.fitted.theta.copy(), self.layout.model
-        out[self.fitted.place] += self.sums.turn @ self.partialled.gain[:model, self.layout.right]
+        out[self.fitted.place] += self.sums.turn @ self.regression.gain[:model, self.layout.right]
         return out[: len(self.fitted.physics)]
 
     # -- effects added, at shapes of their own -------------------------------------------------------------------------
@@ -377,47 +428,49 @@ class TrialSpace:
     def _grid(self) -> dict[str, slice]:
         return {key: one.trial.place for key, one in self.tried.items()}
 
-    def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[Partialled, tuple[Trial, ...]]:
+    def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[PartialRegression, tuple[Trial, ...]]:
         """Columns of some effects at their present shapes, less what model, zeros and sheet explain.
 
         `draws` : beside the simulated runs, too.
         """
-        return beside(self.columns, self.partialled, effects, self._grid if draws else None)
+        return beside(self.columns, self.regression, effects, self._grid if draws else None)
 
-    def left_by(self, added: Sequence[Effect]) -> Left:
-        """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
-        return left_by(self.columns, self.partialled, added, self._grid)
+    def residual_beside(self, added: Sequence[Effect]) -> LackOfFit:
+        """Lack of fit beside model, zeros, sensor sheet and some effects."""
+        return residual_beside(self.columns, self.regression, added, self._grid)
 
-    def left_unexcused(self, key: str) -> Left:
-        """The residual after model, zeros and sheet, where nothing of a sensor fault is excused by its tolerance."""
-        freed = self.tried[key].freed
-        return left_unexcused(self.partialled, freed.own if freed else np.zeros(0, np.intp))
+    def residual_without_tolerance(self, key: str) -> LackOfFit:
+        """Lack of fit beside model, zeros and sheet, without a sensor fault's own tolerance."""
+        without_tolerance = self.tried[key].without_tolerance
+        return residual_without_tolerance(
+            self.regression, without_tolerance.own if without_tolerance else np.zeros(0, np.intp)
+        )
 
-    def excused(self, key: str = "") -> Excused:
-        """What the sheet takes up beside the candidate `key` at its best shape, or beside none."""
-        return excused(self.columns, self.partialled, self.null, self._taken_up(key))
+    def tolerance_use(self, key: str = "") -> ToleranceUse:
+        """Sensor tolerances that the runs need beside the candidate `key` at its best shape, or beside none."""
+        return tolerance_use(self.columns, self.regression, self.null, self._tolerances_found(key))
 
-    def _taken_up(self, key: str) -> Array:
-        """(a,) what the columns partialled out explain of the residual, less a candidate."""
-        known, right = self.partialled, self.layout.right
+    def _tolerances_found(self, key: str) -> Array:
+        """(a,) nuisance parameters that the residual gives, beside a candidate or none."""
+        known, right = self.regression, self.layout.right
         if not key:
             return known.gain[:, right]
         one = self.tried[key]
-        if one.freed is None:
+        if one.without_tolerance is None:
             return known.gain[:, right] - known.gain[:, one.trial.place] @ one.values
-        # A fault set free is excused by nothing that stands for it.
-        fault, residual = one.freed.coefficients()[known.taken].T
+        # A fault tested without its tolerance has nothing that stands for it.
+        fault, residual = one.without_tolerance.coefficients()[known.nuisance].T
         out = float(one.values[0]) * fault - residual
-        out[one.freed.own] = 0.0
+        out[one.without_tolerance.own] = 0.0
         return out
 
     # -- all of them --------------------------------------------------------------------------------------------------
 
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
-        """Compare each fall with the largest over all candidates in every simulated run.
+        """Family-wise p of each candidate: its fall against the max-score statistic of every simulated run.
 
         Falls are measured in units of their own mean under the null: beside a misfit, where the sheet's priors are
-        stiffened, a fault whose tolerance moves much would else drown the physics.
+        stiffened, a fault whose tolerance moves much would else exceed all physics.
         """
         tested = [self.tried[c.key] for c in found if c.tested]
         if not tested:
@@ -432,104 +485,36 @@ class TrialSpace:
         ]
 
     def correlation(self, a: str, b: str) -> float:
-        """Largest canonical correlation of two candidates after everything else is partialled out."""
+        """Largest canonical correlation of two candidates beside all nuisance parameters."""
         first, second = self.tried[a].trial.place, self.tried[b].trial.place
         # A touch more on the diagonal: of a law's parameters one may be all but another's double on these runs.
         A, B = (
-            np.linalg.cholesky(G + 1e-12 * np.diag(np.diag(G)))
-            for G in (self.partialled.whole[first, first], self.partialled.whole[second, second])
+            np.linalg.cholesky(G + SELECTION.correlation_ridge * np.diag(np.diag(G)))
+            for G in (self.regression.reduced_noisy[first, first], self.regression.reduced_noisy[second, second])
         )
-        across = np.linalg.solve(A, self.partialled.whole[first, second])
+        across = np.linalg.solve(A, self.regression.reduced_noisy[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 
 
-def _shown(effect: Effect) -> str:
-    return f"What shows it: {effect.shown_by}."
+def judged(c: Candidate, effect: Effect) -> Candidate:
+    """A tested candidate as missing or not needed, with the reason."""
+    if c.p > SELECTION.significance:
+        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
+    if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
+        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.LITTLE)
+    if implausible(c, effect) is not None:
+        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.IMPLAUSIBLE)
+    return replace(c, answer=Answer.MISSING, reason=Reason.PASSES)
 
 
-LEAST_GAIN = 0.01
-"""A proposal must take away at least this part of the weighted residual of the rows it acts on, or of one of them."""
-
-
-def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
-    """A tested candidate as ``missing`` or ``not needed``, with the reason."""
-    wrong = implausible(c, effect.parameters)
-    takes = (
-        f"Added to the model it takes {c.gain_rms:.3g} {unit_of(c)} RMS off {_listed(c.rows)} "
-        f"({100 * c.gain:.3g} % of what they leave) in parts of the runs it was not fitted to."
-        if c.gain > 0.0
-        else f"Added to the model it takes nothing off {_listed(c.rows)} in parts of the runs it was not fitted to."
-    )
-    found = f"Its size would be {sizes(c, effect.parameters)}"
-    fault = effect.as_fault is not None
-    alone = "noise and the sheet's tolerances" if fault else "noise alone"
-    chance = (
-        f"{alone} never did as well in {draws} simulated runs (p = {c.p:.2g})"
-        if c.p <= 1.0 / (draws + 1) + 1e-12
-        else f"{alone} {'do' if fault else 'does'} as well with p = {c.p:.2g}"
-    )
-    if c.p > SIGNIFICANCE:
-        why = f"{takes} Not needed: {chance}, more than {SIGNIFICANCE:g}."
-    elif c.gain <= 0.0 or max(c.gain, c.most) < LEAST_GAIN:
-        why = f"{takes} Not needed: less than {100 * LEAST_GAIN:g} % of any row, though {chance}."
-    elif wrong:
-        why = f"{takes} Not needed: {wrong}, which no car has; something else looks like it ({chance})."
-    else:
-        return replace(c, answer="missing", why=f"{takes} {found}; {chance}.")
-    return replace(c, answer="not needed", why=why)
-
-
-def stands_out(c: Candidate, effect: Effect) -> bool:
+def is_significant(c: Candidate, effect: Effect) -> bool:
     """Whether chance does not do as well and its size is plausible, however little it takes away."""
-    return c.p <= SIGNIFICANCE and c.gain > 0.0 and not implausible(c, effect.parameters)
+    return c.p <= SELECTION.significance and c.gain > 0.0 and implausible(c, effect) is None
 
 
-def implausible(c: Candidate, parameters: Sequence[Parameter]) -> str:
-    """Which of its parameters would lie outside what is plausible on any car, by more than its interval; or nothing."""
-    for q, value, half in zip(parameters, c.values, c.interval, strict=True):
+def implausible(c: Candidate, effect: Effect) -> int | None:
+    """Place of the first parameter outside what is plausible on any car, by more than its interval; or None."""
+    for k, (q, value, half) in enumerate(zip(effect.parameters, c.values, c.interval, strict=True)):
         if value + half < q.low or value - half > q.high:
-            return (
-                f"{_last(q)} would be {value:.3g} ± {_two_digits(half)} {q.unit} (plausible: {q.low:g} to {q.high:g})"
-            )
-    return ""
-
-
-def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
-    """Its parameters with 95 % intervals, and its shape constants."""
-    parts = [
-        f"{_last(q)} = {_rounded(value, half)} ± {_two_digits(half)} {q.unit}"
-        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
-    ]
-    unusual = [
-        _last(q)
-        for q, value, half in zip(parameters, c.values, c.interval, strict=True)
-        if (q.expect == "positive" and value + half < 0.0) or (q.expect == "negative" and value - half > 0.0)
-    ]
-    out = ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
-    return f"{out} (the sign of {', '.join(unusual)} is not the usual one)" if unusual else out
-
-
-def unit_of(c: Candidate) -> str:
-    """Unit of a candidate's `gain_rms`."""
-    return row_unit(c.rows[0]) if c.rows else "N"
-
-
-def _listed(rows: Sequence[str], most: int = 4) -> str:
-    shown = ", ".join(rows[:most])
-    return shown if len(rows) <= most else f"{shown} and {len(rows) - most} more rows"
-
-
-def _last(q: Parameter) -> str:
-    return q.name.rsplit(".", 1)[-1]
-
-
-def _two_digits(half: float) -> str:
-    """An interval with two digits, without a power of ten up to a million."""
-    return f"{float(f'{half:.2g}'):g}"
-
-
-def _rounded(value: float, half: float) -> str:
-    """To the second digit of its interval."""
-    if not half > 0.0 or not np.isfinite(half):
-        return f"{value:.3g}"
-    return f"{value:.{max(0, 1 - int(np.floor(np.log10(half))))}f}"
+            return k
+    return None

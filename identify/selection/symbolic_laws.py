@@ -1,6 +1,6 @@
 """Formulae for a cause that is not in the catalogue: one-line laws of the measured states that the residual follows.
 
-They are tried exactly as candidates are: the model, zeros and tolerances partialled out, gains cross-validated, chance
+They are tested exactly as candidates are: nuisance parameters removed, gains cross-validated, chance
 taken from the same simulated runs. What is found is a description and no explanation; the engineer writes the effect.
 """
 
@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.effects.language.compiled import effect_class
-from lacet.identify.effects.language.parser import read_line
-from lacet.identify.selection.cross_products import Reading
-from lacet.identify.selection.lack_of_fit import SIGNIFICANCE
-from lacet.identify.selection.score_tests import LEAST_GAIN, TrialSpace
+from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 
 _SIGN = "tanh(rate/v0)"
 _BAND = ", v0 = 0.01 0.03 0.1 m/s"
@@ -38,8 +37,6 @@ CHASSIS = (
     "p * ax*abs(ax)", "p * ay*abs(ay)", "p * roll_rate", "p * pitch_rate", "p * yaw_rate", "p * roll_accel",
     "p * pitch_accel", "p * yaw_accel", "p * roll_rate*yaw_rate", "p * ax*ay",
 )  # fmt: skip
-MOST = 3
-"""Formulae told."""
 
 
 @dataclass(frozen=True)
@@ -58,28 +55,31 @@ class Formula:
     p: float
 
 
-def propose(reading: Reading, failing: Sequence[str], seed: int) -> list[Formula]:
+def propose(linearisation: Linearisation, failing: Sequence[str], seed: int) -> list[Formula]:
     """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
-    recording = reading.fitted.runs[0].recording
+    recording = linearisation.fitted.runs[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
     for kind, laws in _places(failing):
         for number, law in enumerate(laws, start=1):
             name = f"own_{kind.replace('.', '_')}_{number}"
-            cls = effect_class(read_line(f"{name} = {kind}: {law}"))
             laws_by_name[name] = kind, law.removesuffix(_BAND)
-            effects += cls.variants(recording.vehicle, recording.reference)
+            effects += one_line_effects(f"{name} = {kind}: {law}", recording.vehicle, recording.reference)
     if not effects:
         return []
-    space = TrialSpace.of(reading, effects, seed)
-    found = [c for c in space.family_wise(space.try_all()) if c.tested and c.p <= SIGNIFICANCE and c.gain >= LEAST_GAIN]
+    space = ScoreTests.of(linearisation, effects, seed)
+    found = [
+        c
+        for c in space.family_wise(space.try_all())
+        if c.tested and c.p <= SELECTION.significance and c.gain >= SELECTION.least_gain
+    ]
     out: list[Formula] = []
     for c in sorted(found, key=lambda c: -c.total_gain):
         name, _, place = c.key.partition(".")
         kind, law = laws_by_name[name]
         constants = "".join(f", {constant} = {value:g} m/s" for constant, value in c.shape.items())
         text = f"{kind}{'.' if place else ''}{place}: {law}{constants}"
-        if len(out) < MOST and not any(one.rows == c.rows for one in out):
+        if len(out) < SELECTION.most_laws and not any(one.rows == c.rows for one in out):
             out.append(Formula(text, place, c.rows, c.gain, c.gain_rms, c.p))
     return out
 

@@ -11,7 +11,9 @@ from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit, catalogue
+from lacet.services.render.progress import in_words
 from lacet.services.render.tables import table
+from lacet.services.render.verdicts import says
 
 SHOWN = 8
 """Candidates shown in a representation."""
@@ -54,10 +56,10 @@ class Ranking:
 
     def explain(self) -> str:
         """The verdict in sentences with numbers."""
-        return self.details.says
+        return says(self.details)
 
     def _rows(self) -> list[list[str]]:
-        return [[c.key, c.answer, f"{100 * c.gain:.3g}", f"{c.p:.2g}"] for c in self.candidates[:SHOWN]]
+        return [[c.key, c.answer.value, f"{100 * c.gain:.3g}", f"{c.p:.2g}"] for c in self.candidates[:SHOWN]]
 
     def __repr__(self) -> str:
         return shortened(
@@ -102,4 +104,4 @@ def rank(
             progress(text)
 
     say(f"simulating the noise floor, {draws} times")
-    return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, tell=say))
+    return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, progress=in_words(say)))

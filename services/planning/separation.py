@@ -28,11 +28,13 @@ from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.diagnose import Candidate, Diagnosis
+from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, simulated_runs
 from lacet.services.render.separation_report import recommendation, run_sentence
+from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Work
 from lacet.simulate.engine import engine_library
 
@@ -116,12 +118,13 @@ def recommend(
         raise UsageError(f"runs are predicted by simulation: {missing}") from None
     known = work.study.effects(work.loaded.reference)
     compared, found = _compared(fitted, known, diagnosis, wanted)
-    why = next((c.why for c in diagnosis.candidates if [c.key] == wanted and c.answer == "not testable"), "")
+    untested = next((c for c in diagnosis.candidates if [c.key] == wanted and not c.tested), None)
+    why = why_untested(diagnosis, untested) if untested else ""
     faults = [fault for e in known.values() if (fault := e.as_fault) and fault.tolerance not in _UNTOUCHED]
     rig = fitted.runs[0].recording.rig
     question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
     progress(Step(Stage.PRESENT_INFORMATION))
-    present = present_runs(question, work.floor(work.study.version()), diagnosis.louder)
+    present = present_runs(question, work.floor(work.study.version()), diagnosis.noise_ratio)
     before = Separations(question, present)
     sized = _sized(before, found)
     question = Question(fitted, sized, question.tolerances)
@@ -135,7 +138,7 @@ def recommend(
         if lacking:
             problems.append(f"left out: {one.label}: {lacking[0]}")
             continue
-        weighted = planned_run(question, one.prepared, diagnosis.louder)
+        weighted = planned_run(question, one.prepared, diagnosis.noise_ratio)
         runs.append(_judged(question, present, before, one, weighted, chosen, bool(why)))
         one.prepared.forget_motion()
         one.prepared.forget_columns()
@@ -153,7 +156,7 @@ def tied(diagnosis: Diagnosis) -> list[str]:
 
 def untestable(diagnosis: Diagnosis) -> list[str]:
     """The candidates that cannot be tested with these runs."""
-    return [c.key for c in diagnosis.candidates if c.answer == "not testable"]
+    return [c.key for c in diagnosis.candidates if not c.tested]
 
 
 def keys_of(question: Question) -> list[str]:
@@ -178,7 +181,7 @@ def _compared(
             if why := run.can(effect):
                 raise UsageError(f"{key} cannot be computed on these runs: {why}")
         c = by_key.get(key)
-        real = c is not None and c.answer in ("missing", "undecided") and bool(c.values)
+        real = c is not None and c.answer in (Answer.MISSING, Answer.UNDECIDED) and bool(c.values)
         if c is not None and real:
             effect, values = replace(effect, shape=dict(c.shape)), np.array(c.values)
         else:

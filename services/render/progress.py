@@ -50,7 +50,6 @@ _FILLED: dict[Stage, str] = {
     Stage.REGRESSOR_NOISE_OF_EFFECT: "what noise does through {subject}",
     Stage.EFFECT_REMOVED: "the runs read again with {subject} removed",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",
-    Stage.SELECTION: "{subject}",
     Stage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",
     Stage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
     Stage.DRIVING: "driving {subject}, {done} %",

@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 import lacet.identify
-from lacet.identify.selection.regressor_noise import ColumnNoise
+from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.workspace.study import Study, Version
 
@@ -57,13 +57,13 @@ def save_floor(study: Study, key: str, floor: NoiseFloor) -> NoiseFloor:
     return NoiseFloor.of(tuple({row: a.astype(np.float32).astype(float) for row, a in p.items()} for p in floor.draws))
 
 
-def load_noise(study: Study, key: str) -> ColumnNoise | None:
+def load_noise(study: Study, key: str) -> RegressorNoise | None:
     """The noise in the columns kept under a key, or None."""
     arrays = _load(study, f"noise-{key}")
-    return None if arrays is None else ColumnNoise.from_arrays(arrays)
+    return None if arrays is None else RegressorNoise.from_arrays(arrays)
 
 
-def save_noise(study: Study, key: str, noise: ColumnNoise) -> None:
+def save_noise(study: Study, key: str, noise: RegressorNoise) -> None:
     """Keep the noise in the columns."""
     _save(study, f"noise-{key}", noise.arrays())
 

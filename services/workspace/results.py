@@ -12,13 +12,15 @@ from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.diagnose import Candidate, Diagnosis
+from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
 from lacet.services.render.rows import colour_words, row_absence
+from lacet.services.render.verdicts import says, why
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
 
@@ -104,12 +106,12 @@ def score_result(score: RowScore) -> dict[str, Any]:
     return {**asdict(score), "colour": colour_words(score), "why": open_parameters(score.why)}
 
 
-def candidate_result(c: Candidate) -> dict[str, Any]:
-    """A candidate as plain data."""
+def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
+    """A candidate of a diagnosis as plain data."""
     return {
         "effect": c.key,
-        "answer": c.answer,
-        "why": c.why,
+        "answer": c.answer.value,
+        "why": why(d, c),
         "gain": c.gain,
         "gain_rms": c.gain_rms,
         "p": c.p,
@@ -129,15 +131,15 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
     """A diagnosis as plain data (``docs/json.md``, ``diagnose``)."""
     return plain(
         {
-            "verdict": d.verdict,
-            "says": d.says,
+            "verdict": d.verdict.value,
+            "says": says(d),
             "best": d.best.key if d.best else None,
-            "candidates": [candidate_result(c) for c in d.candidates],
+            "candidates": [candidate_result(d, c) for c in d.candidates],
             "rows": dict(d.ratios),
             "excess": d.excess,
             "explained": d.explained,
             "draws": d.draws,
-            "louder": dict(d.louder),
+            "louder": dict(d.noise_ratio),
             "failing": list(d.failing),
             "together": list(d.together),
             "formulas": [asdict(formula) for formula in d.formulas],

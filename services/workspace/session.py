@@ -181,14 +181,11 @@ class Work:
         kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
         self.progress(Step(Stage.CANDIDATES, total=len(candidates)))
-        diagnosis = diagnose(fitted, floor, candidates, noise=kept, tell=self._in_selection)
+        diagnosis = diagnose(fitted, floor, candidates, noise=kept, progress=self.progress)
         if diagnosis.noise is not kept:
             save_noise(self.study, key, diagnosis.noise)
         self.study.record_diagnosis(diagnosis_result(diagnosis))
         return diagnosis
-
-    def _in_selection(self, text: str) -> None:
-        self.progress(Step(Stage.SELECTION, subject=text))
 
     def add_missing(
         self, most: int = MOST_EFFECTS,

@@ -12,8 +12,8 @@ import numpy as np
 from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Parameter, PhysicalEffect
-from lacet.identify.effects.language.parser import Line, LineFault, RowLaw
+from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect
+from lacet.identify.effects.language.parser import Line, LineFault, RowLaw, read_line
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
 
@@ -81,6 +81,11 @@ class OneLine(PhysicalEffect):
             f"{self.key}: {law.text} has no finite value in {row} at t = {motion.t[at]:.2f} s of {motion.name}, where "
             f"{states or 'no state is in it'}. Write the law so that it has one there, as in /max(abs(rate), 0.01 m/s)"
         )
+
+
+def one_line_effects(text: str, vehicle: Vehicle, reference: str) -> Sequence[Effect]:
+    """The variants of the effect that one line of text defines, for wheel loads in `reference`."""
+    return effect_class(read_line(text)).variants(vehicle, reference)
 
 
 def effect_class(line: Line) -> type[OneLine]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.score_tests import Candidate, TrialSpace
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
@@ -26,13 +26,13 @@ def floor(fitted: Fit) -> NoiseFloor:
 
 
 @pytest.fixture(scope="session")
-def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+def space(fitted: Fit, floor: NoiseFloor) -> ScoreTests:
     """Candidates on it."""
-    return TrialSpace.of(Reading.of(fitted, floor), CANDIDATES, 0)
+    return ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES, 0)
 
 
 @pytest.fixture(scope="session")
-def found(space: TrialSpace) -> list[Candidate]:
+def found(space: ScoreTests) -> list[Candidate]:
     """What is said of each before chance is looked at."""
     return [c for c in space.try_all() if c.tested]
 

@@ -13,8 +13,8 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import FOLDS
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.blocks import BLOCK
 from lacet.identify.validation.noise_floor import NoiseFloor
 
@@ -28,10 +28,10 @@ class Dense:
 
     fitted: Fit
     floor: NoiseFloor
-    space: TrialSpace
+    space: ScoreTests
 
     @cached_property
-    def temper(self) -> float:
+    def prior_stiffening(self) -> float:
         """RMS of residual ÷ simulated ones, zeros and the sheet's gains and latencies taken out of both; 1 at least."""
         columns, inverse, right = self.table
         last = len(inverse) - len(self.faults)
@@ -71,7 +71,7 @@ class Dense:
     def base(self) -> tuple[Array, Array, Array]:
         """(n, m) columns, (m,) 1 / σ with stiffened priors, (n,) what the fit's parameters leave."""
         columns, inverse, right = self.table
-        return columns, self.temper * inverse, right
+        return columns, self.prior_stiffening * inverse, right
 
     @cached_property
     def table(self) -> tuple[Array, Array, Array]:
@@ -151,8 +151,8 @@ class Dense:
         out = np.zeros(len(self.table[1]))
         sheet = list(dict.fromkeys(self.space.layout.sheet))
         first = len(out) - len(self.faults) - len(sheet)
-        for entry, late in self.space.reading.late.items():
-            out[first + sheet.index(entry)] = -late / self.rig.tolerance(entry[1], "latency")
+        for entry, latencies in self.space.linearisation.latencies.items():
+            out[first + sheet.index(entry)] = -latencies / self.rig.tolerance(entry[1], "latency")
         return out
 
     def solve(
@@ -174,11 +174,11 @@ class Dense:
         x = np.linalg.lstsq(big / lengths, side, rcond=1e-13)[0] / lengths
         return float(np.sum((side - big @ x) ** 2)), x, right - A @ x
 
-    def change_result(self, more: Array) -> float:
+    def fall(self, more: Array) -> float:
         """Blocked cross-validation: fitted outside each fold, with and without `more`, and compared inside."""
         A, right, out = self.base[0], self.base[2], 0.0
-        for fold in range(FOLDS):
-            inside = self.block % FOLDS == fold
+        for fold in range(SELECTION.folds):
+            inside = self.block % SELECTION.folds == fold
             without, both = self.solve(right, None, ~inside)[1], self.solve(right, more, ~inside)[1]
             out += float(np.sum((right[inside] - A[inside] @ without) ** 2))
             out -= float(np.sum((right[inside] - np.column_stack([A, more])[inside] @ both) ** 2))

@@ -9,15 +9,17 @@ import pytest
 
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Reading
-from lacet.identify.selection.diagnose import diagnose, structured
-from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate, TrialSpace
+from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.diagnose import diagnose, excess_is_coloured
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import driven, exact, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS
 
 
-def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: TrialSpace, found: list[Candidate]):
+def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: ScoreTests, found: list[Candidate]):
     """Put in the place of the measured run, D simulated ones have least p of 2/(D + 1), 3/(D + 1) … 1: uniform."""
     least = []
     for draw in range(DRAWS):
@@ -26,7 +28,7 @@ def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: TrialSpace
     np.testing.assert_allclose(np.sort(least), np.arange(2, DRAWS + 2) / (DRAWS + 1))
 
 
-def test_p_falls_with_the_drop_and_is_never_zero(space: TrialSpace, found: list[Candidate]):
+def test_p_falls_with_the_drop_and_is_never_zero(space: ScoreTests, found: list[Candidate]):
     levels = [0.0, *np.geomspace(0.01, 1e6, 30)]
     p = np.array([[c.p for c in space.family_wise([replace(c, drop=level) for c in found])] for level in levels])
     assert np.all(np.diff(p, axis=0) <= 0.0)
@@ -34,46 +36,46 @@ def test_p_falls_with_the_drop_and_is_never_zero(space: TrialSpace, found: list[
     assert np.all(p[-1] == pytest.approx(1.0 / (DRAWS + 1)))
 
 
-def test_nothing_is_missing_from_a_car_that_is_its_model(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_nothing_is_missing_from_a_car_that_is_its_model(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     found = diagnose(fitted, floor, CANDIDATES, noise=space.noise)
-    assert found.verdict == "nothing missing", found.says
-    assert all(ratio < 1.3 for ratio in found.louder.values()), found.louder
+    assert found.verdict == "nothing missing", says(found)
+    assert all(ratio < 1.3 for ratio in found.noise_ratio.values()), found.noise_ratio
     assert not found.formulas
-    assert not structured(space.left_by([]))
+    assert not excess_is_coloured(space.residual_beside([]))
 
 
-def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     loud = fit_of(driven(exact(), 2, loud=2.0), fitted)
     found = diagnose(loud, floor, CANDIDATES, noise=space.noise)
-    assert found.verdict == "nothing missing", found.says
-    assert np.mean(list(found.louder.values())) == pytest.approx(2.0, abs=0.15)
-    assert all(1.5 < ratio < 2.5 for ratio in found.louder.values()), found.louder
+    assert found.verdict == "nothing missing", says(found)
+    assert np.mean(list(found.noise_ratio.values())) == pytest.approx(2.0, abs=0.15)
+    assert all(1.5 < ratio < 2.5 for ratio in found.noise_ratio.values()), found.noise_ratio
     assert set(found.failing) == set(floor.sigma)
-    assert min(c.p for c in found.candidates) > SIGNIFICANCE
-    noisy = TrialSpace.of(Reading.of(loud, floor), CANDIDATES, 0, space.noise)
-    assert not structured(noisy.left_by([]))
+    assert min(c.p for c in found.candidates) > SELECTION.significance
+    noisy = ScoreTests.of(Linearisation.of(loud, floor), CANDIDATES, 0, space.noise)
+    assert not excess_is_coloured(noisy.residual_beside([]))
     noisy.try_all()
     growth = [np.mean(noisy.tried[c.key].null) / np.mean(space.tried[c.key].null) for c in space.try_all() if c.tested]
     assert 3.0 < np.median(growth) < 5.0  # simulated runs are as loud
-    assert "noisier than their sheet" in found.says
+    assert "noisier than their sheet" in says(found)
 
 
-def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_a_hidden_sine_force_is_structure(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     record = driven(exact(), 3).recording
     values = dict(record.signals.value)
     force = values["wheel.fl.force"].copy()
     force[2] += 60.0 * np.sin(2 * np.pi * 1.7 * record.t)
     values["wheel.fl.force"] = force
     spoilt = fit_of(PreparedRun(record.with_signals(replace(record.signals, value=values))), fitted)
-    left = TrialSpace.of(Reading.of(spoilt, floor), CANDIDATES, 0, space.noise).left_by([])
+    left = ScoreTests.of(Linearisation.of(spoilt, floor), CANDIDATES, 0, space.noise).residual_beside([])
     assert "suspension.fl" in left.above
-    assert structured(left)
+    assert excess_is_coloured(left)
     assert left.chance(left.above) == 1.0 / (1 + DRAWS)
 
 
-def test_rows_together_are_compared_with_the_same_rows_of_simulated_runs(space: TrialSpace):
+def test_rows_together_are_compared_with_the_same_rows_of_simulated_runs(space: ScoreTests):
     """A simulated run has its own rank; and weak excesses add up, as those of simulated runs do not."""
-    left = space.left_by([])
+    left = space.residual_beside([])
     rows = list(left.ratios)
     together = np.sum(list(left.null.values()), axis=0)
     for rank, draw in enumerate(np.argsort(-together), start=1):
@@ -82,6 +84,6 @@ def test_rows_together_are_compared_with_the_same_rows_of_simulated_runs(space: 
     assert left.excess(rows) == pytest.approx(sum(left.excess([row]) for row in rows))
     spread = {row: float(np.std(left.null[row])) for row in rows}
     weak = replace(left, squares={row: 1.2 * spread[row] for row in rows})
-    alone = np.median([weak.chance([row]) for row in rows])
-    assert alone > 0.05
-    assert weak.chance(rows) < 0.5 * alone
+    gain_test = np.median([weak.chance([row]) for row in rows])
+    assert gain_test > 0.05
+    assert weak.chance(rows) < 0.5 * gain_test

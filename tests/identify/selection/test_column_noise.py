@@ -11,21 +11,24 @@ import scipy.linalg
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.cross_products import Reading, TrialColumns, columns_of
-from lacet.identify.selection.partial_regression import Partialled, at_gain
-from lacet.identify.selection.regressor_noise import NOISE_PAIRS, ColumnNoise
-from lacet.identify.selection.score_tests import TrialSpace
-from lacet.identify.selection.tolerance_tests import Freed
+from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, columns_of
+from lacet.identify.selection.partial_regression import PartialRegression, at_gain
+from lacet.identify.selection.regressor_noise import RegressorNoise
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify.exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
 
-def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     """A hundredth of the noise shifts sums by its square."""
     rig = replace(RIG, sensors=tuple(replace(s, noise={k: 0.01 * v for k, v in s.noise.items()}) for s in RIG.sensors))
     quiet = fit(MODEL, [PreparedRun(replace(fitted.runs[0].recording, rig=rig))], FitOptions(unbias=False))
-    calm = ColumnNoise.of(quiet, TrialColumns.of(Reading.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma)
+    calm = RegressorNoise.of(
+        quiet, CandidateColumns.of(Linearisation.of(quiet, floor), CANDIDATES, 0, 1.0).sums, floor.sigma
+    )
     assert calm.labels == space.noise.labels
     for row, total in space.noise.totals.items():
         assert total.shape == 2 * (space.layout.width,)
@@ -34,37 +37,40 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
         assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9), row
 
 
-def test_noise_is_what_the_same_draws_do_sample_by_sample(space: TrialSpace, fitted: Fit, floor: NoiseFloor):
+def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fitted: Fit, floor: NoiseFloor):
     """Products of each candidate with the residual, everything else taken out, with the draws and without them."""
     sums, layout = space.sums, space.layout
     places = [t.place.start for t in layout.trials]
     combined = np.zeros((layout.width, len(places) + 1))
     combined[places, range(len(places))] = 1.0
     combined[layout.right, -1] = 1.0
-    combined = space.partialled.coefficients(combined)
-    taken = sums.following[0] @ combined
+    combined = space.regression.coefficients(combined)
+    nuisance = sums.zero_gains[0] @ combined
     combined[: layout.model] = sums.turn @ combined[: layout.model]
     (piece,) = fitted.assembly.pieces_of(0)
-    zeros = {row: block[:, : len(taken)] * fitted.zeros[0][1] / sums.temper for row, block in piece.blocks.items()}
+    zeros = {
+        row: block[:, : len(nuisance)] * fitted.zeros[0][1] / sums.prior_stiffening
+        for row, block in piece.blocks.items()
+    }
 
     def products(noisy: PreparedRun | None) -> dict[str, Array]:
         out = {}
         for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma, noisy):
             columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
-            series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ taken
+            series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ nuisance
             out[row] = series[:, :-1].T @ series[:, -1]
         return out
 
     before = products(None)
     found = {row: np.zeros(len(places)) for row in before}
-    for draw in range(NOISE_PAIRS):
+    for draw in range(SELECTION.noise_pairs):
         for sign in (1, -1):
             for row, after in products(piece.prepared.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
-                found[row] += (after - before[row]) / (2 * NOISE_PAIRS)
-    size = np.sqrt(np.diag(space.partialled.whole)[places])
+                found[row] += (after - before[row]) / (2 * SELECTION.noise_pairs)
+    size = np.sqrt(np.diag(space.regression.reduced_noisy)[places])
     turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
     for row, total in space.noise.totals.items():
-        left = at_gain(turn.T @ total @ turn, space.partialled.taken, space.partialled.gain)
+        left = at_gain(turn.T @ total @ turn, space.regression.nuisance, space.regression.gain)
         np.testing.assert_allclose(left[places, -1] / size, found[row] / size, rtol=1e-4, atol=1e-5, err_msg=row)
 
 
@@ -74,21 +80,27 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
     raw, corrected, noise = [], [], None
     free, sound_free = [], []
     for seed in range(8):
-        space = TrialSpace.of(Reading.of(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor), tried, 0, noise)
+        space = ScoreTests.of(Linearisation.of(fit_of(driven(exact(), 20 + seed, 2.0), fitted), floor), tried, 0, noise)
         noise, place = space.noise, space.layout.trials[0].place.start
-        without = Partialled(space.sums, space.partialled.taken, space.partialled.prior)
-        size = np.sqrt(space.partialled.whole[place, place])
-        raw.append(without.left[place, space.layout.right] / np.sqrt(without.left[place, place]))
-        corrected.append(space.partialled.left[place, space.layout.right] / size)
+        without = PartialRegression(space.sums, space.regression.nuisance, space.regression.prior)
+        size = np.sqrt(space.regression.reduced_noisy[place, place])
+        raw.append(without.reduced[place, space.layout.right] / np.sqrt(without.reduced[place, place]))
+        corrected.append(space.regression.reduced[place, space.layout.right] / size)
         whole = slice(place, place + 1)
-        assert space.partialled.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
-        freed = space.freed[place]
-        plain = Freed(without, place, freed.own)
-        sound_free.append(freed.value * freed.energy / np.sqrt(freed.energy + freed.noise))
+        assert space.regression.scores(whole, space.null)[0] == pytest.approx(corrected[-1] ** 2)
+        without_tolerance = space.without_tolerance[place]
+        plain = FaultWithoutTolerance(without, place, without_tolerance.own)
+        sound_free.append(
+            without_tolerance.value
+            * without_tolerance.energy
+            / np.sqrt(without_tolerance.energy + without_tolerance.noise)
+        )
         free.append(plain.value * np.sqrt(plain.energy))
-        assert freed.drop < freed.value**2 * freed.energy  # what the correction may be wrong by is not counted
-        sound = space.partialled.left[place, place]
-        assert space.partialled.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
+        assert (
+            without_tolerance.drop < without_tolerance.value**2 * without_tolerance.energy
+        )  # what the correction may be wrong by is not counted
+        sound = space.regression.reduced[place, place]
+        assert space.regression.values(whole)[0][0] == pytest.approx(corrected[-1] * size / sound)
     spread = np.std(raw) / np.sqrt(len(raw))
     assert np.mean(raw) > 3.0 * spread
     assert abs(np.mean(corrected)) < 0.5 * np.mean(raw)
@@ -100,17 +112,19 @@ def test_the_corrected_score_of_a_noisy_sensor_is_nearer_nothing(fitted: Fit, fl
 
 @pytest.mark.slow
 def test_noise_of_many_runs_is_that_of_some_scaled_up(
-    fitted: Fit, floor: NoiseFloor, space: TrialSpace, monkeypatch: pytest.MonkeyPatch
+    fitted: Fit, floor: NoiseFloor, space: ScoreTests, monkeypatch: pytest.MonkeyPatch
 ):
     """Of four runs of one motion every other is looked at: what noise adds to squares is that of all four."""
     runs = [PreparedRun(replace(driven(exact(), seed).recording, run=f"run{seed}")) for seed in (0, 31, 32, 33)]
     four = fit(MODEL, runs, FitOptions(unbias=False))
-    own = TrialColumns.of(Reading.of(four, floor_of(four, 3)), CANDIDATES[:4], 0, 1.0).sums
-    looked = list[int]()
-    whole = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
-    monkeypatch.setattr("lacet.identify.selection.regressor_noise._SECONDS", 1.9 * SECONDS)
-    some = ColumnNoise.of(four, own, floor.sigma, progress=lambda step: looked.append(step.total))
-    assert (looked[0], looked[-1]) == (4 * NOISE_PAIRS, 2 * NOISE_PAIRS)
+    own = CandidateColumns.of(Linearisation.of(four, floor_of(four, 3)), CANDIDATES[:4], 0, 1.0).sums
+    counted = list[int]()
+    whole = RegressorNoise.of(four, own, floor.sigma, progress=lambda step: counted.append(step.total))
+    monkeypatch.setattr(
+        "lacet.identify.selection.regressor_noise.SELECTION", replace(SELECTION, noise_seconds=1.9 * SECONDS)
+    )
+    some = RegressorNoise.of(four, own, floor.sigma, progress=lambda step: counted.append(step.total))
+    assert (counted[0], counted[-1]) == (4 * SELECTION.noise_pairs, 2 * SELECTION.noise_pairs)
     places = [trial.place for trial in own.layout.trials]
     for row, total in whole.totals.items():
         all_, part = (np.array([np.trace(a[p, p]) for p in places]) for a in (total, some.totals[row]))
@@ -118,9 +132,9 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
         np.testing.assert_allclose(part[large], all_[large], rtol=0.2, err_msg=row)
 
 
-def test_noise_is_taken_out_of_every_fold_by_its_share(space: TrialSpace):
+def test_noise_is_taken_out_of_every_fold_by_its_share(space: ScoreTests):
     """Parts of the sums without noise are those of all without noise; a column's own stays in what it is judged by."""
-    found = space.partialled
+    found = space.regression
     np.testing.assert_allclose(found.inside.sum(axis=0), found.total + _at_other_zeros(space), atol=1e-6)
     for trial in space.layout.trials:
         k = trial.place
@@ -131,13 +145,13 @@ def test_noise_is_taken_out_of_every_fold_by_its_share(space: TrialSpace):
         assert found.fall(k) == pytest.approx(float(plain), rel=1e-9), trial.effect.key
 
 
-def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     """Noise kept for one floor, used beside another: rows a tenth louder or quieter."""
     factors = dict(zip(floor.sigma, np.resize([1.1, 1.0 / 1.1], len(floor.sigma)), strict=True))
     other = NoiseFloor.of([{row: factors[row] * draws for row, draws in part.items()} for part in floor.draws])
-    own = TrialSpace.of(Reading.of(fitted, other), CANDIDATES, 0, space.noise)
+    own = ScoreTests.of(Linearisation.of(fitted, other), CANDIDATES, 0, space.noise)
     assert own.noise is space.noise
-    drawn = ColumnNoise.of(fitted, own.sums, other.sigma)
+    drawn = RegressorNoise.of(fitted, own.sums, other.sigma)
     quiet = dict.fromkeys(other.sigma, 1.0)
     kept, right = (np.diag(noise.products(own.sums, quiet, other.sigma)) for noise in (space.noise, drawn))
     large = right > 1e-4 * np.diag(own.sums.total)
@@ -145,19 +159,19 @@ def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: Noi
     np.testing.assert_allclose(kept[large], right[large], rtol=0.05)
 
 
-def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: TrialSpace):
+def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: ScoreTests):
     """A shape of the grid beside others is what it was alone: value, σ and all."""
     space.try_all()
     tried = [one for one in space.tried.values() if not one.trial.fault]
     inside, trials = space.beside([one.trial.effect for one in tried])
     noisy = 0
     for one, trial in zip(tried, trials, strict=True):
-        noisy += space.partialled.noisy_part(one.trial.place) > 1e-3
-        for found, alone in zip(inside.values(trial.place), (one.values, one.spread), strict=True):
-            np.testing.assert_allclose(found, alone, rtol=1e-6, err_msg=one.key)
+        noisy += space.regression.noisy_part(one.trial.place) > 1e-3
+        for found, gain_test in zip(inside.values(trial.place), (one.values, one.spread), strict=True):
+            np.testing.assert_allclose(found, gain_test, rtol=1e-6, err_msg=one.key)
     assert noisy
 
 
-def _at_other_zeros(space: TrialSpace) -> Array:
+def _at_other_zeros(space: ScoreTests) -> Array:
     """What the zeros found outside of each fold add to the sums inside."""
     return space.sums.test.sum(axis=0) - space.sums.total

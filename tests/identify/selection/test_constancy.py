@@ -10,12 +10,14 @@ import scipy.linalg
 
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.chow_test import Constancy, constancy
-from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
+from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import ColumnNoise
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.regressor_noise import RegressorNoise
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact_with
 from tests.identify.selection.exact_ranking import DRAWS
 
@@ -35,42 +37,42 @@ def fit_of_runs(*sizes: float) -> Fit:
 
 
 @pytest.fixture(scope="module")
-def same() -> TrialSpace:
+def same() -> ScoreTests:
     """Two runs of one car."""
     fitted = fit_of_runs(4e6, 4e6)
-    space = TrialSpace.of(Reading.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
+    space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
     space.try_all()
     return space
 
 
 @pytest.fixture(scope="module")
-def changing() -> Fit:
+def not_constant() -> Fit:
     """Two runs in which the spring is another."""
     return fit_of_runs(4e5, 8e4)
 
 
 @pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.force.rr"])
 def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
-    same: TrialSpace, key: str, monkeypatch: pytest.MonkeyPatch
+    same: ScoreTests, key: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All samples stacked, zeros of each run and what is known beforehand among the unknowns."""
-    none = lambda noise, sums, louder, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
-    monkeypatch.setattr(ColumnNoise, "products", none)
+    none = lambda noise, sums, noise_ratio, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
+    monkeypatch.setattr(RegressorNoise, "products", none)
     candidates = {c.key: c for c in same.family_wise(same.try_all())}
     other = candidates["anti_roll_bar.front"]
-    told = constancy(same, candidates[key], [other])
-    assert told
+    said = chow_test(same, candidates[key], [other])
+    assert said
     tried, w = same.tried[key], same.layout.width
-    own = tried.freed.own if tried.freed else np.zeros(0, int)
-    kept = np.setdiff1d(np.arange(len(same.partialled.taken)), own)
-    prior = same.partialled.prior[np.ix_(kept, kept)]
+    own = tried.without_tolerance.own if tried.without_tolerance else np.zeros(0, int)
+    kept = np.setdiff1d(np.arange(len(same.regression.nuisance)), own)
+    prior = same.regression.prior[np.ix_(kept, kept)]
     bar = same.tried[other.key].trial.place
-    shared = np.r_[same.partialled.taken[kept], bar]
+    shared = np.r_[same.regression.nuisance[kept], bar]
     sigma = [q.prior for q in KNOWN[other.key].parameters]
     shared_prior = scipy.linalg.block_diag(prior, np.diag([s**-2.0 for s in sigma]))
-    pull = np.r_[same.partialled.pull[kept], np.zeros(len(sigma))]
+    prior_side = np.r_[same.regression.prior_side[kept], np.zeros(len(sigma))]
 
-    def change_result(groups: list[list[int]]) -> tuple[float, np.ndarray]:
+    def fall(groups: list[list[int]]) -> tuple[float, np.ndarray]:
         """Fall of the squares with the law's columns once for each group of runs, and its parameters."""
         zeros = [next(b for b in same.sums.blocks if b.run == r).zeros.shape[1] for r in (0, 1)]
         start = np.cumsum([0, *zeros, len(shared)])
@@ -88,37 +90,37 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
             normal += rows.T @ rows
             right += rows.T @ wide[:, same.layout.right]
         known = scipy.linalg.block_diag(np.eye(start[2]), shared_prior, np.zeros((len(groups),) * 2))
-        right[start[2] : start[3]] += pull
+        right[start[2] : start[3]] += prior_side
         scale = np.sqrt(np.diag(normal + known))
         scale[scale == 0.0] = 1.0
         found = np.linalg.lstsq((normal + known) / np.outer(scale, scale), right / scale, rcond=1e-13)[0] / scale
         return float(right @ found) - squares, found[start[3] :]
 
-    nothing, _ = change_result([])
-    common, _ = change_result([[0, 1]])
-    each, values = change_result([[0], [1]])
-    assert told.common == pytest.approx(common - nothing, rel=1e-3)
-    assert told.further == pytest.approx(each - common, rel=1e-2, abs=1e-3)
-    np.testing.assert_allclose([told.values[r][0] for r in ("run 1", "run 2")], values, rtol=1e-3)
+    nothing, _ = fall([])
+    common, _ = fall([[0, 1]])
+    each, values = fall([[0], [1]])
+    assert said.common == pytest.approx(common - nothing, rel=1e-3)
+    assert said.further == pytest.approx(each - common, rel=1e-2, abs=1e-3)
+    np.testing.assert_allclose([said.values[r][0] for r in ("run 1", "run 2")], values, rtol=1e-3)
 
 
-def test_a_law_of_the_car_is_named(same: TrialSpace) -> None:
+def test_a_law_of_the_car_is_named(same: ScoreTests) -> None:
     found = diagnose(same.fitted, same.floor, TRIED, noise=same.noise)
-    assert found.best, found.says
+    assert found.best, says(found)
     assert found.best.key == CUBIC.key
-    told = constancy(same, found.best)
-    assert told
-    assert told.p > 0.05
-    assert not told.broken
-    for name, values in told.values.items():
-        assert values[0] == pytest.approx(4e6, abs=4.0 * told.spread[name][0])
+    said = chow_test(same, found.best)
+    assert said
+    assert said.p > 0.05
+    assert not said.rejected
+    for name, values in said.values.items():
+        assert values[0] == pytest.approx(4e6, abs=4.0 * said.spread[name][0])
 
 
-def test_it_is_tried_beside_the_others_of_the_best_set(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_is_tried_beside_the_others_of_the_best_set(same: ScoreTests, monkeypatch: pytest.MonkeyPatch) -> None:
     """What another missing effect does in some runs is not laid to the strongest."""
     asked: list[set[str]] = []
     monkeypatch.setattr(
-        "lacet.identify.selection.diagnose.constancy",
+        "lacet.identify.selection.diagnose.chow_test",
         lambda space, c, others: asked.append({c.key, *(o.key for o in others)}),
     )
     found = diagnose(same.fitted, same.floor, TRIED, noise=same.noise)
@@ -127,15 +129,15 @@ def test_it_is_tried_beside_the_others_of_the_best_set(same: TrialSpace, monkeyp
     assert asked[-1] == {found.best.key, *found.together}
 
 
-def test_a_law_that_changes_from_run_to_run_is_none(changing: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_law_that_changes_from_run_to_run_is_none(not_constant: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the rows' own colour does not tell it already."""
-    monkeypatch.setattr("lacet.identify.selection.diagnose.structured", lambda left: False)
-    found = diagnose(changing, floor_of(changing, DRAWS), TRIED)
-    assert found.verdict == "unlisted cause", found.says
+    monkeypatch.setattr("lacet.identify.selection.diagnose.excess_is_coloured", lambda left: False)
+    found = diagnose(not_constant, floor_of(not_constant, DRAWS), TRIED)
+    assert found.verdict == "unlisted cause", says(found)
     assert found.best is None
-    assert "another law in each run" in found.says
-    assert "in run 1" in found.says
-    assert "in run 2" in found.says
+    assert "another law in each run" in says(found)
+    assert "in run 1" in says(found)
+    assert "in run 2" in says(found)
 
 
 @pytest.mark.parametrize(
@@ -144,24 +146,24 @@ def test_a_law_that_changes_from_run_to_run_is_none(changing: Fit, monkeypatch: 
 def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, further: float, broken: bool) -> None:
     """Simulated runs give 2 on average, and 5 in one of ten."""
     null = np.array([*[5.0] * 10, *[1.5] * 60, *[5.0 / 3.0] * 30])
-    told = Constancy({"a": np.zeros(1)}, {"a": np.ones(1)}, common, further, null)
-    assert told.broken == broken
-    assert told.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
+    said = ParameterConstancy({"a": np.zeros(1)}, {"a": np.ones(1)}, common, further, null)
+    assert said.rejected == broken
+    assert said.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
 
 
 def test_the_two_runs_told_are_those_farthest_apart_in_their_own_sigma() -> None:
     values = {"a": np.array([0.0, 1.0]), "b": np.array([9.0, 1.5]), "c": np.array([1.0, 9.0])}
     spread = {"a": np.array([1.0, 0.1]), "b": np.array([9.0, 0.1]), "c": np.array([1.0, 9.0])}
-    assert Constancy(values, spread, 1.0, 1.0, np.ones(9)).apart == (1, "a", "b")
+    assert ParameterConstancy(values, spread, 1.0, 1.0, np.ones(9)).farthest_apart == (1, "a", "b")
 
 
 @pytest.mark.parametrize("key", [CUBIC.key, "coulomb.rear"])
-def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, key: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_beyond_so_much_data_are_taken_as_one(same: ScoreTests, key: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Noise in theirs is what all have, less what is drawn for the others: nearly what is drawn for them."""
     found = {c.key: c for c in same.try_all()}
-    whole = constancy(same, found[key])
-    monkeypatch.setattr("lacet.identify.selection.chow_test.SECONDS", 1.0)
-    part = constancy(same, found[key])
+    whole = chow_test(same, found[key])
+    monkeypatch.setattr("lacet.identify.selection.chow_test.SELECTION", replace(SELECTION, chow_seconds=1.0))
+    part = chow_test(same, found[key])
     assert whole
     assert part
     (name,) = set(part.values) - {"the other run"}
@@ -171,30 +173,30 @@ def test_runs_beyond_so_much_data_are_taken_as_one(same: TrialSpace, key: str, m
     assert part.common == pytest.approx(whole.common, rel=0.01, abs=0.05)
 
 
-def test_with_the_others_as_one_all_noise_is_taken_out(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_with_the_others_as_one_all_noise_is_taken_out(same: ScoreTests, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is drawn for runs by themselves and what is left to the others is together what all runs have."""
     found = {c.key: c for c in same.try_all()}
     given: list[list[np.ndarray]] = []
-    monkeypatch.setattr("lacet.identify.selection.chow_test.SECONDS", 1.0)
+    monkeypatch.setattr("lacet.identify.selection.chow_test.SELECTION", replace(SELECTION, chow_seconds=1.0))
     monkeypatch.setattr(
         "lacet.identify.selection.chow_test._compared", lambda names, groups, *rest: given.append(groups)
     )
-    assert constancy(same, found["coulomb.rear"]) is None
+    assert chow_test(same, found["coulomb.rear"]) is None
     inside, _ = same.beside([replace(KNOWN["coulomb.rear"], shape=found["coulomb.rear"].shape)])
     assert len(given[0]) == 2
     np.testing.assert_allclose(np.sum(given[0], axis=0), inside.sums.total - inside.column_noise, rtol=1e-7, atol=1e-6)
 
 
-def test_runs_of_one_name_are_told_apart(same: TrialSpace, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_of_one_name_are_told_apart(same: ScoreTests, monkeypatch: pytest.MonkeyPatch) -> None:
     found = {c.key: c for c in same.try_all()}
     monkeypatch.setattr(PreparedRun, "name", "sinus")
-    told = constancy(same, found[CUBIC.key])
-    assert told
-    assert set(told.values) == {"sinus (1)", "sinus (2)"}
+    said = chow_test(same, found[CUBIC.key])
+    assert said
+    assert set(said.values) == {"sinus (1)", "sinus (2)"}
 
 
 def test_one_run_cannot_tell() -> None:
     fitted = fit_of_runs(4e6)
-    space = TrialSpace.of(Reading.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
+    space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED, 0)
     found = {c.key: c for c in space.try_all()}
-    assert constancy(space, found[CUBIC.key]) is None
+    assert chow_test(space, found[CUBIC.key]) is None

@@ -15,10 +15,10 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.selection.forward_selection import ALIKE
-from lacet.identify.selection.score_tests import LEAST_GAIN, SIGNIFICANCE
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.commands.__main__ import main
+from lacet.services.render.verdicts import says, why
 from tests.identify import cars
 
 pytestmark = pytest.mark.slow  # a minute and a half; the stories and the page's test go the same way in make test
@@ -67,13 +67,13 @@ def test_an_answer_is_one_of_four_words_with_its_reason(steps: list[Diagnosis]):
     for step in steps:
         for c in step.candidates:
             assert c.answer in ("missing", "undecided", "not needed", "not testable"), c.key
-            assert c.why, c.key
+            assert why(step, c), c.key
             assert 1.0 / (DRAWS + 1) <= c.p <= 1.0
             if c.answer == "missing":
-                assert c.p <= SIGNIFICANCE
-                assert c.gain >= LEAST_GAIN
+                assert c.p <= SELECTION.significance
+                assert c.gain >= SELECTION.least_gain
             if c.answer == "not testable":
-                assert c.why.startswith("Cannot be tested"), c.why
+                assert why(step, c).startswith("Cannot be tested"), c.key
         assert len({c.key for c in step.candidates}) == len(step.candidates)
 
 
@@ -89,7 +89,7 @@ def test_ties_are_alike_and_do_not_name_themselves(steps: list[Diagnosis]):
         for c in step.candidates:
             for key, correlation in c.ties:
                 assert key != c.key
-                assert ALIKE <= correlation <= 1.0 + 1e-9
+                assert SELECTION.tied_correlation <= correlation <= 1.0 + 1e-9
                 mutual = dict(by_key[key].ties)
                 assert mutual.get(c.key, correlation) == pytest.approx(correlation)
 
@@ -117,7 +117,7 @@ def test_a_cause_nobody_has_listed_gets_no_wrong_name(
         spoilt.append(run.with_values(values))
     fitted = fit(model(*BARS), drives(spoilt), stored=fits[2][0].stored)
     found = diagnose(fitted, fits[2][1], CANDIDATES, noise=steps[2].noise)
-    assert found.verdict in ("unlisted cause", "nothing missing"), found.says
+    assert found.verdict in ("unlisted cause", "nothing missing"), says(found)
     assert found.best is None
 
 

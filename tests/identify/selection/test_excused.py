@@ -8,12 +8,13 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Reading
-from lacet.identify.selection.diagnose import diagnose, look
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.diagnose import diagnose, screen
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.symbolic_laws import propose
-from lacet.identify.selection.tolerance_tests import Excused
+from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, RIG, driven, exact, fit_of
 
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
@@ -46,26 +47,26 @@ def many_off(fitted: Fit) -> Fit:
 
 def test_what_the_sheet_is_stretched_to_is_told(fitted: Fit, floor: NoiseFloor, one_off: Fit):
     """A scale five tolerances off, beside candidates that do not know of it: nothing missing, and a look is advised."""
-    space = TrialSpace.of(Reading.of(one_off, floor), TRIED, 0)
-    assert space.excused().sizes["gain of wheel.rr.force.z"] > 3.0
+    space = ScoreTests.of(Linearisation.of(one_off, floor), TRIED, 0)
+    assert space.tolerance_use().sizes["gain of wheel.rr.force.z"] > 3.0
     found = diagnose(one_off, floor, TRIED, noise=space.noise)
-    assert found.verdict == "nothing missing", found.says
-    assert "gain of wheel.rr.force.z +" in found.says
-    right = TrialSpace.of(Reading.of(fitted, floor), TRIED, 0, space.noise)
-    sheet = right.excused()
+    assert found.verdict == "nothing missing", says(found)
+    assert "gain of wheel.rr.force.z +" in says(found)
+    right = ScoreTests.of(Linearisation.of(fitted, floor), TRIED, 0, space.noise)
+    sheet = right.tolerance_use()
     assert max(map(abs, sheet.sizes.values())) < 3.0
-    assert not sheet.strained
-    assert "off by more than" not in diagnose(fitted, floor, TRIED, noise=space.noise).says
+    assert not sheet.tolerance_exceeded
+    assert "off by more than" not in says(diagnose(fitted, floor, TRIED, noise=space.noise))
 
 
 @pytest.mark.parametrize("tried", [TRIED, [*TRIED, FAULT]], ids=["no fault tried", "one fault tried"])
 def test_a_sheet_that_is_wrong_in_many_places_is_no_fault_of_one(floor: NoiseFloor, many_off: Fit, tried: list[Effect]):
     found = diagnose(many_off, floor, tried)
-    assert found.verdict == "unlisted cause", found.says
+    assert found.verdict == "unlisted cause", says(found)
     assert found.best is None
-    assert "only if the sensor sheet is wrong" in found.says
-    assert "gain of wheel." in found.says
-    assert "None" not in found.says
+    assert "only if the sensor sheet is wrong" in says(found)
+    assert "gain of wheel." in says(found)
+    assert "None" not in says(found)
 
 
 def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
@@ -73,65 +74,65 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
 ):
     asked: list[list[str]] = []
     monkeypatch.setattr(
-        "lacet.identify.selection.diagnose.propose", lambda reading, rows, seed: asked.append(list(rows)) or []
+        "lacet.identify.selection.diagnose.propose", lambda linearisation, rows, seed: asked.append(list(rows)) or []
     )
     above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
     assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
     assert len(asked[0]) < len(above)
-    assert propose(Reading.of(many_off, floor), [], 0) == []
+    assert propose(Linearisation.of(many_off, floor), [], 0) == []
 
 
 def test_what_takes_more_away_than_it_leaves_is_named(
     floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     """Effects are found one at a time: what another leaves in the sheet does not deny the strongest."""
-    seen = look(TrialSpace.of(Reading.of(many_off, floor), [*TRIED, FAULT], 0), silent)
+    seen = screen(ScoreTests.of(Linearisation.of(many_off, floor), [*TRIED, FAULT], 0), silent)
     assert seen.unlisted
-    assert seen.strained
+    assert seen.tolerance_exceeded
     assert seen.best
     monkeypatch.setattr("lacet.identify.selection.diagnose.strength", lambda c: seen.sheet.excess + 1.0)
-    again = look(seen.space, silent)
-    assert not again.strained
+    again = screen(seen.space, silent)
+    assert not again.tolerance_exceeded
     assert not again.unlisted
 
 
 @pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.hub.fl"])
-def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: TrialSpace, found: object, key: str):
+def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: ScoreTests, found: object, key: str):
     """Normal equations with the candidate's columns among them; a fault's own tolerance is not."""
     del found  # all are tried
-    known, one, right = space.partialled, space.tried[key], space.layout.right
-    own = one.freed.own if one.freed else np.zeros(0, int)
-    kept = np.setdiff1d(np.arange(len(known.taken)), own)
-    places = np.concatenate([known.taken[kept], np.r_[one.trial.place]])
+    known, one, right = space.regression, space.tried[key], space.layout.right
+    own = one.without_tolerance.own if one.without_tolerance else np.zeros(0, int)
+    kept = np.setdiff1d(np.arange(len(known.nuisance)), own)
+    places = np.concatenate([known.nuisance[kept], np.r_[one.trial.place]])
     normal = known.total[np.ix_(places, places)].copy()
     normal[: len(kept), : len(kept)] += known.prior[np.ix_(kept, kept)]
     solved = np.linalg.solve(normal, known.total[places, right])
-    told = space.excused(key)
+    said = space.tolerance_use(key)
     expected: list[float] = []
-    for position, place in enumerate(known.taken.tolist()):
+    for position, place in enumerate(known.nuisance.tolist()):
         if place >= space.layout.model:
             at = np.flatnonzero(kept == position)
             expected.append(float(solved[at[0]]) / space.columns.sigma[place] if at.size else 0.0)
-    np.testing.assert_allclose(list(told.sizes.values()), expected, rtol=1e-5, atol=1e-7)
-    clocks = [size for name, size in told.sizes.items() if name.startswith("latency")]
-    assert clocks
-    assert told.squares == pytest.approx(np.sum(np.square(expected)) - np.sum(np.square(clocks)))
+    np.testing.assert_allclose(list(said.sizes.values()), expected, rtol=1e-5, atol=1e-7)
+    latency_tolerances = [size for name, size in said.sizes.items() if name.startswith("latency")]
+    assert latency_tolerances
+    assert said.squares == pytest.approx(np.sum(np.square(expected)) - np.sum(np.square(latency_tolerances)))
 
 
-def test_simulated_runs_are_treated_as_the_runs_are(space: TrialSpace, monkeypatch: pytest.MonkeyPatch):
+def test_simulated_runs_are_treated_as_the_runs_are(space: ScoreTests, monkeypatch: pytest.MonkeyPatch):
     """Were a simulated run the measured one, the sheet would take up its squares."""
-    known, right = space.partialled, space.layout.right
-    normal = known.total[np.ix_(known.taken, known.taken)] + known.prior
-    told = space.excused()
+    known, right = space.regression, space.layout.right
+    normal = known.total[np.ix_(known.nuisance, known.nuisance)] + known.prior
+    said = space.tolerance_use()
     for draw in (0, 5):
         gain = known.gain.copy()
-        gain[:, right] = np.linalg.solve(normal, space.null[known.taken, draw])
+        gain[:, right] = np.linalg.solve(normal, space.null[known.nuisance, draw])
         monkeypatch.setattr(known, "gain", gain)
-        assert space.excused().squares == pytest.approx(told.null[draw], rel=1e-6)
+        assert space.tolerance_use().squares == pytest.approx(said.null[draw], rel=1e-6)
 
 
 def test_more_than_any_simulated_run_and_than_twice_their_mean():
     null = np.array([10.0, 20.0, 30.0])
-    assert not Excused({}, 39.0, null).strained
-    assert Excused({}, 41.0, null).strained
-    assert not Excused({}, 49.0, np.array([10.0, 10.0, 50.0])).strained
+    assert not ToleranceUse({}, 39.0, null).tolerance_exceeded
+    assert ToleranceUse({}, 41.0, null).tolerance_exceeded
+    assert not ToleranceUse({}, 49.0, np.array([10.0, 10.0, 50.0])).tolerance_exceeded

@@ -10,10 +10,10 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import noise_through
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.regressor_noise import noise_through_effect
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
@@ -24,21 +24,21 @@ FRICTION = KNOWN["coulomb.front"]
 @pytest.mark.parametrize(
     "effect", [KNOWN["tyre_damping.front"], replace(FRICTION, shape={"v0": 0.1})], ids=lambda e: e.key
 )
-def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: TrialSpace, effect):
+def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: ScoreTests, effect):
     """That floor is made by derivatives at the parameters; here the law itself is asked."""
     values = np.array([20000.0 if effect.key.startswith("tyre") else 400.0])
     fitted = space.fitted
     physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
     beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.runs]
     before, after = (simulate_floor(fitted.runs, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
-    told = noise_through(space.fitted, space.floor.sigma, space.louder, effect, values)
-    counts = dict.fromkeys(told, 0)
+    said = noise_through_effect(space.fitted, space.floor.sigma, space.noise_ratio, effect, values)
+    counts = dict.fromkeys(said, 0)
     for block in space.sums.blocks:
         counts[block.row] += len(block.columns)
     for row, sigma in space.floor.sigma.items():
         more = counts[row] * (after[row] ** 2 - before[row] ** 2) / sigma**2
-        assert told[row] == pytest.approx(more, rel=0.35, abs=0.05 * counts[row]), row
-    assert max(told.values()) > 0.3 * max(counts.values())
+        assert said[row] == pytest.approx(more, rel=0.35, abs=0.05 * counts[row]), row
+    assert max(said.values()) > 0.3 * max(counts.values())
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.0, "unlisted cause"), (0.1, "missing")])
@@ -47,7 +47,7 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
 ):
     """A fifth of the excess stays behind the right law, where the limit is 15 %."""
 
-    before = TrialSpace.of(Reading.of(unlisted, floor), [HIDDEN, *CANDIDATES[:2]], 0).left_by([]).squares
+    before = ScoreTests.of(Linearisation.of(unlisted, floor), [HIDDEN, *CANDIDATES[:2]], 0).residual_beside([]).squares
 
     def through(*known: object) -> dict[str, float]:
         *_, effect, values = known
@@ -56,7 +56,7 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
         assert values == pytest.approx(SIZE, rel=0.2)
         return {row: share * a for row, a in before.items()}
 
-    monkeypatch.setattr("lacet.identify.selection.score_tests.TrialSpace.left_by", leaving(0.2, family=0.01))
-    monkeypatch.setattr("lacet.identify.selection.diagnose.noise_through", through)
-    monkeypatch.setattr("lacet.identify.selection.diagnose.structured", lambda left: True)
+    monkeypatch.setattr("lacet.identify.selection.score_tests.ScoreTests.residual_beside", leaving(0.2, family=0.01))
+    monkeypatch.setattr("lacet.identify.selection.diagnose.noise_through_effect", through)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.excess_is_coloured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,14 +14,17 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Reading
+from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.partial_regression import Partialled
-from lacet.identify.selection.relinearisation import READINGS, columns_as_read, read_again, remaining_latencies
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.partial_regression import PartialRegression
+from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, remaining_latencies
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.services.render.progress import in_words
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
 from tests.identify.selection.exact_ranking import DRAWS
 
@@ -29,11 +33,11 @@ TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_dam
 
 
 @cache
-def very_late(key: str, seconds: float) -> tuple[Reading, Reading]:
+def very_late(key: str, seconds: float) -> tuple[Linearisation, Linearisation]:
     """A run with one kind of instrument as late as that, as it was recorded and read again."""
     off = fit_of(later(key, seconds, 5))
-    recorded = Reading.of(off, floor_of(off, DRAWS))
-    return recorded, read_again(recorded)
+    recorded = Linearisation.of(off, floor_of(off, DRAWS))
+    return recorded, relinearise(recorded)
 
 
 def test_all_instruments_late_are_the_same_motion_later():
@@ -43,8 +47,8 @@ def test_all_instruments_late_are_the_same_motion_later():
     base = KNOWN["sensor_latency.wheel"]
     assert isinstance(base, SensorLatency)
     assert base_channel(record.signals.value) in base.channels()
-    alone = {name: base.perturb(name, record) for name in base.channels() if name in record.signals.value}
-    by_itself = drive.decimated(sensitivity.response(alone))
+    gain_test = {name: base.perturb(name, record) for name in base.channels() if name in record.signals.value}
+    by_itself = drive.decimated(sensitivity.response(gain_test))
     as_others = drive.decimated(sensitivity.fault(base))
     for row, series in by_itself.items():
         assert np.std(as_others[row] - series) < 0.01 * np.std(series), row
@@ -66,10 +70,10 @@ def test_another_instrument_s_channels_are_moved_by_themselves():
 
 
 def test_small_latencies_are_left_to_their_columns(fitted: Fit, floor: NoiseFloor):
-    recorded = Reading.of(fitted, floor)
-    reading = read_again(recorded)
-    assert reading is recorded
-    assert not reading.late
+    recorded = Linearisation.of(fitted, floor)
+    linearisation = relinearise(recorded)
+    assert linearisation is recorded
+    assert not linearisation.latencies
 
 
 @pytest.mark.parametrize(
@@ -78,46 +82,49 @@ def test_small_latencies_are_left_to_their_columns(fitted: Fit, floor: NoiseFloo
 )
 def test_a_late_instrument_is_named_with_its_latency(key: str, seconds: float):
     """Ten tolerances: no first-order column holds, and what one leaves looks like an engine on mounts."""
-    recorded, reading = very_late(key, seconds)
+    recorded, linearisation = very_late(key, seconds)
     off, own = recorded.fitted, recorded.floor
     found = diagnose(off, own, [*TRIED, *CLOCKS])
-    assert found.verdict == "missing", found.says
+    assert found.verdict == "missing", says(found)
     assert found.best is not None
     assert found.best.key == key
     assert found.best.values[0] == pytest.approx(seconds, abs=found.best.interval[0])
     assert found.best.gain > 0.3  # beside the rig file's clocks, not beside those moved by many tolerances
     # Read where the instruments are, the run is the model's again.
-    assert len(reading.late) > 1
-    assert len(reading.late) <= len(CLOCKS)
-    left = max(TrialSpace.of(reading, TRIED, 0).left_by([]).ratios.values())
+    assert len(linearisation.latencies) > 1
+    assert len(linearisation.latencies) <= len(CLOCKS)
+    left = max(ScoreTests.of(linearisation, TRIED, 0).residual_beside([]).ratios.values())
     assert left < 1.25
-    assert max(TrialSpace.of(recorded, TRIED, 0).left_by([]).ratios.values()) > 1.5 * left
+    assert max(ScoreTests.of(recorded, TRIED, 0).residual_beside([]).ratios.values()) > 1.5 * left
 
 
 def test_late_instruments_are_taken_out_whatever_is_tried():
-    recorded, reading = very_late("sensor_latency.imu", 0.02)
+    recorded, linearisation = very_late("sensor_latency.imu", 0.02)
     for tried in ([], [*TRIED, *CLOCKS]):
-        assert columns_as_read(recorded, tried, 0, lambda _: None).reading.late == reading.late
+        assert (
+            relinearised_columns(recorded, tried, 0, lambda _: None).linearisation.latencies == linearisation.latencies
+        )
 
 
 def test_reading_ends(fitted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
     """What never settles is read a few times only, and told."""
-    told: list[str] = []
+    said: list[str] = []
     monkeypatch.setattr(
-        "lacet.identify.selection.relinearisation.remaining_latencies", lambda _, late: np.full(len(late), 5.0)
+        "lacet.identify.selection.relinearisation.remaining_latencies",
+        lambda _, latencies: np.full(len(latencies), 5.0),
     )
-    reading = read_again(Reading.of(fitted, floor), told.append)
-    assert len([line for line in told if "read again" in line]) == READINGS
-    assert all(abs(seconds) > 0.0 for seconds in reading.late.values())
+    linearisation = relinearise(Linearisation.of(fitted, floor), in_words(said.append))
+    assert len([line for line in said if "read again" in line]) == SELECTION.most_relinearisations
+    assert all(abs(seconds) > 0.0 for seconds in linearisation.latencies.values())
 
 
 def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor: NoiseFloor):
     """Runs do not show it: clocks taken for half a tolerance late, all of them, are half a tolerance off."""
-    recorded = Reading.of(fitted, floor)
-    assert len(set(recorded.clocks.values())) == 1
-    alone = np.full(len(recorded.clocks), 0.5)
+    recorded = Linearisation.of(fitted, floor)
+    assert len(set(recorded.latency_tolerances.values())) == 1
+    gain_test = np.full(len(recorded.latency_tolerances), 0.5)
     np.testing.assert_allclose(
-        remaining_latencies(recorded, alone), remaining_latencies(recorded, 0.0 * alone) - alone, atol=1e-6
+        remaining_latencies(recorded, gain_test), remaining_latencies(recorded, 0.0 * gain_test) - gain_test, atol=1e-6
     )
 
 
@@ -125,15 +132,21 @@ def test_what_all_clocks_share_is_pulled_back_to_the_rig_file(fitted: Fit, floor
 def test_clocks_that_do_the_work_of_a_missing_effect_are_left(key: str, fitted: Fit, monkeypatch: pytest.MonkeyPatch):
     """Beside a misfit of many floors they move far; with the effect beside them they do not, and runs stay as read."""
     bound = 0.05  # in runs of minutes the tolerances hold clocks less than in one of seconds
-    monkeypatch.setattr("lacet.identify.selection.relinearisation.STRAIGHT", bound)
+    monkeypatch.setattr(
+        "lacet.identify.selection.relinearisation.SELECTION", replace(SELECTION, first_order_phase=bound)
+    )
     off = fit_of(driven(exact_with(KNOWN[key], 0.9 * KNOWN[key].parameters[0].high), 4), fitted)
     own = floor_of(off, DRAWS)
-    recorded = Reading.of(off, own)
-    moved = remaining_latencies(recorded, np.zeros(len(recorded.clocks))) * np.array(list(recorded.clocks.values()))
+    recorded = Linearisation.of(off, own)
+    moved = remaining_latencies(recorded, np.zeros(len(recorded.latency_tolerances))) * np.array(
+        list(recorded.latency_tolerances.values())
+    )
     assert np.max(np.abs(recorded.omega * moved)) > bound
-    told: list[str] = []
-    found = diagnose(off, own, [KNOWN[key], *(e for e in (*TRIED, *CLOCKS) if e.key != key)], tell=told.append)
-    assert not [line for line in told if "read again" in line]
+    said: list[str] = []
+    found = diagnose(
+        off, own, [KNOWN[key], *(e for e in (*TRIED, *CLOCKS) if e.key != key)], progress=in_words(said.append)
+    )
+    assert not [line for line in said if "read again" in line]
     assert found.best is not None
     assert found.best.key == key
 
@@ -142,16 +155,18 @@ def test_noise_in_the_columns_does_not_move_the_sheet(fitted: Fit, floor: NoiseF
     """The wheels' scales in runs with no tolerance drawn: noise in columns and residual alike is no scale."""
     with_noise, plain, noise = [], [], None
     for seed in range(6):
-        space = TrialSpace.of(Reading.of(fit_of(driven(exact(), 50 + seed, 1.0), fitted), floor), TRIED[:1], 0, noise)
-        noise, known = space.noise, space.partialled
+        space = ScoreTests.of(
+            Linearisation.of(fit_of(driven(exact(), 50 + seed, 1.0), fitted), floor), TRIED[:1], 0, noise
+        )
+        noise, known = space.noise, space.regression
         model = space.layout.model
         scales = [
-            known.taken.tolist().index(model + i)
+            known.nuisance.tolist().index(model + i)
             for i, entry in enumerate(space.layout.sheet)
             if entry[0] == "gain" and entry[1].endswith(".force") and entry[2] == 2
         ]
         assert len(scales) == 4
-        with_noise.append(Partialled(space.sums, known.taken, known.prior).gain[scales, -1])
+        with_noise.append(PartialRegression(space.sums, known.nuisance, known.prior).gain[scales, -1])
         plain.append(known.gain[scales, -1])
     biased, sound = np.mean(with_noise, axis=1), np.mean(plain, axis=1)
     assert np.mean(biased) > 3.0 * np.std(biased) / np.sqrt(len(biased))
@@ -163,9 +178,9 @@ def test_clocks_are_told_from_the_rig_file():
     """However far the runs were read away from it."""
     fault = KNOWN["sensor_latency.imu"]
     assert isinstance(fault, SensorFault)
-    space = TrialSpace.of(very_late("sensor_latency.imu", 0.02)[1], TRIED[:1], 0)
-    assert space.reading.late
-    told = {name: size for name, size in space.excused().sizes.items() if name.startswith("latency")}
-    imu = next(size for name, size in told.items() if name == f"latency of {RIG.sensor_of('imu.accel').name}")
-    others = np.mean([size for size in told.values() if size != imu])
+    space = ScoreTests.of(very_late("sensor_latency.imu", 0.02)[1], TRIED[:1], 0)
+    assert space.linearisation.latencies
+    said = {name: size for name, size in space.tolerance_use().sizes.items() if name.startswith("latency")}
+    imu = next(size for name, size in said.items() if name == f"latency of {RIG.sensor_of('imu.accel').name}")
+    others = np.mean([size for size in said.values() if size != imu])
     assert (imu - others) * RIG.tolerance("imu.accel", "latency") == pytest.approx(0.02, abs=0.003)

@@ -15,12 +15,14 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.cross_products import FOLDS, Reading, Trial, TrialSums
+from lacet.identify.selection.cross_products import CrossProducts, Linearisation, Trial
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import ColumnNoise, column_labels
-from lacet.identify.selection.relinearisation import read_again
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.relinearisation import relinearise
+from lacet.identify.selection.score_tests import Answer, ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.services.render.verdicts import says
 from tests.identify import cars
 from tests.identify.selection.dense_ranking import Dense
 
@@ -53,57 +55,57 @@ def floor(fitted: Fit) -> NoiseFloor:
     return floor_of(fitted, DRAWS)
 
 
-def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> TrialSpace:
+def silent(fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect]) -> ScoreTests:
     """The ranking without the correction for noise in the columns."""
 
-    def none(fitted: Fit, sums: TrialSums, sigma: Mapping[str, float], **_: object) -> ColumnNoise:
+    def none(fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], **_: object) -> RegressorNoise:
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
-        return ColumnNoise(column_labels(fitted, sums.layout), totals, dict(sigma))
+        return RegressorNoise(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ColumnNoise, "of", none)
-        return TrialSpace.of(read_again(Reading.of(fitted, floor)), candidates, 0)
+        patch.setattr(RegressorNoise, "of", none)
+        return ScoreTests.of(relinearise(Linearisation.of(fitted, floor)), candidates, 0)
 
 
 @pytest.fixture(scope="module")
-def space(fitted: Fit, floor: NoiseFloor) -> TrialSpace:
+def space(fitted: Fit, floor: NoiseFloor) -> ScoreTests:
     """Some candidates of every kind on it."""
     return silent(fitted, floor, CANDIDATES)
 
 
 @pytest.fixture(scope="module")
-def dense(space: TrialSpace) -> Dense:
+def dense(space: ScoreTests) -> Dense:
     """The same, sample by sample."""
     return Dense(space.fitted, space.floor, space)
 
 
-def trials(space: TrialSpace) -> list[Trial]:
+def trials(space: ScoreTests) -> list[Trial]:
     """One trial of each candidate that is left over from the model."""
-    found = {t.effect.key: t for t in space.layout.trials if np.all(space.partialled.remaining(t.place) > 1e-8)}
+    found = {t.effect.key: t for t in space.layout.trials if np.all(space.regression.remaining_energy(t.place) > 1e-8)}
     return list(found.values())
 
 
-def test_candidates_are_of_every_kind(space: TrialSpace):
-    assert space.reading.late  # on runs read again
+def test_candidates_are_of_every_kind(space: ScoreTests):
+    assert space.linearisation.latencies  # on runs read again
     kinds = {t.effect.name for t in trials(space)}
     assert {"anti_roll_bar", "coulomb", "sensor_gain", "sensor_latency", "sensor_misalignment"} <= kinds
 
 
-def test_drop_and_values_are_those_of_refitting(space: TrialSpace, dense: Dense):
+def test_drop_and_values_are_those_of_refitting(space: ScoreTests, dense: Dense):
     """With the candidate's columns free beside all others: also for a fault whose tolerance the model has already."""
     right = dense.base[2]
     before = dense.solve(right)[0]
     for trial in trials(space):
         C = dense.column(trial.effect)
         after, x, _ = dense.solve(right, C)
-        drop, _ = space.partialled.scores(trial.place, space.null)
-        values, _ = space.partialled.values(trial.place)
+        drop, _ = space.regression.scores(trial.place, space.null)
+        values, _ = space.regression.values(trial.place)
         assert drop == pytest.approx(before - after, rel=1e-6, abs=1e-6), trial.effect.key
         # A fault's own tolerance column takes none of it once the fault is free.
         np.testing.assert_allclose(values, x[-C.shape[1] :], rtol=1e-5, err_msg=trial.effect.key)
 
 
-def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense, fitted: Fit):
+def test_a_fault_is_judged_free_of_its_tolerance(space: ScoreTests, dense: Dense, fitted: Fit):
     """Its drop is that of refitting with its own prior removed; a gain stands among the sheet's as the channel's."""
     columns, inverse, right = dense.base
     before = dense.solve(right)[0]
@@ -114,12 +116,12 @@ def test_a_fault_is_judged_free_of_its_tolerance(space: TrialSpace, dense: Dense
     hub = first_sheet + list(entries).index(("gain", "laser.fl.hub", 0))
     for trial, place in ((tilt, len(inverse) - 1), (gain, hub)):
         free = dense.unknown(place)
-        drop, _ = space.partialled.scores(trial.place, space.null)
+        drop, _ = space.regression.scores(trial.place, space.null)
         assert np.any(columns[:, place])
         assert drop == pytest.approx(before - free.solve(right)[0], rel=1e-6), trial.effect.key
 
 
-def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: TrialSpace, dense: Dense, fitted: Fit):
+def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: ScoreTests, dense: Dense, fitted: Fit):
     """Size, fall, fall in cross-validation and in a simulated run: of refits without the columns that stand for it."""
     inverse = dense.base[1]
     first_sheet = len(inverse) - len(dense.faults) - len(dict.fromkeys(space.layout.sheet))
@@ -128,43 +130,43 @@ def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: Tr
     clock = first_sheet + next(i for i, e in enumerate(entries) if e[0] == "latency" and e[1].startswith("laser"))
     tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
     gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
-    late = next(t for t in trials(space) if t.effect.name == "sensor_latency")
+    latencies = next(t for t in trials(space) if t.effect.name == "sensor_latency")
     null = np.sum(list(space.sums.null.values()), axis=0)
-    for trial, place in ((tilt, len(inverse) - 1), (gain, hub), (late, clock)):
-        freed, bare = space.freed[trial.place.start], dense.without(place)
+    for trial, place in ((tilt, len(inverse) - 1), (gain, hub), (latencies, clock)):
+        without_tolerance, bare = space.without_tolerance[trial.place.start], dense.without(place)
         C, right = dense.column(trial.effect), bare.base[2]
         before, _, _ = bare.solve(right)
         after, x, _ = bare.solve(right, C)
-        assert freed.drop == pytest.approx(before - after, rel=1e-5), trial.effect.key
-        assert freed.value == pytest.approx(x[-1], rel=1e-5)
+        assert without_tolerance.drop == pytest.approx(before - after, rel=1e-5), trial.effect.key
+        assert without_tolerance.value == pytest.approx(x[-1], rel=1e-5)
         drawn = dense.noise(7)
         fell = bare.solve(drawn, drawn=True)[0] - bare.solve(drawn, C, drawn=True)[0]
-        assert freed.null(null)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
-        assert freed.fall() == pytest.approx(bare.fall(C), rel=1e-4, abs=1e-4)
+        assert without_tolerance.null(null)[7] == pytest.approx(fell, rel=1e-5, abs=1e-5)
+        assert without_tolerance.fall() == pytest.approx(bare.fall(C), rel=1e-4, abs=1e-4)
 
 
-def test_falls_are_those_of_fits_to_the_other_blocks(space: TrialSpace, dense: Dense):
+def test_falls_are_those_of_fits_to_the_other_blocks(space: ScoreTests, dense: Dense):
     """Blocked cross-validation: fitted outside each fold, with and without the candidate, and compared inside."""
-    assert dense.block.max() + 1 >= FOLDS
+    assert dense.block.max() + 1 >= SELECTION.folds
     for trial in trials(space)[::2]:
         C = dense.column(trial.effect)
-        assert space.partialled.fall(trial.place) == pytest.approx(dense.fall(C), rel=1e-5, abs=1e-5), trial.effect.key
+        assert space.regression.fall(trial.place) == pytest.approx(dense.fall(C), rel=1e-5, abs=1e-5), trial.effect.key
 
 
-def test_simulated_runs_are_treated_as_the_measured_one(space: TrialSpace, dense: Dense):
+def test_simulated_runs_are_treated_as_the_measured_one(space: ScoreTests, dense: Dense):
     """A draw of noise in the place of the residual falls as far, candidate by candidate."""
     null = np.sum(list(space.sums.null.values()), axis=0)
     right = dense.noise(7)
     before = dense.solve(right, drawn=True)[0]
     for trial in trials(space)[:4]:
-        _, drops = space.partialled.scores(trial.place, null)
+        _, drops = space.regression.scores(trial.place, null)
         after = dense.solve(right, dense.column(trial.effect), drawn=True)[0]
         assert drops[7] == pytest.approx(before - after, rel=1e-5, abs=1e-5), trial.effect.key
 
 
-def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: TrialSpace, dense: Dense):
+def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: ScoreTests, dense: Dense):
     """Sample by sample, of the measured run and of a simulated one; the ratios follow from both."""
-    left = space.left_by([])
+    left = space.residual_beside([])
     measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
     start = 0
     for key in dense.parts():
@@ -178,7 +180,7 @@ def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: Tria
         assert ratio == pytest.approx(np.sqrt(sum(np.sum(left.residual[key] ** 2) for key in keys) / null))
 
 
-def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: TrialSpace, dense: Dense):
+def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: ScoreTests, dense: Dense):
     """Falls by block, the effective number of blocks, and likeness, from the dense residuals of columns and rows."""
     found = {c.key: c for c in space.try_all()}
     right = dense.base[2]
@@ -197,7 +199,8 @@ def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: Tr
         assert c.coverage == pytest.approx(energy.sum() ** 2 / np.sum(energy**2), rel=1e-4)
     bar = found["anti_roll_bar.front"]
     assert bar.tested
-    assert bar.answer == ""
+    assert bar.answer is Answer.UNDECIDED
+    assert bar.reason is None
     # The priors of zeros and tolerances take a share, small beside what the bar does.
     assert np.sum(bar.block_gain) == pytest.approx(bar.drop, rel=0.05)
     assert space.correlation("anti_roll_bar.front", "anti_roll_bar.front") == pytest.approx(1.0)
@@ -229,23 +232,23 @@ class InMillimetres(type(KNOWN["anti_roll_bar.front"])):
         return {row: 1000.0 * c for row, c in super().columns(motion).items()}
 
 
-def test_a_unit_changes_the_value_and_nothing_else(fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_a_unit_changes_the_value_and_nothing_else(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     bar = InMillimetres("front")
     own = silent(fitted, floor, [bar, *CANDIDATES[1:]])
     one, other = space.layout.trials[0].place, own.layout.trials[0].place
     for a, b in (
-        (space.partialled.scores(one, space.null)[0], own.partialled.scores(other, own.null)[0]),
-        (space.partialled.fall(one), own.partialled.fall(other)),
-        (space.partialled.values(one)[0][0], 1000.0 * own.partialled.values(other)[0][0]),
-        (space.partialled.values(one)[1][0], 1000.0 * own.partialled.values(other)[1][0]),
+        (space.regression.scores(one, space.null)[0], own.regression.scores(other, own.null)[0]),
+        (space.regression.fall(one), own.regression.fall(other)),
+        (space.regression.values(one)[0][0], 1000.0 * own.regression.values(other)[0][0]),
+        (space.regression.values(one)[1][0], 1000.0 * own.regression.values(other)[1][0]),
     ):
         assert b == pytest.approx(a, rel=1e-8)
     np.testing.assert_allclose(
-        space.partialled.scores(one, space.null)[1], own.partialled.scores(other, own.null)[1], rtol=1e-6
+        space.regression.scores(one, space.null)[1], own.regression.scores(other, own.null)[1], rtol=1e-6
     )
 
 
-def test_intervals_are_those_of_the_normal_matrix(space: TrialSpace, dense: Dense):
+def test_intervals_are_those_of_the_normal_matrix(space: ScoreTests, dense: Dense):
     """1 σ of a candidate that the model does not hold already, from all columns' normal matrix with priors."""
     A, P = dense.base[0], dense.prior
     trial = next(t for t in trials(space) if t.effect.key == "anti_roll_bar.front")
@@ -255,7 +258,7 @@ def test_intervals_are_those_of_the_normal_matrix(space: TrialSpace, dense: Dens
     used = lengths > 0.0
     N = (big[:, used] / lengths[used]).T @ (big[:, used] / lengths[used])
     spread = float(np.sqrt(np.linalg.pinv(N)[-1, -1])) / lengths[-1]
-    assert space.partialled.values(trial.place)[1][0] == pytest.approx(spread, rel=1e-4)
+    assert space.regression.values(trial.place)[1][0] == pytest.approx(spread, rel=1e-4)
 
 
 def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch):
@@ -272,7 +275,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
         for measure in ("drop", "fall"):
             one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
-    one, other = (s.left_by([]) for s in (whole, parts))
+    one, other = (s.residual_beside([]) for s in (whole, parts))
     for key, draws in one.draws.items():
         assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
         assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key
@@ -283,21 +286,21 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
     assert order[0] == order[1]
 
 
-def silent_of(model: Model, drive: PreparedRun) -> TrialSpace:
+def silent_of(model: Model, drive: PreparedRun) -> ScoreTests:
     """Candidates on one run."""
     fitted = fit(model, [drive], FitOptions(unbias=False))
     return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)
 
 
-def size(space: TrialSpace, place: slice, what: str) -> float:
+def size(space: ScoreTests, place: slice, what: str) -> float:
     """Fall on all data, or in cross-validation."""
-    return space.partialled.fall(place) if what == "fall" else space.partialled.scores(place, space.null)[0]
+    return space.regression.fall(place) if what == "fall" else space.regression.scores(place, space.null)[0]
 
 
 def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
     """There and back through plain arrays; used again it gives the same diagnosis bit for bit; for others, nothing."""
     first = diagnose(fitted, floor, CANDIDATES[:6])
-    back = ColumnNoise.from_arrays(first.noise.arrays())
+    back = RegressorNoise.from_arrays(first.noise.arrays())
     assert back.labels == first.noise.labels
     assert back.totals.keys() == first.noise.totals.keys()
     for row, total in first.noise.totals.items():
@@ -305,9 +308,13 @@ def test_noise_in_the_columns_is_kept_exactly(fitted: Fit, floor: NoiseFloor):
         assert np.any(total)
     again = diagnose(fitted, floor, CANDIDATES[:6], noise=back)
     assert again.noise is back
-    assert (again.says, again.candidates[0].drop, again.louder) == (first.says, first.candidates[0].drop, first.louder)
+    assert (says(again), again.candidates[0].drop, again.noise_ratio) == (
+        says(first),
+        first.candidates[0].drop,
+        first.noise_ratio,
+    )
     for a, b in zip(again.candidates, first.candidates, strict=True):
         assert (a.key, a.p, a.drop, a.gain, a.values, a.interval) == (b.key, b.p, b.drop, b.gain, b.values, b.interval)
-    fewer = TrialSpace.of(Reading.of(fitted, floor), CANDIDATES[:4], 0, back)
+    fewer = ScoreTests.of(Linearisation.of(fitted, floor), CANDIDATES[:4], 0, back)
     assert fewer.noise is not back
     assert fewer.noise.totals["tyre.fl"].shape == 2 * (fewer.layout.width,)

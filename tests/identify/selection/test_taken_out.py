@@ -10,12 +10,14 @@ import pytest
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import FitOptions, at_faults, extended, fit
-from lacet.identify.selection.cross_products import Reading
-from lacet.identify.selection.diagnose import Diagnosis, diagnose, look
+from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.diagnose import Diagnosis, diagnose, screen
 from lacet.identify.selection.relinearisation import without_fault
-from lacet.identify.selection.score_tests import TrialSpace
+from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import floor_of
+from lacet.services.render.progress import in_words
+from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
@@ -32,14 +34,14 @@ def scaled(record: Recording, by: float) -> Recording:
 
 def diagnosed(record: Recording) -> tuple[Diagnosis, list[str]]:
     """What is said of a drive with noise, and what was told on the way."""
-    told: list[str] = []
+    said: list[str] = []
     fitted = fit_of(driven(record, 1))
-    return diagnose(fitted, floor_of(fitted, DRAWS), CANDIDATES, tell=told.append), told
+    return diagnose(fitted, floor_of(fitted, DRAWS), CANDIDATES, progress=in_words(said.append)), said
 
 
 def holds(found: Diagnosis, by: float) -> bool:
     """Whether the laser's scale is proposed, with an interval that holds what it reads too much."""
-    assert found.best is not None, found.says
+    assert found.best is not None, says(found)
     assert found.best.key == HUB
     return abs(found.best.values[0] - by) <= found.best.interval[0] < 0.3 * by
 
@@ -47,8 +49,8 @@ def holds(found: Diagnosis, by: float) -> bool:
 @pytest.mark.parametrize(("k3", "by"), [(0.0, 0.09), (1.0e6, 0.03), (1.0e6, 0.09)])
 def test_a_scale_is_named_that_first_order_does_not_tell(k3: float, by: float):
     """Alone, and beside a stiffening spring, for which a moved zero is another stiffness."""
-    found, told = diagnosed(scaled(exact_with(KNOWN[CUBIC], k3) if k3 else exact(), by))
-    assert TAKEN in told
+    found, said = diagnosed(scaled(exact_with(KNOWN[CUBIC], k3) if k3 else exact(), by))
+    assert TAKEN in said
     assert found.verdict == "missing"
     assert holds(found, by)
     assert found.explained > 0.75
@@ -59,16 +61,16 @@ def test_a_scale_is_named_that_first_order_does_not_tell(k3: float, by: float):
 @pytest.mark.parametrize("by", [0.03, 0.05])
 def test_a_scale_beside_a_cause_that_is_not_listed_leaves_it_unlisted(by: float):
     """Of what fails it explains less than may stay, once it is taken out."""
-    found, told = diagnosed(scaled(exact_with(HIDDEN, (1.0 if by < 0.04 else 0.3) * SIZE), by))
-    assert TAKEN in told
+    found, said = diagnosed(scaled(exact_with(HIDDEN, (1.0 if by < 0.04 else 0.3) * SIZE), by))
+    assert TAKEN in said
     assert found.verdict == "unlisted cause"
     assert found.best is None
 
 
 def test_a_large_scale_is_named_before_a_small_cause_that_is_not_listed():
     """It takes all but a twentieth; what stays is told once it is in the model."""
-    found, told = diagnosed(scaled(exact_with(HIDDEN, 0.3 * SIZE), 0.09))
-    assert TAKEN in told
+    found, said = diagnosed(scaled(exact_with(HIDDEN, 0.3 * SIZE), 0.09))
+    assert TAKEN in said
     assert found.verdict == "missing"
     assert holds(found, 0.09)
     assert found.together == (HUB,)
@@ -77,8 +79,8 @@ def test_a_large_scale_is_named_before_a_small_cause_that_is_not_listed():
 @pytest.mark.parametrize(("size", "by"), [(SIZE, 0.0), (0.0, 0.03)])
 def test_runs_are_not_read_again_for_laws_or_where_columns_tell_enough(size: float, by: float):
     """A law that is in no catalogue; and a scale that is named at once."""
-    found, told = diagnosed(scaled(exact_with(HIDDEN, size) if size else exact(), by))
-    assert not any("taken out" in line for line in told)
+    found, said = diagnosed(scaled(exact_with(HIDDEN, size) if size else exact(), by))
+    assert not any("taken out" in line for line in said)
     assert (found.best is None) == bool(size)
 
 
@@ -102,9 +104,9 @@ def test_the_fit_beside_the_fault_is_as_the_one_before():
 def test_latencies_that_were_taken_out_before_stay_known():
     """The sheet's priors pull to the rig's latencies, and not to those the runs were read at."""
     fitted = fit_of(driven(scaled(exact(), 0.09), 1))
-    reading = Reading.of(fitted, floor_of(fitted, 9))
-    late = dict.fromkeys(reading.clocks, 0.001)
-    seen = look(TrialSpace.of(replace(reading, late=late), CANDIDATES, 0), silent)
+    linearisation = Linearisation.of(fitted, floor_of(fitted, 9))
+    latencies = dict.fromkeys(linearisation.latency_tolerances, 0.001)
+    seen = screen(ScoreTests.of(replace(linearisation, latencies=latencies), CANDIDATES, 0), silent)
     found = without_fault(seen.space, HUB, silent)
-    assert found.late == late
-    assert np.any(found.pull)
+    assert found.latencies == latencies
+    assert np.any(found.prior_side)

@@ -10,20 +10,22 @@ import numpy as np
 import pytest
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.progress import Tell
+from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
-from lacet.identify.selection.diagnose import Diagnosis, Look, diagnose
+from lacet.identify.selection.diagnose import Diagnosis, Screening, diagnose
 from lacet.identify.selection.forward_selection import same_losses, with_ties
-from lacet.identify.selection.score_tests import SIGNIFICANCE, Candidate, TrialSpace, judged, stands_out
+from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests, is_significant, judged
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
+from lacet.services.render.verdicts import reason_text, says, why
 from tests.identify.exact_car import KNOWN, driven, exact, exact_with, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE, leaving
 
 
 def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: Diagnosis):
-    assert hidden.verdict == "unlisted cause", hidden.says
+    assert hidden.verdict == "unlisted cause", says(hidden)
     assert hidden.best is None
     assert hidden.formulas
     first = hidden.formulas[0]
@@ -31,32 +33,32 @@ def test_a_law_of_no_catalogue_is_unlisted_and_its_formula_comes_first(hidden: D
     assert set(first.rows) == {"suspension.fl", "suspension.fr"}
     assert first.gain > 0.8
     assert first.p == pytest.approx(1.0 / (DRAWS + 1))
-    assert first.text in hidden.says
+    assert first.text in says(hidden)
     assert set(hidden.failing) >= {"suspension.fl", "suspension.fr"}
 
 
-@pytest.mark.parametrize(("explained", "told"), [(0.9, True), (0.6, False)])
+@pytest.mark.parametrize(("explained", "said"), [(0.9, True), (0.6, False)])
 def test_rows_that_the_best_does_not_act_on_are_told_apart(
-    unlisted: Fit, floor: NoiseFloor, explained: float, told: bool, monkeypatch: pytest.MonkeyPatch
+    unlisted: Fit, floor: NoiseFloor, explained: float, said: bool, monkeypatch: pytest.MonkeyPatch
 ):
     """What the best set explains is of the rows that the best acts on; another cause in others leaves it those."""
 
-    def look(space: TrialSpace, tell: Tell) -> Look:
-        found = sober(space, tell)
-        one = replace(found.ranked[0], rows=("suspension.fl",), answer="missing")
+    def screen(space: ScoreTests, progress: Progress) -> Screening:
+        found = plain_screen(space, progress)
+        one = replace(found.ranked[0], rows=("suspension.fl",), answer=Answer.MISSING)
         return replace(found, best=one, explained=explained, unlisted=True)
 
-    sober = ranking.look
-    monkeypatch.setattr(ranking, "look", look)
-    says = diagnose(unlisted, floor, CANDIDATES[:3]).says
-    assert f"explains {100 * explained:.0f} % of what is above the floor in suspension.fl, and" in says
-    assert ("may be the cause" in says) == told
+    plain_screen = ranking.screen
+    monkeypatch.setattr(ranking, "screen", screen)
+    text = says(diagnose(unlisted, floor, CANDIDATES[:3]))
+    assert f"explains {100 * explained:.0f} % of what is above the floor in suspension.fl, and" in text
+    assert ("may be the cause" in text) == said
 
 
 def test_the_same_law_in_the_catalogue_is_missing(unlisted: Fit, floor: NoiseFloor):
     """As a one-line effect it is named, with its size."""
     found = diagnose(unlisted, floor, [*CANDIDATES[:3], HIDDEN])
-    assert found.verdict == "missing", found.says
+    assert found.verdict == "missing", says(found)
     assert found.best is not None
     assert found.best.key == "hidden.front"
     assert found.best.values[0] == pytest.approx(SIZE, abs=max(2.0 * found.best.interval[0], 0.05 * SIZE))
@@ -68,12 +70,12 @@ def test_what_explains_little_of_what_fails_is_not_named(
     unlisted: Fit, floor: NoiseFloor, total_gain: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """The law is in the catalogue and explains all together; named is what explains a fair part by itself."""
-    measured = TrialSpace.try_all
+    measured = ScoreTests.try_all
 
-    def weaker(space: TrialSpace) -> list[Candidate]:
+    def weaker(space: ScoreTests) -> list[Candidate]:
         return [replace(c, total_gain=total_gain * c.total_gain) for c in measured(space)]
 
-    monkeypatch.setattr(TrialSpace, "try_all", weaker)
+    monkeypatch.setattr(ScoreTests, "try_all", weaker)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -81,31 +83,33 @@ def test_a_latency_is_ranked_by_what_it_takes_off_beside_all_tolerances(
     unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     """Beside the rig file's clocks it may take off far more than what is missing: clocks two tolerances off do."""
-    late = KNOWN["sensor_latency.laser"]
-    measured = TrialSpace.try_all
+    latencies = KNOWN["sensor_latency.laser"]
+    measured = ScoreTests.try_all
 
-    def seen(space: TrialSpace) -> list[Candidate]:
+    def seen(space: ScoreTests) -> list[Candidate]:
         found = measured(space)
         law = next(c for c in found if c.key == HIDDEN.key)
         gain, drop = 5.0 * law.total_gain, 0.1 * law.drop
-        return [replace(c, total_gain=gain, gain=1.0, drop=drop) if c.key == late.key else c for c in found]
+        return [replace(c, total_gain=gain, gain=1.0, drop=drop) if c.key == latencies.key else c for c in found]
 
-    monkeypatch.setattr(TrialSpace, "try_all", seen)
-    found = diagnose(unlisted, floor, [late, HIDDEN])
-    assert found.best is not None, found.says
+    monkeypatch.setattr(ScoreTests, "try_all", seen)
+    found = diagnose(unlisted, floor, [latencies, HIDDEN])
+    assert found.best is not None, says(found)
     assert found.best.key == HIDDEN.key
-    assert next(c for c in found.candidates if c.key == late.key).p <= SIGNIFICANCE  # chance is not what puts it last
+    assert (
+        next(c for c in found.candidates if c.key == latencies.key).p <= SELECTION.significance
+    )  # chance is not what puts it last
 
 
 def test_what_chance_does_as_well_comes_last(unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch):
     """However much it takes off."""
-    compared = TrialSpace.family_wise
+    compared = ScoreTests.family_wise
 
-    def by_chance(space: TrialSpace, found: Sequence[Candidate]) -> list[Candidate]:
-        told = compared(space, found)
-        return [c if c.key == HIDDEN.key else replace(c, total_gain=1e9, drop=1e9, p=0.5) for c in told]
+    def by_chance(space: ScoreTests, found: Sequence[Candidate]) -> list[Candidate]:
+        said = compared(space, found)
+        return [c if c.key == HIDDEN.key else replace(c, total_gain=1e9, drop=1e9, p=0.5) for c in said]
 
-    monkeypatch.setattr(TrialSpace, "family_wise", by_chance)
+    monkeypatch.setattr(ScoreTests, "family_wise", by_chance)
     found = diagnose(unlisted, floor, [*CANDIDATES[:2], HIDDEN])
     assert found.candidates[0].key == HIDDEN.key
 
@@ -115,7 +119,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
     unlisted: Fit, floor: NoiseFloor, rest: float, verdict: str, monkeypatch: pytest.MonkeyPatch
 ):
     """Six tenths explained are enough where chance leaves the others, and not where it does not."""
-    monkeypatch.setattr("lacet.identify.selection.score_tests.TrialSpace.left_by", leaving(rest))
+    monkeypatch.setattr("lacet.identify.selection.score_tests.ScoreTests.residual_beside", leaving(rest))
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -124,20 +128,20 @@ def test_what_stands_out_and_is_too_small_is_told_where_nothing_is_proposed(
 ):
     small = fit_of(driven(exact_with(HIDDEN, 0.05 * SIZE), 1))
     assert diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == "missing"
-    monkeypatch.setattr("lacet.identify.selection.score_tests.LEAST_GAIN", 0.5)
+    monkeypatch.setattr("lacet.identify.selection.score_tests.SELECTION", replace(SELECTION, least_gain=0.5))
     found = diagnose(small, floor, [HIDDEN, *CANDIDATES[:2]])
     assert found.verdict == "nothing missing"
-    assert "Chance does not explain all: hidden.front " in found.says
-    assert " N RMS, p = 0.025" in found.says
+    assert "Chance does not explain all: hidden.front " in says(found)
+    assert " N RMS, p = 0.025" in says(found)
 
 
 @pytest.mark.parametrize(("correlation", "tied"), [(0.99, True), (0.9, False)])
 def test_one_law_with_two_names_is_a_tie_whatever_its_losses(correlation: float, tied: bool):
     losses = np.random.default_rng(4).uniform(5.0, 9.0, 12)
-    a, b = (Candidate(key, {}, "missing", block_gain=gain) for key, gain in (("a", losses), ("b", 0.9 * losses)))
+    a, b = (Candidate(key, {}, Answer.MISSING, block_gain=gain) for key, gain in (("a", losses), ("b", 0.9 * losses)))
     assert not same_losses(a.block_gain, b.block_gain)
-    told = with_ties([a, b], SimpleNamespace(correlation=lambda *_: correlation), {"a", "b"})
-    assert [bool(c.ties) for c in told] == [tied, tied]
+    said = with_ties([a, b], SimpleNamespace(correlation=lambda *_: correlation), {"a", "b"})
+    assert [bool(c.ties) for c in said] == [tied, tied]
 
 
 def test_what_takes_too_little_of_each_row_is_still_in_the_tie_set():
@@ -145,10 +149,10 @@ def test_what_takes_too_little_of_each_row_is_still_in_the_tie_set():
     losses = np.random.default_rng(4).uniform(5.0, 9.0, 12)
     best, small, chance = (
         Candidate(key, {}, answer, block_gain=losses)
-        for key, answer in (("a", "missing"), ("b", "not needed"), ("c", "not needed"))
+        for key, answer in (("a", Answer.MISSING), ("b", Answer.NOT_NEEDED), ("c", Answer.NOT_NEEDED))
     )
-    told = with_ties([best, small, chance], SimpleNamespace(correlation=lambda *_: 0.9), {"a", "b"})
-    assert [c.ties for c in told] == [(("b", 0.9),), (), ()]
+    said = with_ties([best, small, chance], SimpleNamespace(correlation=lambda *_: 0.9), {"a", "b"})
+    assert [c.ties for c in said] == [(("b", 0.9),), (), ()]
 
 
 @pytest.mark.parametrize(
@@ -158,30 +162,32 @@ def test_what_takes_too_little_of_each_row_is_still_in_the_tie_set():
 def test_what_stands_out_may_be_small_but_is_plausible_and_no_chance(changed: dict, out: bool):
     effect = KNOWN["anti_roll_bar.front"]
     small = Candidate(effect.key, {}, p=0.01, gain=0.002, most=0.004, values=(400.0,), interval=(50.0,))
-    assert judged(small, effect, DRAWS).answer == "not needed"
-    assert stands_out(replace(small, **changed), effect) == out
+    assert judged(small, effect).answer == "not needed"
+    assert is_significant(replace(small, **changed), effect) == out
 
 
 def test_a_small_one_that_is_tied_is_not_called_needless(
     unlisted: Fit, floor: NoiseFloor, monkeypatch: pytest.MonkeyPatch
 ):
     """With the hidden law proposed, all others that stand out tied with it."""
-    monkeypatch.setattr("lacet.identify.selection.forward_selection.ALIKE", 0.0)
+    monkeypatch.setattr(
+        "lacet.identify.selection.forward_selection.SELECTION", replace(SELECTION, tied_correlation=0.0)
+    )
     monkeypatch.setattr("lacet.identify.selection.forward_selection.same_losses", lambda *_: True)
     measured = judged
     small = "coulomb.front"
 
-    def needless(c: Candidate, effect: Effect, draws: int) -> Candidate:
-        return replace(measured(c, effect, draws), **({"answer": "not needed"} if c.key == small else {}))
+    def needless(c: Candidate, effect: Effect) -> Candidate:
+        return replace(measured(c, effect), **({"answer": Answer.NOT_NEEDED} if c.key == small else {}))
 
     monkeypatch.setattr("lacet.identify.selection.diagnose.judged", needless)
     found = diagnose(unlisted, floor, [*CANDIDATES, HIDDEN])
     assert found.verdict == "missing"
     assert found.best
     assert small in dict(found.best.ties)
-    told = next(c for c in found.candidates if c.key == small)
-    assert told.answer == "undecided"
-    assert told.why.endswith(f"But it cannot be told apart from {found.best.key}.")
+    said = next(c for c in found.candidates if c.key == small)
+    assert said.answer == "undecided"
+    assert why(found, said).endswith(f"But it cannot be told apart from {found.best.key}.")
 
 
 def test_losses_that_differ_in_most_blocks_are_no_tie():
@@ -199,18 +205,19 @@ def sentences(text: str) -> list[str]:
     return [part for part in text.rstrip(".").split(". ") if part]
 
 
-def test_every_answer_has_its_reason_with_numbers(hidden: Diagnosis, fitted: Fit, floor: NoiseFloor, space: TrialSpace):
+def test_every_answer_has_its_reason_with_numbers(hidden: Diagnosis, fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     nothing = diagnose(fitted, floor, CANDIDATES, noise=space.noise)
-    for c in (*hidden.candidates, *nothing.candidates):
-        assert c.why.endswith("."), c.why
-        assert len(sentences(c.why)) >= 2, c.why
+    for step, c in [(d, c) for d in (hidden, nothing) for c in d.candidates]:
+        text = why(step, c)
+        assert text.endswith("."), text
+        assert len(sentences(text)) >= 2, text
         if c.tested:
-            assert (" N RMS off " if c.gain > 0.0 else " takes nothing off ") in c.why, c.why
-            assert "p = " in c.why, c.why
-            assert c.why.startswith("Added to the model it takes "), c.why
+            assert (" N RMS off " if c.gain > 0.0 else " takes nothing off ") in text, text
+            assert "p = " in text, text
+            assert text.startswith("Added to the model it takes "), text
         else:
-            assert c.why.startswith("Cannot be tested: "), c.why
-            assert "What shows it: " in c.why, c.why
+            assert text.startswith("Cannot be tested: "), text
+            assert "What shows it: " in text, text
 
 
 def candidate(effect: Effect, **changed: object) -> Candidate:
@@ -223,7 +230,7 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
 
 
 @pytest.mark.parametrize(
-    ("changed", "answer", "says"),
+    ("changed", "answer", "parts"),
     [
         ({}, "missing", ("12.3 N RMS off suspension.fl, suspension.fr", "40.0 ± 6 N", "never did as well in 39")),
         ({"p": 0.2}, "not needed", ("p = 0.2", "0.05")),
@@ -233,17 +240,18 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
         ({"values": (900.0,)}, "not needed", ("900 ± 6 N",)),
     ],
 )
-def test_wording(changed: dict[str, object], answer: str, says: Sequence[str]):
+def test_wording(changed: dict[str, object], answer: str, parts: Sequence[str]):
     effect = KNOWN["coulomb.front"]
-    told = judged(candidate(effect, **changed), effect, DRAWS)
-    assert told.answer == answer, told.why
-    assert len(sentences(told.why)) >= 2
-    for part in says:
-        assert part in told.why, (part, told.why)
+    said = judged(candidate(effect, **changed), effect)
+    text = reason_text(said, effect, DRAWS)
+    assert said.answer == answer, text
+    assert len(sentences(text)) >= 2
+    for part in parts:
+        assert part in text, (part, text)
 
 
 def test_negative_friction_does_not_hide_in_the_best_set(
-    space: TrialSpace, floor: NoiseFloor, fitted: Fit, monkeypatch: pytest.MonkeyPatch
+    space: ScoreTests, floor: NoiseFloor, fitted: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     """A car with less friction than none: the ranking does not propose it."""
     record = driven(exact(), 4).recording
@@ -256,8 +264,8 @@ def test_negative_friction_does_not_hide_in_the_best_set(
     spoilt = fit_of(PreparedRun(record.with_signals(replace(record.signals, value=values))), fitted)
     monkeypatch.setattr("lacet.identify.selection.diagnose.propose", lambda *_: [])  # the formulas are another test's
     found = diagnose(spoilt, floor, CANDIDATES, noise=space.noise)
-    told = next(c for c in found.candidates if c.key == "coulomb.front")
-    assert told.values[0] < -60.0
-    assert told.answer == "not needed", told.why
-    assert "which no car has" in told.why
+    said = next(c for c in found.candidates if c.key == "coulomb.front")
+    assert said.values[0] < -60.0
+    assert said.answer == "not needed", why(found, said)
+    assert "which no car has" in why(found, said)
     assert "coulomb.front" not in found.together

@@ -11,7 +11,7 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.identify.design.discrimination import NEEDED, SHOWS, wrong_pick
-from lacet.identify.selection.score_tests import Candidate
+from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, Limits
 from lacet.services.planning.separation import ORDINARY, next_result, recommend, tied, untestable
@@ -35,13 +35,13 @@ def hint_of(found: Any) -> str:
 
 
 def test_the_hint_says_what_can_be_asked():
-    lone = Candidate("a", {}, "missing")
+    lone = Candidate("a", {}, Answer.MISSING)
     assert tied(diagnosis(None)) == tied(diagnosis(lone)) == []
     assert hint_of(diagnosis(lone)) == ""
     both = replace(lone, ties=(("b", 0.9), ("c", 0.8)))
     assert tied(diagnosis(both)) == ["a", "b", "c"]
     assert "lacet diagnose DIR --next" in hint_of(diagnosis(both))
-    assert "EFFECT" in hint_of(diagnosis(lone, Candidate("x", {}, "not testable")))
+    assert "EFFECT" in hint_of(diagnosis(lone, Candidate("x", {}, Answer.NOT_TESTABLE)))
 
 
 def test_nothing_is_said_unless_it_was_asked():
@@ -90,7 +90,7 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
         raise AssertionError("simulated again")
 
     monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
-    nothing: Any = SimpleNamespace(best=None, candidates=(), louder={})
+    nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
     shown = recommend(Work(Study.open(study)), nothing, ["tyre_damping.front"])
     assert shown is not None
     alone = next_result(shown)
@@ -106,7 +106,7 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
 def test_what_cannot_be_asked_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch):
     work = Work(Study.open(study))
-    nothing: Any = SimpleNamespace(best=None, candidates=(), louder={})
+    nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
     assert recommend(work, nothing) is None
     with pytest.raises(UsageError, match="did you mean"):
         recommend(work, nothing, ["bump_stop.frnt"])

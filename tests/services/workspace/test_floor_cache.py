@@ -18,7 +18,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.regressor_noise import ColumnNoise
+from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
 from lacet.services.workspace.results import diagnosis_result
@@ -48,19 +48,19 @@ def fit_once(model: Model, drives: tuple[PreparedRun, ...], **_: Any) -> Fit:
 def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
     """How often a floor, and noise in columns, are simulated."""
     count = {"floor": 0, "noise": 0}
-    of = ColumnNoise.of
+    of = RegressorNoise.of
 
     def floor(*args: Any, **more: Any) -> NoiseFloor:
         count["floor"] += 1
         return floor_of(*args, **more)
 
-    def noise(*args: Any, **more: Any) -> ColumnNoise:
+    def noise(*args: Any, **more: Any) -> RegressorNoise:
         count["noise"] += 1
         return of(*args, pairs=1, **more)
 
     monkeypatch.setattr(lacet.services.workspace.session, "floor_of", floor)
     monkeypatch.setattr(lacet.services.workspace.session, "fit", fit_once)
-    monkeypatch.setattr(ColumnNoise, "of", noise)
+    monkeypatch.setattr(RegressorNoise, "of", noise)
     monkeypatch.setattr(Study, "effects", few)
     return count
 

@@ -1,0 +1,200 @@
+"""Every bar of the selection in one place: its meaning, its unit, and where its value comes from.
+
+Bars whose source is *benchmark* were set on the development trials of the blind benchmark (docs/benchmarks/blind.md),
+each for trials that docs/decisions/ranking.md or docs/decisions/clocks.md describe: they are no constants of nature.
+Those that are *numerical* only separate rounding from numbers; results do not depend on them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class SelectionSettings:
+    """Bars, limits and counts of the search for a missing effect.
+
+    A share is a dimensionless part of a sum of weighted squares unless another whole is named.
+    """
+
+    # -- what may be proposed ------------------------------------------------------------------------------------------
+
+    significance: float = 0.05
+    """Family-wise error of a proposal [probability]: the max-score statistic against simulated runs. Source: method
+    section 6, step 6; the usual 5 %."""
+    least_gain: float = 0.01
+    """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].
+    Source: method section 6, step 7; docs/decisions/ranking.md, "A gain of 1 %"."""
+    least_coverage: float = 3.0
+    """Effective number of blocks (Σe)²/Σe² in which a candidate must act [blocks]. Source: method section 6, step 3."""
+    least_size: float = 8.0
+    """Weighted size √λ that the largest plausible effect must have beside all nuisance parameters [noise σ]. Source:
+    method section 6, step 3."""
+    most_noise_in_candidate: float = 0.5
+    """Part of a candidate's reduced columns that may be noise; beyond it the runs do not show what it would do [share].
+    Source: benchmark; docs/ranking.md, step 3."""
+    most_noise_in_fault: float = 0.2
+    """Part of a sensor fault's column that may be noise for it to be tested without its own tolerance [share]; with
+    more noise it is tested within its tolerance. Source: benchmark; docs/decisions/ranking.md, "A fault's column holds
+    noise"."""
+    correction_doubt: float = 0.1
+    """Part of the noise correction of a fault's score by which the correction itself may be wrong, not counted as the
+    fault's effect [share]. Source: benchmark; docs/decisions/ranking.md, "A fault's column holds noise"."""
+    interval_quantile: float = 1.96
+    """Half of a 95 % interval [σ]. Source: the normal distribution."""
+
+    # -- which rows fail, and by what ----------------------------------------------------------------------------------
+
+    failing_ratio: float = 1.05
+    """Residual ÷ noise floor above which a row can fail [ratio]. Source: benchmark."""
+    failing_chance: float = 0.05
+    """Part of simulated runs that may have any row as far above its floor, for a row to fail [probability]. Source: the
+    usual 5 %, family-wise over rows."""
+    most_noise_ratio: float = 3.0
+    """No sensor is more times as noisy as its sheet says; what is above that is a cause [ratio]. Source: benchmark;
+    docs/decisions/ranking.md, "Louder sensors"."""
+    quiet_bands: float = 0.25
+    """Part of a residual's frequency bands, the quietest, that gives the level of the noise [quantile]. Source:
+    docs/decisions/ranking.md, "Unlisted"."""
+    coloured_share: float = 0.5
+    """Part of an excess that must stand above the level of the noise, in frequency, to be no noise [share]. Source:
+    docs/decisions/ranking.md, "Unlisted" ("most of it")."""
+
+    # -- when the cause is called unlisted -----------------------------------------------------------------------------
+
+    most_together: int = 3
+    """Effects tried together before a cause is called unlisted [count]. Source: docs/ranking.md, step 8."""
+    set_share: float = 0.75
+    """Part of the excess of its rows that the best set must explain, else the cause is not listed [share]. Source:
+    benchmark; docs/ranking.md, step 8."""
+    set_chance: float = 0.01
+    """The same only where no more of simulated runs leave as much [probability]. Source: benchmark;
+    docs/decisions/ranking.md, "One in a hundred, not in twenty"."""
+    own_share: float = 0.3
+    """Part of that excess that the proposed effect must take away itself: of three alike each has a third [share].
+    Source: benchmark; docs/decisions/ranking.md, "The one proposed must matter itself"."""
+    unexplained_share: float = 0.15
+    """Part of all excess that may stay behind the best set; more, and no noise, has an unlisted cause [share]. Source:
+    benchmark; docs/decisions/ranking.md, "Unlisted"."""
+    tolerance_squares_ratio: float = 2.0
+    """The tolerance test fails from this many times the mean of the squared tolerances in simulated runs [ratio].
+    Source: benchmark; docs/decisions/ranking.md, "A sheet that would have to be wrong"."""
+    worst_rows_share: float = 0.5
+    """Where no row fails beside the tolerances: rows for which laws are sought have this part of the squares above the
+    floor that the worst row has [share]. Source: a choice, not tuned."""
+    most_laws: int = 3
+    """Simple laws described for an unlisted cause [count]. Source: a choice of presentation."""
+
+    # -- parameter constancy across runs (Chow test) -------------------------------------------------------------------
+
+    least_energy_of_run: float = 1e-3
+    """Part of a law's energy that a run must hold to be compared [share]. Source: a choice, not tuned."""
+    inconstant_share: float = 0.15
+    """A law is inconstant when its differences between runs explain this part of what it explains itself (parameters
+    that scatter by two fifths) [share]. Source: benchmark; docs/decisions/ranking.md, "A law holds in every run"."""
+    chow_seconds: float = 64.0
+    """Data beyond this, of the runs that show least, are taken as one run [s]: noise is drawn for each of the others.
+    Source: processor time; docs/decisions/ranking.md, "A law holds in every run"."""
+    chow_noise_pairs: int = 1
+    """Antithetic pairs of draws of the noise in each run's columns [count]. Source: processor time."""
+
+    # -- ties and shape constants --------------------------------------------------------------------------------------
+
+    tied_significance: float = 0.05
+    """Paired block losses that do not differ at this level are a tie [probability]. Source: F. Wilcoxon, Individual
+    comparisons by ranking methods, Biometrics Bulletin 1 (1945), at the usual 5 %."""
+    tied_correlation: float = 0.5
+    """Canonical correlation that tied candidates have at least: unlike effects that are both missing are no tie
+    [correlation]. Source: benchmark."""
+    same_correlation: float = 0.98
+    """Canonical correlation from which two candidates are one law on these runs (a rebound stop, a helper spring in
+    tension) [correlation]. Source: docs/decisions/ranking.md, "One law, two names"."""
+    same_loss: float = 1e-6
+    """Part of the largest block loss below which two losses are equal [share]. Source: numerical."""
+    least_tied_blocks: int = 6
+    """Fewer blocks that differ are too few for signed ranks to be significant at 5 % [count]. Source: exact
+    distribution of Wilcoxon's statistic (2 · 2⁻⁶ is the first below 5 %)."""
+    refinement_values: int = 3
+    """Values of a shape constant tried on each side of the best, in each round [count]. Source: a choice, not tuned."""
+    refinement_rounds: int = 2
+    """Rounds of that search [count]. Source: a choice, not tuned."""
+    least_refinement_fall: float = 4.0
+    """Fall of the weighted squares by which a value off the grid must be better at first [weighted squares]. Source:
+    two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
+
+    # -- re-linearisation at late instruments --------------------------------------------------------------------------
+
+    first_order_phase: float = 0.15
+    """ω τ at the fit's cut-off up to which a latency's first-order column is right [rad]. Source:
+    docs/decisions/clocks.md, "A rate is a latency only as long as ω τ is small"."""
+    settled_phase: float = 0.02
+    """ω τ below which re-linearisation stops [rad]. Source: benchmark."""
+    most_phase_of_step: float = 1.0
+    """ω τ of the longest step of a re-linearisation [rad]: beyond, the sine bends back. Source: numerical."""
+    most_relinearisations: int = 5
+    """Steps of a re-linearisation [count]. Source: docs/decisions/clocks.md."""
+    marginal_ratio: float = 1.25
+    """Residual ÷ floor up to which latencies of one tolerance, or a floor at other parameters, may explain a failing
+    row: only then is a screening repeated at both [ratio]. Source: docs/decisions/clocks.md."""
+    second_order_share: float = 0.25
+    """Part of what a candidate takes away that the second order of latencies may be, before its screening is repeated
+    [share]. Source: docs/decisions/clocks.md."""
+
+    # -- cross-validation and noise in the columns ---------------------------------------------------------------------
+
+    folds: int = 5
+    """Folds of the blocked cross-validation [count]. Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of
+    Statistical Learning (2009), 7.10."""
+    block_seconds: float = 2.0
+    """Length of a block of it [s]. Source: method section 6, step 3: longer than the residual's memory."""
+    noise_pairs: int = 2
+    """Antithetic pairs of draws of the noise in all columns [count]. Source: processor time;
+    docs/decisions/ranking.md, "Noise in the columns"."""
+    noise_seconds: float = 180.0
+    """Of more data than this, pieces are left out of those draws [s]. Source: processor time."""
+    law_noise_draws: int = 2
+    """Draws of the noise that a law to be added brings into its rows [count]. Source: processor time;
+    docs/decisions/ranking.md, "A law brings its own noise"."""
+    most_noise_of_direction: float = 0.8
+    """No more of a direction of the nuisance columns is counted as noise: it is drawn, not known [share]. Source:
+    benchmark; docs/decisions/ranking.md, "Noise in the columns"."""
+
+    # -- what a user reads ---------------------------------------------------------------------------------------------
+
+    reported_tolerances: float = 3.0
+    """Entries of the sensor sheet beyond this are reported to the user [tolerances]. Source: three σ."""
+    reported_noise_ratio: float = 1.3
+    """Noise ÷ sheet above which a row is reported to the user as noisier [ratio]. Source: a choice of presentation."""
+    most_reported: int = 4
+    """Candidates, rows or entries listed in one sentence [count]. Source: a choice of presentation."""
+    most_absorbing: int = 3
+    """Parameters listed as absorbing an effect that cannot be tested [count]. Source: a choice of presentation."""
+    absorbed_share: float = 0.05
+    """Part of a column's energy from which a parameter is listed as absorbing it [share]. Source: a choice of
+    presentation."""
+
+    # -- rounding ------------------------------------------------------------------------------------------------------
+
+    gone_share: float = 1e-10
+    """Part of a column's energy below which nothing of it remains [share]. Source: numerical."""
+    shared_eigenvalue: float = 1e-9
+    """Part of the largest eigenvalue below which a direction is one that other columns have too [share]. Source:
+    numerical."""
+    set_energy: float = 1e-9
+    """Part of a column's energy below which forward selection passes it over [share]. Source: numerical."""
+    worst_condition: float = 1e12
+    """Condition number of an effect's columns above which forward selection passes it over [ratio]. Source:
+    numerical."""
+    tolerance_rank: float = 1e-9
+    """Relative singular value below which tolerances that stand for a fault are one [share]. Source: numerical."""
+    tolerance_part: float = 1e-3
+    """Part of a fault's column, as amplitude, from which a tolerance stands for it [share]. Source: numerical."""
+    correlation_ridge: float = 1e-12
+    """Added to each diagonal before columns are correlated: of a law's parameters one may all but double another
+    [share]. Source: numerical."""
+    smallest_p_slack: float = 1e-12
+    """Rounding allowed when a p is compared with the smallest there can be [probability]. Source: numerical."""
+
+
+SELECTION = SelectionSettings()
+"""The bars that are used."""
