@@ -16,7 +16,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import Drive
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.services.render.rows import row_absence
@@ -45,7 +45,7 @@ def fitted(reference: str, inboard: str = "", measured: tuple[str, ...] = (), br
     }
     vehicle = Vehicle.parse(swing.vehicle_text(swing.default_car("r", inboard)))
     run = Run("drive", signals, brakes=brakes, wheel_reference=reference)
-    found = Drive.of(run, vehicle, Rig.parse(swing.rig_text(reference)))
+    found = PreparedRun.of(run, vehicle, Rig.parse(swing.rig_text(reference)))
     return fit(Model.of(base_model(vehicle, reference)), [found], FitOptions(zeros=False, unbias=False))
 
 
@@ -77,7 +77,7 @@ def test_what_the_drive_was_made_with_comes_out(
 ) -> None:
     """Springs, offsets and tyres within 0.02 %, dampers within 0.1 %; every row within 0.3 N or N·m."""
     result = fitted(reference, inboard, measured)
-    assert len(result.drives[0].rows) == rows, result.drives[0].motion.left_out
+    assert len(result.runs[0].rows) == rows, result.runs[0].motion.left_out
     found = errors(result, reference)
     assert {f"{kind}.{c}" for kind in ("spring", "damper", "offset") for c in CORNERS} <= {
         name.rsplit(".", 1)[0] for name in found
@@ -100,8 +100,8 @@ def test_braking_declared_off_bends_the_springs() -> None:
 def test_without_any_brake_signal_the_driven_suspensions_are_left_out() -> None:
     """And all else is as good as before."""
     result = fitted("hub")
-    assert not {"suspension.rl", "suspension.rr"} & set(result.drives[0].rows)
-    assert "half-shaft" in row_absence(result.drives[0].motion.left_out["suspension.rl"])
+    assert not {"suspension.rl", "suspension.rr"} & set(result.runs[0].rows)
+    assert "half-shaft" in row_absence(result.runs[0].motion.left_out["suspension.rl"])
     found = errors(result, "hub")
     assert "spring.rl.k" not in found
     assert found["spring.fl.k"] < 2e-4
