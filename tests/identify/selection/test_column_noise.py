@@ -55,7 +55,9 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
 
     def products(noisy: PreparedRun | None) -> dict[str, Array]:
         out = {}
-        for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma, noisy):
+        for row, (columns, active) in columns_of(
+            fitted, layout, piece, floor.sigma, noisy and replace(piece, prepared=noisy)
+        ):
             columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
             series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ nuisance
             out[row] = series[:, :-1].T @ series[:, -1]
