@@ -56,8 +56,6 @@ ALLOWED: dict[str, str] = {
     r"\b(nothing (is )?)?left to (explain|find)\b": "a sentence of machine-readable results and of `lacet where`",
     r"mostly pulls at the road": "a force, in a message of the checks on loading",
     r"would tell most": "a sentence of machine-readable results (`next.says`)",
-    r"does not explain what is left|most of it taken up by": "sentences of machine-readable results (`lacet diagnose`)",
-    r"tolerances taken out the row|lacet check tells which": "sentences of machine-readable results (`lacet diagnose`)",
     r"these runs tell no body's parameters": "a sentence of machine-readable results",
     r"sheet's tolerances taken out the row": "a sentence of machine-readable results (`says`)",
     r"lacet check tells which": "a sentence of machine-readable results (`says`)",
@@ -69,19 +67,8 @@ ALLOWED: dict[str, str] = {
 
 NAMES = {
     *("tell", "tells", "told", "telling", "excuse", "excuses", "excused", "freed", "strain", "strained", "strains"),
-    *(
-        "partialled",
-        "partialling",
-        "pull",
-        "pulls",
-        "temper",
-        "tempered",
-        "look",
-        "looks",
-        "looking",
-        "news",
-        "constancy",
-    ),
+    *("partialled", "partialling", "pull", "pulls", "temper", "tempered", "look", "looks", "looking"),
+    *("news", "constancy"),
 }
 """The same as words of an identifier; `left` and what follows a `taken` are judged by what stands beside them."""
 
