@@ -93,7 +93,7 @@ class Question:
                 self.places[-1].append(slice(start, start + len(effect.parameters)))
                 start += len(effect.parameters)
         self.width = start
-        physics = sum(len(effect.parameters) for effect in model.physics)
+        physics = model.physics_size
         beforehand = known_beforehand(model, np.arange(physics, dtype=np.int64))
         tolerance = np.eye(self.first - self.parameters)
         self.known = np.zeros((len(beforehand) + len(tolerance), self.width))

@@ -50,7 +50,7 @@ class Information:
     @classmethod
     def none(cls, model: Model) -> Information:
         """Of no run at all."""
-        p, k = len(model.parameters), sum(len(effect.parameters) for effect in model.physics)
+        p, k = len(model.parameters), model.physics_size
         return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, p)), np.zeros((k, k)))
 
     def __add__(self, other: Information) -> Information:
@@ -136,7 +136,7 @@ def run_information(
         if parts:
             scores += hac(clustered_scores(parts, instants, count)) / draws
     edges = 2.0 * run.recording.filters.edge
-    k = sum(len(effect.parameters) for effect in model.physics)
+    k = model.physics_size
     root = triangle(*roots) if roots else np.zeros((k, k))
     longest = max((len(run.index[row]) for row in run.rows), default=1) * step / run.recording.filters.rate
     return RunInformation(normal, scores, _noise(run, model, sigma, [seed, draws]), zeros.sigma, root, longest, edges)
@@ -147,7 +147,7 @@ def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Seq
     p = len(model.parameters)
     out = np.zeros((p, p))
     added, taken = (run.noisy(0, sign, seed) for sign in (1, -1))
-    k = sum(len(effect.parameters) for effect in model.physics)
+    k = model.physics_size
     for row in run.rows:
         moved = 0.5 * (added.matrix(model.physics, row) - taken.matrix(model.physics, row)) / sigma[row]
         out[:k, :k] += moved.T @ moved

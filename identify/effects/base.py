@@ -7,9 +7,9 @@ A model is a sum of effects and nothing else; a rigid body is an effect too. To 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Self
+from typing import ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -326,3 +326,15 @@ class SensorFault(Effect):
 def is_sensor_fault(family: type[Effect]) -> bool:
     """Whether a family of effects is of faults of the instruments."""
     return issubclass(family, SensorFault)
+
+
+AnEffect = TypeVar("AnEffect", bound=Effect)
+
+
+def with_places(effects: Iterable[AnEffect]) -> Iterator[tuple[AnEffect, slice]]:
+    """Each effect with the place of its parameters, where those of all effects stand one after the other."""
+    start = 0
+    for effect in effects:
+        stop = start + len(effect.parameters)
+        yield effect, slice(start, stop)
+        start = stop

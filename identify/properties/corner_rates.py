@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import PhysicalEffect, SuspensionForce
+from lacet.identify.effects.base import PhysicalEffect, SuspensionForce, with_places
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -61,12 +61,9 @@ BLOCKS = tuple(int(i) for i in np.repeat(np.arange(len(_SIZES)), _SIZES))
 
 def corner_numbers(fitted: Fit) -> Array:
     """(66, p): the packed numbers per unit of each parameter of the physics."""
-    effects = fitted.model.physics
-    out = np.zeros((sum(_SIZES), sum(len(effect.parameters) for effect in effects)))
+    out = np.zeros((sum(_SIZES), fitted.model.physics_size))
     k, c, kk, cc, kt, m, body, f0 = np.split(out, np.cumsum(_SIZES)[:-1])
-    start = 0
-    for effect in effects:
-        part = slice(start, start := start + len(effect.parameters))
+    for effect, part in with_places(fitted.model.physics):
         if effect.name == "body":
             _body(effect, body[:, part], m[:, part])
         elif effect.name == "outboard_mass":

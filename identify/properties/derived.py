@@ -14,7 +14,7 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import RowAbsence
-from lacet.identify.effects.base import SuspensionForce
+from lacet.identify.effects.base import SuspensionForce, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
@@ -146,9 +146,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
         travel = float(np.mean(np.concatenate([d.motion.corners[corner].travel[d.index[row]] for d in runs])))
         rate = np.linspace(min(low, 0.0), max(high, 0.0), points)
         laws = np.zeros((points, len(fitted.physics)))
-        start = 0
-        for effect in fitted.model.physics:
-            part = slice(start, start := start + len(effect.parameters))
+        for effect, part in with_places(fitted.model.physics):
             if isinstance(effect, SuspensionForce):
                 at = {c: np.full(points, travel) for c in CORNERS}
                 moving = suspension_laws(effect, runs[0].motion, at, dict.fromkeys(CORNERS, rate))

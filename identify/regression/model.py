@@ -54,6 +54,11 @@ class Model:
         """Parameters of the physics, then of the sensor faults."""
         return tuple(p for effect in (*self.physics, *self.faults) for p in effect.parameters)
 
+    @cached_property
+    def physics_size(self) -> int:
+        """Number of the physics' parameters: those of the sensor faults follow them."""
+        return sum(len(effect.parameters) for effect in self.physics)
+
     @property
     def names(self) -> tuple[str, ...]:
         """Parameter names."""

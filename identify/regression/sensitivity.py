@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import PhysicalEffect, SensorFault
+from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
@@ -34,13 +34,10 @@ _COARSE = 0.04
 def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[str, Array]:
     """Y − W θ at full rate, row → (N,), by each effect's own force law."""
     out = {row: motion.measured(row).copy() for row in motion.rows}
-    start = 0
-    for effect in effects:
-        stop = start + len(effect.parameters)
-        for row, force in effect.force(motion, values[start:stop]).items():
+    for effect, place in with_places(effects):
+        for row, force in effect.force(motion, values[place]).items():
             if row in out:
                 out[row] -= force
-        start = stop
     return out
 
 
@@ -150,12 +147,9 @@ def _enters(effect: PhysicalEffect) -> bool:
 
 def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
     keep: list[float] = []
-    start = 0
-    for effect in effects:
-        stop = start + len(effect.parameters)
+    for effect, place in with_places(effects):
         if _enters(effect):
-            keep.extend(values[start:stop])
-        start = stop
+            keep.extend(values[place])
     return np.asarray(keep)
 
 

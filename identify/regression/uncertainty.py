@@ -122,9 +122,11 @@ def _comb(run: PreparedRun) -> int:
     return recording.t.size // recording.filters.step + 1
 
 
-SUB_BLOCK = 0.5
-"""Shortest unit that the block bootstrap moves [s]; a block is four of them."""
+BLOCK = 2.0
+"""Length of a block that counts as one observation: residuals are correlated within it [s]."""
 _BLOCK_UNITS = 4
+SUB_BLOCK = BLOCK / _BLOCK_UNITS
+"""Shortest unit that the block bootstrap moves [s]."""
 _MOST_UNITS = 400
 
 

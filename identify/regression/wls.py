@@ -146,7 +146,7 @@ class Fit:
     @property
     def physics(self) -> Array:
         """Values of the physics' parameters, without those of sensor faults."""
-        return self.theta[: sum(len(e.parameters) for e in self.model.physics)]
+        return self.theta[: self.model.physics_size]
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -374,7 +374,7 @@ def _result(model: Model, base: BaseParameters, options: FitOptions, found: _Sol
     iid = inverse @ inverse.T
     ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in model.faults))
     moved = [iid @ push for (what, channel, _), push in spread.sheet.items() if (what, channel) not in ours]
-    physics = sum(len(effect.parameters) for effect in model.physics)
+    physics = model.physics_size
     total = physics + len(model.faults)
     place = np.concatenate([base.independent, np.arange(physics, total)]).astype(int)
 

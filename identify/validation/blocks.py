@@ -8,9 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.regression.prepared_run import PreparedRun
-
-BLOCK = 2.0
-"""Length of a block [s]."""
+from lacet.identify.regression.uncertainty import BLOCK
 
 
 def block_numbers(runs: Sequence[PreparedRun], row: str) -> NDArray[np.intp]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from lacet.identify.effects.base import with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, corrected_run
@@ -30,12 +31,9 @@ def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
     run.prepare(fitted.model.physics)
     zeros, values = comparison.zeros
     effects: dict[str, dict[str, Array]] = {row: {} for row in run.rows}
-    start = 0
-    for effect in fitted.model.physics:
-        stop = start + len(effect.parameters)
-        theta = fitted.physics[start:stop]
+    for effect, place in with_places(fitted.model.physics):
+        theta = fitted.physics[place]
         for row, columns in run.columns(effect).items():
             if row in effects:
                 effects[row][effect.key] = theta @ columns
-        start = stop
     return Shares(effects, {row: zeros.columns[row] @ values for row in run.rows})

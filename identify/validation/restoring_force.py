@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.effects.base import with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
@@ -103,9 +104,7 @@ def _moving(run: PreparedRun, row: str, corner: str) -> Array:
 def _modelled(fitted: Fit, run: PreparedRun, row: str) -> Array:
     """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
     out = np.zeros(len(run.index[row]))
-    start = 0
-    for effect in fitted.model.physics:
-        part = slice(start, start := start + len(effect.parameters))
+    for effect, part in with_places(fitted.model.physics):
         rows = run.columns(effect)
         if row in rows and all(name.startswith("suspension.") for name in rows):
             out = out + run.matrix((effect,), row) @ fitted.physics[part]
