@@ -12,7 +12,7 @@ from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import find_effect
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.diagnosis_text import print_change
+from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study

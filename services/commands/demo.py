@@ -21,8 +21,8 @@ from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_ro
 from lacet.services.commands import decode
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.diagnosis_text import print_change, print_diagnosis
 from lacet.services.render.progress import in_words
+from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import diagnosis_result

@@ -14,8 +14,8 @@ from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.planning.separation import next_result, recommend, tied, untestable
 from lacet.services.render import tables
-from lacet.services.render.diagnosis_text import print_change, print_diagnosis
 from lacet.services.render.separation_report import hint, next_text
+from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.results import diagnosis_result
 from lacet.services.workspace.session import MOST_EFFECTS, Work
 from lacet.services.workspace.study import Study

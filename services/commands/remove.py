@@ -8,7 +8,7 @@ from pathlib import Path
 from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.diagnosis_text import print_change
+from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.results import change_result
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study

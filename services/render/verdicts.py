@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from lacet.identify.selection.diagnose import Diagnosis, Grounds
 from lacet.identify.selection.score_tests import Answer, Candidate, Pending, Reason, implausible, is_significant
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.symbolic_laws import Formula
+from lacet.services.render import tables
 
 
 def says(d: Diagnosis) -> str:
@@ -249,3 +251,20 @@ def _rounded(value: float, half: float) -> str:
     if not half > 0.0 or not np.isfinite(half):
         return f"{value:.3g}"
     return f"{value:.{max(0, 1 - int(np.floor(np.log10(half))))}f}"
+
+
+def print_diagnosis(result: Mapping[str, Any], most: int, why: bool) -> None:
+    """Print the verdict and the ranking."""
+    print(f"{result['says']}\n\n{tables.candidates(result, most)}\n", flush=True)
+    if why:
+        for c in result["candidates"]:
+            print(f"  {c['effect']}: {c['why']}")
+
+
+def print_change(item: Mapping[str, Any], what: str = "Added") -> None:
+    """One line: how far the error fell."""
+    used, held = item["used"], item["held"]
+    text = f"{what} {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
+    if held["before"] == held["before"]:
+        text += f", {held['before']:.2f} → {held['after']:.2f} on those held out"
+    print(f"{text}.\n", flush=True)
