@@ -21,7 +21,15 @@ from lacet.identify.signals.filters import Filters
 from lacet.services.commands.progress import Line
 from lacet.services.planning.manoeuvre_library import KMH, G, Limits, check, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
-from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, first_fit, like_runs, next_runs, simulated_runs
+from lacet.services.planning.simulated_plans import (
+    SECONDS,
+    PlannedRun,
+    SensorSetup,
+    first_fit,
+    like_runs,
+    next_runs,
+    simulated_runs,
+)
 from lacet.services.render import tables
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.session import Work
@@ -185,9 +193,8 @@ def _runs(
     plans = library(like.car, limits, names, SECONDS)
     rates = start.prepared[0].recording.rates if start.prepared else None
     channels = frozenset(name for drive in start.prepared for name in drive.recording.rates) if start.prepared else None
-    runs, problems = simulated_runs(
-        plans, like, start.vehicle, start.rig, start.filters, limits, start.folder, line.progress, rates, channels
-    )
+    sensors = SensorSetup(start.rig, start.filters, rates, channels)
+    runs, problems = simulated_runs(plans, like, start.vehicle, sensors, limits, start.folder, line.progress)
     return runs, like.assumed, problems
 
 

@@ -32,7 +32,7 @@ from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
-from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, simulated_runs
+from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
 from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Work
@@ -224,10 +224,8 @@ def _library(
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
     channels = frozenset(name for run in loaded.prepared for name in run.recording.rates)
-    return simulated_runs(
-        plans, like, loaded.vehicle, loaded.rig, work.study.filters, limits, work.study.folder / "planned", progress,
-        loaded.prepared[0].recording.rates, channels,
-    )  # fmt: skip
+    sensors = SensorSetup(loaded.rig, work.study.filters, loaded.prepared[0].recording.rates, channels)
+    return simulated_runs(plans, like, loaded.vehicle, sensors, limits, work.study.folder / "planned", progress)
 
 
 def _judged(

@@ -48,7 +48,7 @@ ABOVE = 1.1
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run that could be driven: `label` in words, `drive` its motion, `settings` of the manoeuvre (empty for a run
+    """A run that could be driven: `label` in words, `prepared` its motion, `settings` of the manoeuvre (empty for a run
     like a measured one), `speed` [m/s] and `lateral`, the peak lateral acceleration [m/s²], of a simulated one."""
 
     label: str
@@ -59,30 +59,48 @@ class PlannedRun:
     lateral: float | None = None
 
 
+@dataclass(frozen=True)
+class SensorSetup:
+    """The sensors that planned runs would be measured with.
+
+    Attributes
+    ----------
+    rig : their places and their sensor sheet.
+    filters : the signal chain of the fit.
+    rates : the channels' own sample rates [Hz], where runs have shown them.
+    channels : those that runs at hand have; None for all of the rig.
+    """
+
+    rig: Rig
+    filters: Filters
+    rates: Mapping[str, float] | None = None
+    channels: frozenset[str] | None = None
+
+
 def simulated_runs(
-    plans: Sequence[Plan], like: PlannedCar, vehicle: Vehicle, rig: Rig, filters: Filters, limits: Limits,
-    folder: Path | None, progress: Progress, rates: Mapping[str, float] | None = None,
-    channels: frozenset[str] | None = None,
+    plans: Sequence[Plan], like: PlannedCar, vehicle: Vehicle, sensors: SensorSetup, limits: Limits,
+    folder: Path | None, progress: Progress,
 ) -> tuple[list[PlannedRun], list[str]]:  # fmt: skip
     """Motions of a library as the rig's sensors would see them, and why some could not be made.
 
     Parameters
     ----------
+    plans, limits : the library, and what may be driven.
+    like, vehicle : the car that is simulated, and the one identified.
+    sensors : what measures it.
     folder : where motions are kept and found again; None keeps none.
-    rates : the channels' own sample rates, where runs have shown them.
-    channels : those that runs at hand have; None for all of the rig.
     """
     out: list[PlannedRun] = []
     problems: list[str] = []
     for number, plan in enumerate(plans, 1):
         progress(Step(Stage.SIMULATING_RUN, number, len(plans), plan.label))
         try:
-            run, lateral, factor = _motion(plan, like, rig, limits, folder)
-            if channels is not None:
-                run = replace(run, signals={name: s for name, s in run.signals.items() if name in channels})
-            drive = PreparedRun.of(run, vehicle, rig, filters)
-            own = {name: (rates or {}).get(name, CHANNELS[name].rate) for name in drive.recording.rates}
-            drive = PreparedRun(replace(drive.recording, rates=own))
+            run, lateral, factor = _motion(plan, like, sensors.rig, limits, folder)
+            if (there := sensors.channels) is not None:
+                run = replace(run, signals={name: s for name, s in run.signals.items() if name in there})
+            prepared = PreparedRun.of(run, vehicle, sensors.rig, sensors.filters)
+            own = {name: (sensors.rates or {}).get(name, CHANNELS[name].rate) for name in prepared.recording.rates}
+            prepared = PreparedRun(replace(prepared.recording, rates=own))
         except LacetError as error:
             if not isinstance(error, SimulationFailed):
                 raise
@@ -92,7 +110,7 @@ def simulated_runs(
         if plan.lateral:
             settings["amplitude"] *= factor
         label, kind = plan.label_at(lateral), plan.manoeuvre.name
-        out.append(PlannedRun(label, drive, settings, kind, plan.manoeuvre.speed, lateral))
+        out.append(PlannedRun(label, prepared, settings, kind, plan.manoeuvre.speed, lateral))
     return out, problems
 
 

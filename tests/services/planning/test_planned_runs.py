@@ -25,7 +25,7 @@ from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.services.planning.manoeuvre_library import Limits, Plan, library
 from lacet.services.planning.nominal_car import known_values, planned_car
-from lacet.services.planning.simulated_plans import PlannedRun, simulated_runs
+from lacet.services.planning.simulated_plans import PlannedRun, SensorSetup, simulated_runs
 from lacet.simulate import Manoeuvre, Sheet, exchange_run, find_car, make_manoeuvre, run
 from lacet.simulate.vehicle_file import vehicle_text
 
@@ -61,7 +61,7 @@ def planned(chosen: list[Plan]) -> list[PlannedRun]:
     like = planned_car(VEHICLE, known_values(VEHICLE, present(), "contact"))
     rates = sinus().recording.rates
     made, problems = simulated_runs(
-        chosen, like, VEHICLE, RIG, Filters(), Limits(), None, lambda text: None, rates=rates
+        chosen, like, VEHICLE, SensorSetup(RIG, Filters(), rates), Limits(), None, lambda step: None
     )
     assert problems == []
     return made

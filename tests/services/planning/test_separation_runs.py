@@ -25,7 +25,7 @@ from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.planning.manoeuvre_library import Limits, Plan, library
 from lacet.services.planning.nominal_car import known_values, planned_car
-from lacet.services.planning.simulated_plans import simulated_runs
+from lacet.services.planning.simulated_plans import SensorSetup, simulated_runs
 from lacet.simulate import Hidden, Sheet, exchange_run, find_car, make_manoeuvre, run
 from lacet.simulate.vehicle_file import vehicle_text
 
@@ -103,7 +103,7 @@ def compared(pair: str, true: int, kinds: Sequence[str] = KINDS) -> dict[str, tu
     plans: list[Plan] = [library(like.car, Limits(), [kind], SECONDS)[-1] for kind in kinds]
     rates = fitted.runs[0].recording.rates
     made, problems = simulated_runs(
-        plans, like, VEHICLE, RIG, Filters(), Limits(), None, lambda text: None, rates=rates
+        plans, like, VEHICLE, SensorSetup(RIG, Filters(), rates), Limits(), None, lambda step: None
     )
     assert problems == []
     a, b = true, 1 - true
