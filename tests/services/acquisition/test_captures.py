@@ -23,7 +23,7 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.score import compare, pooled_ratio
@@ -173,7 +173,7 @@ def test_the_expected_model_fits_and_predicts(campaign: str, decoded: dict[Path,
             assert score.ratio < bounds["held_at_most"], f"{comparison.name} {row}"
     assert pooled_ratio(scores(comparisons)) < bounds["overall_at_most"]
     if told["added"]:
-        plain = fit(base, used, unbias=False)  # what noise does to it is nothing beside what it lacks
+        plain = fit(base, used, FitOptions(unbias=False))  # what noise does to it is nothing beside what it lacks
         before = pooled_ratio(scores([compare(plain, drive, 4) for drive in held]))
         assert before > bounds["base_model_held_overall_at_least"]
 

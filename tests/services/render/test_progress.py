@@ -39,7 +39,7 @@ def test_every_stage_has_a_sentence(stage):
         ),
         (
             Step(Stage.RELINEARISATION, 2, values={"a": 0.001, "b": -0.0042}),
-            "the runs read again, latencies up to 4.2 ms taken out (2)",
+            "the runs read again, latencies up to 4.2 ms removed (2)",
         ),
         (Step(Stage.REGRESSOR_NOISE, 7, 80), "the noise in what they follow: 7 of 80 draws"),
         (Step(Stage.SIMULATING_RUN, 2, 9, "sine at 20 m/s"), "simulating 2 of 9: sine at 20 m/s"),

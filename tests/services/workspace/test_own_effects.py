@@ -143,7 +143,7 @@ OWN = """
 from __future__ import annotations
 from dataclasses import dataclass
 import numpy as np
-from lacet.identify.effects.base import SuspensionForce, Effect
+from lacet import SuspensionForce, Effect
 
 @dataclass(frozen=True)
 class Mine(SuspensionForce):

@@ -23,7 +23,7 @@ OWN = '''\
 from __future__ import annotations
 from typing import ClassVar
 import numpy as np
-from lacet.identify.effects.base import SuspensionForce
+from lacet import SuspensionForce
 
 class RollStop(SuspensionForce):
     """A force with the cube of travel, as nobody else has it."""

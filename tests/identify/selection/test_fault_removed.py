@@ -22,7 +22,7 @@ from tests.identify.exact_car import KNOWN, MODEL, driven, exact, exact_with, fi
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 
 HUB, CUBIC = "sensor_gain.hub.fl", "spring_cubic.front"
-TAKEN = f"the runs read again with {HUB} taken out"
+REMOVED = f"the runs read again with {HUB} removed"
 
 
 def scaled(record: Recording, by: float) -> Recording:
@@ -50,7 +50,7 @@ def holds(found: Diagnosis, by: float) -> bool:
 def test_a_scale_is_named_that_first_order_does_not_tell(k3: float, by: float):
     """Alone, and beside a stiffening spring, for which a moved zero is another stiffness."""
     found, said = diagnosed(scaled(exact_with(KNOWN[CUBIC], k3) if k3 else exact(), by))
-    assert TAKEN in said
+    assert REMOVED in said
     assert found.verdict == "missing"
     assert holds(found, by)
     assert found.explained > 0.75
@@ -62,7 +62,7 @@ def test_a_scale_is_named_that_first_order_does_not_tell(k3: float, by: float):
 def test_a_scale_beside_a_cause_that_is_not_listed_leaves_it_unlisted(by: float):
     """Of what fails it explains less than may stay, once it is taken out."""
     found, said = diagnosed(scaled(exact_with(HIDDEN, (1.0 if by < 0.04 else 0.3) * SIZE), by))
-    assert TAKEN in said
+    assert REMOVED in said
     assert found.verdict == "unlisted cause"
     assert found.best is None
 
@@ -70,7 +70,7 @@ def test_a_scale_beside_a_cause_that_is_not_listed_leaves_it_unlisted(by: float)
 def test_a_large_scale_is_named_before_a_small_cause_that_is_not_listed():
     """It takes all but a twentieth; what stays is told once it is in the model."""
     found, said = diagnosed(scaled(exact_with(HIDDEN, 0.3 * SIZE), 0.09))
-    assert TAKEN in said
+    assert REMOVED in said
     assert found.verdict == "missing"
     assert holds(found, 0.09)
     assert found.together == (HUB,)
@@ -80,7 +80,7 @@ def test_a_large_scale_is_named_before_a_small_cause_that_is_not_listed():
 def test_runs_are_not_read_again_for_laws_or_where_columns_tell_enough(size: float, by: float):
     """A law that is in no catalogue; and a scale that is named at once."""
     found, said = diagnosed(scaled(exact_with(HIDDEN, size) if size else exact(), by))
-    assert not any("taken out" in line for line in said)
+    assert not any("removed" in line for line in said)
     assert (found.best is None) == bool(size)
 
 
