@@ -14,6 +14,7 @@ from scipy.ndimage import uniform_filter1d
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative, zero_phase
 
@@ -155,7 +156,7 @@ def _along_road(motion: Motion) -> Array:
     """Longitudinal acceleration [m/s²]: specific force without the weight that a pitched body feels."""
     if motion.attitude is None:
         return motion.body.accel[0]
-    return motion.body.accel[0] + 9.81 * np.sin(motion.attitude[1])
+    return motion.body.accel[0] + STANDARD_GRAVITY * np.sin(motion.attitude[1])
 
 
 def _speed(motion: Motion) -> Array | None:

@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.identify.multibody.arguments import absent_names, all_parameters, joint_states, symbol_values, unused
-from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, wrench, wrench_regressor
+from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, STANDARD_GRAVITY, wrench, wrench_regressor
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
 from lacet.identify.multibody.symoro import read_par
 from lacet.identify.multibody.vectors import Array, cross, rotation, unit
 
 _Z = unit(2)
-GRAVITY = (0.0, 0.0, -9.81)
+GRAVITY = (0.0, 0.0, -STANDARD_GRAVITY)
+"""Acceleration of gravity in the ground frame where nothing else is said [m/s²], z up."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +79,7 @@ class Chain:
     --------
     >>> pendulum = lacet.Chain.from_table([{"j": 1, "ant": 0, "sigma": 0, "alpha": "pi/2"}])
     >>> pendulum.inverse_dynamics([[0.0]], [[0.0]], [[0.0]], {"MX1": 2.0}).round(2).tolist()
-    [[19.62]]
+    [[19.61]]
     """
 
     def __init__(
@@ -144,7 +145,7 @@ class Chain:
         values : numbers of the file's symbols, lengths [m] and angles [rad]. Without them base parameters can be had,
             and whatever needs numbers says which symbols lack one.
         gravity : acceleration of gravity in the ground frame [m/s²]; by default the file's G, and when its third entry
-            has no value (``G3``) −9.81 along z, as `notes` then says.
+            has no value (``G3``) −`STANDARD_GRAVITY` along z, as `notes` then says.
         name : of the file, for messages.
 
         Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.

@@ -15,6 +15,10 @@ PARAMETERS = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 FRICTION = ("IA", "FV", "FS")
 """Parameters of a joint: rotor inertia, viscous and Coulomb friction, in SYMORO's names."""
 
+STANDARD_GRAVITY = 9.80665
+"""Standard acceleration of gravity [m/s²], by definition of the 3rd General Conference on Weights and Measures (1901).
+The one value used wherever no measurement of gravity is."""
+
 UNITS = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 
 

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.car.car_tree import kinematics
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import CornerNumbers
 
-G = 9.81
-"""Standard gravity as the simulators and the paper round it [m/s²]."""
 _AXLES = {"front": (0, 1), "rear": (2, 3)}
 Values = dict[str, tuple[float, str]]
 """Name → value and unit."""

@@ -21,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
@@ -29,7 +30,6 @@ _CLEAR = 0.5
 """Another assignment of wheels to corners must leave less than this part of the misfit to be believed."""
 _FOLLOWS = 0.25
 """Part of a wheel's load variance that its tyre deflection may leave for the check to say anything."""
-_G: Final = 9.80665
 _DEGREE: Final = math.pi / 180.0
 _TWICE: Final = 2.0
 """Factor, too large or too small, from which a value is implausible."""
@@ -159,8 +159,8 @@ def _gravity(run: PreparedRun) -> Iterator[Doubt]:
     if force.shape[1] < _LEAST:
         return
     size, up = float(np.median(np.linalg.norm(force, axis=0))), float(np.median(force[2]))
-    if not _near(size / _G):
-        guess = _guess(size / _G, {1 / _G: "g", 1e3: "mm/s²", 3.281: "ft/s²"})
+    if not _near(size / STANDARD_GRAVITY):
+        guess = _guess(size / STANDARD_GRAVITY, {1 / STANDARD_GRAVITY: "g", 1e3: "mm/s²", 3.281: "ft/s²"})
         yield Doubt(Symptom.GRAVITY_SIZE, value=size, guess=guess)
     elif up < 0.5 * size:
         yield Doubt(Symptom.GRAVITY_DIRECTION, value=up)
@@ -177,8 +177,8 @@ def _weight(run: PreparedRun) -> Iterator[Doubt]:
     upward = [f"wheel.{c}.force" for c, load in each.items() if load < 0.0]
     if weight < 0.0:
         yield Doubt(Symptom.WEIGHT_SIGN, value=weight)
-    elif weight / _G < _LIGHT * _wheelbase(run) ** 3:
-        yield Doubt(Symptom.WEIGHT_SIZE, value=weight, other=weight / _G, guess="kN")
+    elif weight / STANDARD_GRAVITY < _LIGHT * _wheelbase(run) ** 3:
+        yield Doubt(Symptom.WEIGHT_SIZE, value=weight, other=weight / STANDARD_GRAVITY, guess="kN")
     elif upward:
         yield Doubt(Symptom.WHEEL_LOAD_SIGN, tuple(upward))
 

@@ -14,12 +14,13 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
 from lacet.services.commands.progress import Line
-from lacet.services.planning.manoeuvre_library import KMH, G, Limits, check, kinds, library
+from lacet.services.planning.manoeuvre_library import KMH, Limits, check, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import (
     SECONDS,

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
 
 KMH = 1.0 / 3.6
-G = 9.80665
 LOCK = 0.45
 """Largest steering angle asked for [rad]."""
 

@@ -27,7 +27,7 @@ from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.chain import FrameMotion
-from lacet.identify.multibody.rigid_body import move_parameters
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY, move_parameters
 from tests.identify import cars
 
 CHAIN = car_chain().chain
@@ -62,7 +62,9 @@ def test_every_joint_acts_along_its_named_axis() -> None:
         to_body, e = car_chain().to_body[k], np.eye(3)["xyz".index(axis)]
         turned = CHAIN.joints[k].sigma == 0
         np.testing.assert_allclose(to_body @ frame.omega[:, 0], e if turned else 0.0 * e, atol=1e-12)
-        np.testing.assert_allclose(to_body @ moved.accel[:, 0] - [0, 0, 9.81], 0.0 * e if turned else e, atol=1e-12)
+        np.testing.assert_allclose(
+            to_body @ moved.accel[:, 0] - [0, 0, STANDARD_GRAVITY], 0.0 * e if turned else e, atol=1e-12
+        )
 
 
 def full_chain_states(motion: Motion, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -294,5 +296,5 @@ def test_frame_motion_is_what_it_says() -> None:
     frames = CHAIN.propagate(q, 0 * q, 0 * q)
     for frame in frames:
         assert isinstance(frame, FrameMotion)
-        np.testing.assert_allclose(np.linalg.norm(frame.accel, axis=0), 9.81, rtol=1e-12)
+        np.testing.assert_allclose(np.linalg.norm(frame.accel, axis=0), STANDARD_GRAVITY, rtol=1e-12)
         assert not np.any(frame.omega)

@@ -79,7 +79,7 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
     """The rank needs no values; torques name the symbols that lack one; a misspelt one is pointed at."""
     chain = load_chain(FOLDER / "CarLite.par")
     assert chain.missing == ("LF", "EF", "LR", "ER")
-    assert any("G3" in note and "-9.81" in note for note in chain.notes)
+    assert any("G3" in note and "-9.80665" in note for note in chain.notes)
     base = base_parameters(chain)
     assert base.rank == 68
     zero = np.zeros((1, 16))

@@ -15,11 +15,12 @@ from scipy.optimize import minimize
 from lacet.daq.channels import CORNERS
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import CornerNumbers, corner_numbers
 from lacet.identify.properties.derived import Derived, damper_curves, derived_values, ranges
-from lacet.identify.properties.ride_model import G, modes, ride_values, roll_centre
+from lacet.identify.properties.ride_model import modes, ride_values, roll_centre
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
