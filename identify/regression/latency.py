@@ -21,6 +21,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.regression.gauss_newton import CHECK_RULE, LinearStep, StepRule
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.stacked_equations import Columns
@@ -35,11 +36,8 @@ PRIOR = 0.020
 TESTABLE = 0.005
 """A latency whose 95 % interval is wider than ± this is not testable with the runs [s]."""
 
-_CLOSE = 5e-5
-"""The latencies stand still when no step is larger than this [s]."""
-
-_FARTHEST = 0.015
-"""Longest step at once [s]: a fifth of the period at the fit's cut-off or so, beyond which the columns mislead."""
+_NEAR_RULE = replace(CHECK_RULE, close=0.001, close_of_interval=0.1)
+"""A step that is small by this rule is followed by those of fits that are corrected for noise."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +106,7 @@ def estimate_latencies(
     filters: Filters | None = None,
     base: str | None = None,
     progress: Progress = silent,
-    most: int = 12,
+    rule: StepRule = CHECK_RULE,
 ) -> Timings:
     """Estimate the latency of every sensor but the time base.
 
@@ -117,7 +115,7 @@ def estimate_latencies(
     model : the physics; latencies in it are left out, as they are estimated here.
     runs, vehicle, rig : the runs as recorded, the car, and the rig to start from and to report against.
     base : name of the time base (default: `time_base`).
-    most : readings of the runs at most.
+    rule : limit of the steps, and when they end; the runs are read once more than steps are made.
 
     Raises UsageError when the rig has no sensor `base`, NotIdentifiable when the runs have no row.
     """
@@ -129,33 +127,47 @@ def estimate_latencies(
     there = {channel for run in runs for channel in run.signals}
     late = [s for s in rig.sensors if s.name != base and there.intersection(s.channels)]
     faults = [SensorLatency.of_sensor(s) for s in late]
-    shift = np.zeros(len(late))
-    settled, unbias = False, False
-    steps = 0
-    while True:
-        steps += 1
-        progress(
-            Step(Stage.LATENCIES, steps, most, values=dict(zip((s.name for s in late), shift.tolist(), strict=True)))
-        )
+    last: list[_Reading] = []  # no earlier one is kept: each holds the runs
+
+    def step_at(steps_made: int, shift: Array) -> LinearStep:
+        """What these latencies still lack, from the runs read with them."""
+        values = dict(zip((s.name for s in late), shift.tolist(), strict=True))
+        progress(Step(Stage.LATENCIES, steps_made + 1, rule.most + 1, values=values))
         shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
         drives = [PreparedRun.of(run, vehicle, shifted, filters) for run in runs]
+        # The correction for noise costs most of the time and moves latencies little: it comes last.
+        unbias = bool(last) and last[0].is_near
         fitted = fit(physics, drives, FitOptions(unbias=unbias))
         step, covariance, seen = _step(fitted, faults, shift)
         half = 1.96 * np.sqrt(np.diag(covariance))
-        step = np.clip(step, -_FARTHEST, _FARTHEST)
-        still = bool(np.all(np.abs(step) < np.maximum(_CLOSE, 0.05 * half)))
-        if (unbias and still) or steps >= most:
-            settled = still
-            break
-        shift = shift + step
-        # The correction for noise costs most of the time and moves latencies little: it comes last.
-        unbias = unbias or bool(np.all(np.abs(step) < np.maximum(0.001, 0.1 * half)))
+        last[:] = [_Reading(fitted, half, seen, unbias or _NEAR_RULE.is_small(rule.limited(step), shift, half))]
+        return LinearStep(step, half, final=unbias)
+
+    found = rule.relinearised(step_at, np.zeros(len(late)))
+    (read,) = last
     timings = tuple(
         SensorTiming(s.name, s.latency, s.latency + float(x), float(h) if ok else np.inf)
-        for s, x, h, ok in zip(late, shift, half, seen, strict=True)
+        for s, x, h, ok in zip(late, found.values, read.half, read.seen, strict=True)
     )
     rig_found = shifted_rig(rig, {one.sensor: one.found - one.rig for one in timings if one.testable})
-    return Timings(base, timings, rig_found, fitted, steps, settled)
+    return Timings(base, timings, rig_found, read.fitted, found.made + 1, found.settled)
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """The runs, read with some latencies.
+
+    Attributes
+    ----------
+    fitted : the model, fitted to them.
+    half, seen : (l,) half of each latency's 95 % interval [s]; whether any row depends on it.
+    is_near : whether the latencies are so near that the next fit is corrected for noise.
+    """
+
+    fitted: Fit
+    half: Array
+    seen: NDArray[np.bool_]
+    is_near: bool
 
 
 def shifted_rig(rig: Rig, shifts: Mapping[str, float]) -> Rig:

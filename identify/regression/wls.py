@@ -20,6 +20,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Assembly, Known
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS, NoiseMoments
+from lacet.identify.regression.gauss_newton import FAULT_RULE, StepRule
 from lacet.identify.regression.huber import BadSecond, bad_seconds, huber_weights
 from lacet.identify.regression.identifiability import refuse_not_finite
 from lacet.identify.regression.model import Model, known_beforehand
@@ -149,6 +150,15 @@ class Fit:
         return self.theta[: self.model.physics_size]
 
     @property
+    def omega(self) -> float:
+        """Angular frequency of the fit's cut-off [rad/s]."""
+        return 2.0 * np.pi * self.runs[0].recording.filters.fit_cutoff
+
+    def latency_rule(self, most: int, longest: float, close: float, first_close: float) -> StepRule:
+        """Rule for steps of latencies [s] whose limits are phases ω τ at the fit's cut-off [rad]."""
+        return StepRule(most, longest, close, first_close, scale=self.omega)
+
+    @property
     def rows(self) -> tuple[str, ...]:
         """Rows that any run has, in the order of reports."""
         return tuple(row for row in ROWS if row in self.sigma)
@@ -235,25 +245,27 @@ def fit(
     """
     corrected, options = tuple(runs), options or FitOptions()
     biased = replace(options, unbias=False)
-    faults = np.zeros(len(model.faults))
-    bounds = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
-    low, high = np.array(bounds).reshape(-1, 2).T
     out = _fit_linear(model, corrected, biased if model.faults else options, stored, progress)
+    if not model.faults:
+        return out
+
+    def remaining_faults(steps_made: int, faults: Array) -> Array:
+        """What a fit to the runs without these faults still finds of them."""
+        nonlocal corrected, out
+        if steps_made:
+            corrected = tuple(PreparedRun(at_faults(run.recording, model.faults, faults)) for run in runs)
+            out = _fit_linear(model, corrected, biased, stored, near=out.physics)
+        return out.theta[out.theta.size - faults.size :]
+
     # A sensor fault is linear only for small values: remove what was found and re-linearise.
-    for _ in range(4 if model.faults else 0):
-        step = out.theta[out.theta.size - faults.size :]
-        faults = np.clip(faults + step, low, high)
-        corrected = tuple(PreparedRun(at_faults(run.recording, model.faults, faults)) for run in runs)
-        out = _fit_linear(model, corrected, biased, stored, near=out.physics)
-        if np.all(np.abs(step) < 1e-3 * np.abs(faults)):
-            break
-    if model.faults and options.unbias:
+    limits = [(q.low, q.high) for fault in model.faults for q in fault.parameters]
+    low, high = np.array(limits).reshape(-1, 2).T
+    faults = FAULT_RULE.relinearised(remaining_faults, np.zeros(len(model.faults)), (low, high)).values
+    if options.unbias:
         out = _fit_linear(model, corrected, options, stored, progress, out.physics)
-    if model.faults:
-        theta = out.theta.copy()
-        theta[theta.size - faults.size :] += faults
-        out = replace(out, theta=theta)
-    return out
+    theta = out.theta.copy()
+    theta[theta.size - faults.size :] += faults
+    return replace(out, theta=theta)
 
 
 def _fit_linear(

@@ -331,7 +331,7 @@ class Linearisation:
     @property
     def omega(self) -> float:
         """Angular frequency of the fit's cut-off [rad/s]."""
-        return 2.0 * np.pi * self.fitted.runs[0].recording.filters.fit_cutoff
+        return self.fitted.omega
 
     def known(self, prior_side: Array) -> tuple[NDArray[np.intp], Array, Array]:
         """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""

@@ -53,17 +53,24 @@ def relinearise(
 ) -> Linearisation:
     """Linearise anew at the latencies found, where ω τ of one is beyond `straight` [rad], until steps are small."""
     entries, first = list(recorded.latency_tolerances), recorded.fitted
-    tolerances, longest = np.array(list(recorded.latency_tolerances.values())), SELECTION.most_phase_of_step
-    latencies, now = np.zeros(len(entries)), recorded
-    for iteration in range(SELECTION.most_relinearisations if entries else 0):
-        step = remaining_latencies(now, latencies / tolerances) * tolerances
-        if np.all(np.abs(now.omega * step) < (SELECTION.settled_phase if iteration else straight)):
-            break
-        latencies = latencies + np.clip(step, -longest / now.omega, longest / now.omega)
-        removed = dict(zip(entries, latencies.tolist(), strict=True))
-        progress(Step(Stage.RELINEARISATION, iteration + 1, values=_by_channel(removed)))
-        now = Linearisation.of(first.without_latencies(removed), recorded.floor.without_draws())
-        assert list(now.latency_tolerances) == entries
+    if not entries:
+        return recorded
+    tolerances, now = np.array(list(recorded.latency_tolerances.values())), recorded
+
+    def step_at(steps_made: int, latencies: Array) -> Array:
+        """Latencies that the runs without these still show [s]."""
+        nonlocal now
+        if steps_made:
+            removed = dict(zip(entries, latencies.tolist(), strict=True))
+            progress(Step(Stage.RELINEARISATION, steps_made, values=_by_channel(removed)))
+            now = Linearisation.of(first.without_latencies(removed), recorded.floor.without_draws())
+            assert list(now.latency_tolerances) == entries
+        return remaining_latencies(now, latencies / tolerances) * tolerances
+
+    screening_rule = first.latency_rule(
+        SELECTION.most_relinearisations, SELECTION.most_phase_of_step, SELECTION.settled_phase, first_close=straight
+    )
+    latencies = screening_rule.relinearised(step_at, np.zeros(len(entries))).values
     if now is recorded:
         return recorded
     removed = dict(zip(entries, latencies.tolist(), strict=True))
