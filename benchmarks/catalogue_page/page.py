@@ -14,6 +14,7 @@ from typing import Any
 from benchmarks.catalogue_page.cases import CAR, CASES, DURATION, RIG, SEED, Case
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import ROWS
 from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.excluded import EXCLUDED, ExcludedEffect
@@ -89,7 +90,7 @@ def group_of(cls: type[Effect]) -> str:
         return "Aerodynamics"
     if cls.__module__.rpartition(".")[2] in KINEMATICS:
         return "Kinematics"
-    kinds = {row.partition(".")[0] for row in cls.rows}
+    kinds = {row.kind for row in ROWS if row in cls.rows or row.kind in cls.rows}
     return "Body" if kinds == {"chassis"} else "Tyres" if kinds == {"tyre"} else "Suspension"
 
 

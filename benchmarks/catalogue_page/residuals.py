@@ -21,6 +21,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
@@ -36,36 +37,36 @@ Array = NDArray[np.float64]
 BUILD = Path(__file__).parents[2] / "build" / "catalogue_page"
 
 
-def _speed_squared(motion: Motion, row: str) -> State:
+def _speed_squared(motion: Motion, row: Row) -> State:
     assert motion.velocity is not None
     return State("speed squared", "m²/s²", 2, np.sum(motion.velocity[:2] ** 2, axis=0))
 
 
-def _slipping(motion: Motion, row: str) -> State:
+def _slipping(motion: Motion, row: Row) -> State:
     assert motion.velocity is not None
     forward, left = motion.velocity[0], motion.velocity[1]
     return State("speed × lateral speed", "m²/s²", 2, np.hypot(forward, left) * left)
 
 
-def _stroke(motion: Motion, row: str) -> State:
-    corner = motion.corners[row.split(".")[1]]
+def _stroke(motion: Motion, row: Row) -> State:
+    corner = motion.corners[row.place]
     return State("travel × travel rate", "m²/s", 0, corner.travel * corner.rate)
 
 
-def _wheel(motion: Motion, row: str) -> State:
-    return State("vertical wheel acceleration", "m/s²", 0, motion.corners[row.split(".")[1]].centre_accel[2])
+def _wheel(motion: Motion, row: Row) -> State:
+    return State("vertical wheel acceleration", "m/s²", 0, motion.corners[row.place].centre_accel[2])
 
 
-def _mounted(motion: Motion, row: str) -> State:
+def _mounted(motion: Motion, row: Row) -> State:
     mount = EngineMount(shape={"frequency": 7.0, "damping": 0.08})
     return State("7 Hz mass less body, acceleration", "m/s²", 2, mount.columns(motion)["chassis.fz"][0])
 
 
-def _time(motion: Motion, row: str) -> State:
+def _time(motion: Motion, row: Row) -> State:
     return State("time", "s", 2, np.asarray(motion.t, float))
 
 
-FURTHER: dict[str, Callable[[Motion, str], State]] = {
+FURTHER: dict[str, Callable[[Motion, Row], State]] = {
     "speed squared": _speed_squared,
     "speed × lateral speed": _slipping,
     "travel × travel rate": _stroke,
@@ -83,7 +84,7 @@ class Signature:
     `ratio` is its root mean square.
     """
 
-    row: str
+    row: Row
     row_unit: str
     floor: float
     t: Array
@@ -177,7 +178,7 @@ def _signature(family: str, case: Case) -> Signature:
         fitted, part = _fitted([driven(run, hidden[run], at) for run in case.runs], at)
     else:
         fitted, part = fitted_plain(case.runs, at)
-    left = {row: part.residual(row) for row in part.measured if fnmatch(row, case.rows)}
+    left = {row: part.residual(row) for row in map(Row.parse, part.measured) if fnmatch(row, case.rows)}
     if case.how == "share":
         drive, known = fitted.runs[0], fitted.model.physics
         own = [effect.name == family for effect in known for _ in effect.parameters]
@@ -195,7 +196,7 @@ def _signature(family: str, case: Case) -> Signature:
     )
 
 
-def state_of(motion: Motion, row: str, name: str) -> State:
+def state_of(motion: Motion, row: Row, name: str) -> State:
     """A state by name. Raises KeyError with those there are."""
     if name in FURTHER:
         return FURTHER[name](motion, row)

@@ -28,7 +28,7 @@ from lacet.identify.car.car_tree import (
 )
 from lacet.identify.car.motion import BrakingLeftOut, CornerMotion, FlatRoad, GroundLaserOffset, Motion
 from lacet.identify.car.road import ABOVE, Road
-from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, RowAbsence, Torque, available, needs
+from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, Row, RowAbsence, Torque, available, needs
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
 from lacet.identify.signals.filters import Filters
@@ -112,7 +112,7 @@ def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:
 
 
 def _torques(
-    c: str, part: _Branch, spin_axis: Array, rows: Mapping[str, Torque], values: Mapping[str, Array]
+    c: str, part: _Branch, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
 ) -> tuple[Array, Array, Array]:
     """Rotation of the wheel per unit of travel in the suspension row, work there of the torque, torque in the spin row.
 
@@ -123,7 +123,7 @@ def _torques(
     def torque(channel: str) -> Array:
         return values[channel][0] if channel else zero
 
-    in_suspension, in_spin = (rows.get(f"{kind}.{c}", Torque()) for kind in ("suspension", "spin"))
+    in_suspension, in_spin = (rows.get(Row.parse(f"{kind}.{c}"), Torque()) for kind in ("suspension", "spin"))
     about_axis = dot(spin_axis, part.dphi_ds)
     turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
     work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))
@@ -131,7 +131,7 @@ def _torques(
 
 
 def _masks(
-    recording: Recording, rows: Mapping[str, Torque], grounds: tuple[str, ...]
+    recording: Recording, rows: Mapping[Row, Torque], grounds: tuple[str, ...]
 ) -> tuple[dict[str, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
     """Usable samples of each row, row → (N,), and the seconds left out because the brakes act."""
     t, edge = recording.t, recording.filters.edge

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.car.rows import RowAbsence
+from lacet.identify.car.rows import Row, RowAbsence
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.filters import Filters
@@ -32,7 +32,7 @@ class BrakingLeftOut(RunNote):
     """Seconds left out of `rows` because the brakes act: `channel` is above `pressure` [Pa]."""
 
     seconds: float
-    rows: tuple[str, ...]
+    rows: tuple[Row, ...]
     channel: str
     pressure: float
 
@@ -131,34 +131,33 @@ class Motion:
     velocity: Array | None
     attitude: Array | None
     corners: Mapping[str, CornerMotion]
-    rows: tuple[str, ...]
+    rows: tuple[Row, ...]
     left_out: Mapping[str, RowAbsence]
     usable: Mapping[str, NDArray[np.bool_]]
     channels: frozenset[str]
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
 
-    def measured(self, row: str) -> Array:
+    def measured(self, row: Row) -> Array:
         """(N,) the measured left side of a row [N or N·m].
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
         the wheel load and of the torque on the wheel per unit of travel; a tyre row the load along the road normal; a
         spin row the moment and the torque about the wheel's axis (`car.rows`).
         """
-        kind, name = row.split(".")
-        if kind == "chassis":
-            axis = "xyz".index(name[1])
-            if name[0] == "f":
+        if row.kind == "chassis":
+            axis = "xyz".index(row.place[1])
+            if row.unit == "N":
                 return np.sum([c.force[axis] for c in self.corners.values()], axis=0)
             return np.sum([c.moment[axis] + cross(c.centre, c.force)[axis] for c in self.corners.values()], axis=0)
-        corner = self.corners[name]
-        if kind == "suspension":
+        corner = self.corners[row.place]
+        if row.kind == "suspension":
             return dot(corner.force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
-        if kind == "tyre":
+        if row.kind == "tyre":
             return dot(corner.force, corner.normal)
         return dot(corner.moment, corner.spin_axis) + corner.torque
 
-    def kept(self, row: str) -> NDArray[np.intp]:
+    def kept(self, row: Row) -> NDArray[np.intp]:
         """Indices of the samples of a row that enter the fit, after decimation."""
         # One decimation grid for the whole run, so that all rows are decimated at the same instants.
         comb = np.arange(self.filters.step // 2, self.t.size, self.filters.step)

@@ -27,14 +27,61 @@ from enum import Enum, auto
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Corner, Vehicle
 
-CHASSIS_ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
-SUSPENSION_ROWS = tuple(f"suspension.{c}" for c in CORNERS)
-TYRE_ROWS = tuple(f"tyre.{c}" for c in CORNERS)
-SPIN_ROWS = tuple(f"spin.{c}" for c in CORNERS)
+
+class Row(str):
+    """A row of the equations of motion: a scalar equation of the car, ``suspension.fl`` or ``chassis.mz``.
+
+    It equals its text, so that it is a key of a dictionary by row and a string of JSON. Made by `Row.parse`, which
+    refuses what is none of `ROWS`.
+
+    Examples
+    --------
+    >>> from lacet.identify.car.rows import Row
+    >>> row = Row.parse("spin.fl")
+    >>> row.kind, row.place, row.corner, row.unit
+    ('spin', 'fl', 'fl', 'N·m')
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def parse(cls, text: str) -> Row:
+        """The row of that text. Raises UsageError with the nearest match."""
+        if text not in _BY_TEXT:
+            raise UsageError(f"there is no row '{text}'{nearest(text, _BY_TEXT)} (lacet info --rows lists them)")
+        return _BY_TEXT[text]
+
+    @property
+    def kind(self) -> str:
+        """``chassis``, ``suspension``, ``tyre`` or ``spin``."""
+        return self.partition(".")[0]
+
+    @property
+    def place(self) -> str:
+        """The corner, or the component of the chassis' force or moment: ``fx`` … ``mz``."""
+        return self.partition(".")[2]
+
+    @property
+    def corner(self) -> str | None:
+        """The corner, ``fl`` … ``rr``; None for a row of the chassis."""
+        return None if self.kind == "chassis" else self.place
+
+    @property
+    def unit(self) -> str:
+        """N, or N·m for moments on the chassis and about the wheels' axes."""
+        return "N·m" if self.kind == "spin" or (self.kind == "chassis" and self.place.startswith("m")) else "N"
+
+
+CHASSIS_ROWS = tuple(Row(f"chassis.{component}") for component in ("fx", "fy", "fz", "mx", "my", "mz"))
+SUSPENSION_ROWS = tuple(Row(f"suspension.{c}") for c in CORNERS)
+TYRE_ROWS = tuple(Row(f"tyre.{c}") for c in CORNERS)
+SPIN_ROWS = tuple(Row(f"spin.{c}") for c in CORNERS)
 ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
 """Every row of the equations, in the order of all reports."""
+_BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
 PRESSURE = "brake.pressure"
 """Channel that shows when the brakes are applied."""
@@ -71,20 +118,15 @@ class RowAbsence:
     brakes: str = ""
 
 
-def row_unit(row: str) -> str:
-    """Unit of a row: N, or N·m for chassis moments and spins."""
-    return "N·m" if row.startswith("spin") or row.startswith("chassis.m") else "N"
-
-
 def needs(
-    row: str, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
+    row: Row, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
 ) -> tuple[str, ...]:
     """Channels that a row of the equations needs, torques apart (`torque_in`).
 
     `reference`: ``contact`` or ``hub``; `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with
     it, channels that enter through a bench table only are not needed at corners without one.
     """
-    kind, name = row.split(".")
+    kind, name = row.kind, row.place
     imu = ("imu.accel", "imu.rate")
     if kind == "chassis":
         # Speeds for the gyroscopic moments of the wheels: 160 N·m of roll at 80 rad/s and 0.5 rad/s of yaw.
@@ -135,13 +177,12 @@ class Torque:
         return tuple(name for name in (self.shaft, self.brake, PRESSURE if self.released else "") if name)
 
 
-def torque_in(row: str, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
+def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
     """How the torques on the wheel enter `row`, with the channels `measured` and the run's brakes as declared."""
-    kind, _, name = row.partition(".")
-    if kind == "suspension":
-        return _suspension_torque(vehicle.corners[name], measured, brakes)
-    if kind == "spin":
-        return _spin_torque(vehicle.corners[name], measured, brakes)
+    if row.kind == "suspension":
+        return _suspension_torque(vehicle.corners[row.place], measured, brakes)
+    if row.kind == "spin":
+        return _spin_torque(vehicle.corners[row.place], measured, brakes)
     return Torque()
 
 
@@ -195,9 +236,9 @@ def _shaft_slope(corner: Corner) -> float:
 
 def available(
     measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
-) -> tuple[dict[str, Torque], dict[str, RowAbsence]]:
+) -> tuple[dict[Row, Torque], dict[str, RowAbsence]]:
     """Rows whose left side is measured, row → how torques enter it; and every other row → why it is absent."""
-    rows: dict[str, Torque] = {}
+    rows: dict[Row, Torque] = {}
     left_out: dict[str, RowAbsence] = {}
     for row in ROWS:
         absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in measured]

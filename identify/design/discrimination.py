@@ -226,8 +226,8 @@ def planned_run(
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
     pieces = list(Assembly(model.physics, every, model.faults, [run], fitted.physics, zeros=True).pieces())
-    squares = dict.fromkeys(run.rows, 0.0)
-    counts = dict.fromkeys(run.rows, 0)
+    squares: dict[str, float] = dict.fromkeys(run.rows, 0.0)
+    counts: dict[str, int] = dict.fromkeys(run.rows, 0)
     rng = np.random.default_rng([seed, draws])
     for piece in pieces:
         assert piece.sensitivity is not None

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import NDArray
 
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
@@ -115,7 +116,7 @@ def run_information(
     noise = [run.decimated(sensitivity.noise(rng)) for _ in range(draws)]
     step = run.recording.filters.step
     count = run.recording.t.size // step + 1
-    instants = {row: run.index[row] // step for row in run.rows}
+    instants: dict[str, NDArray[np.intp]] = {row: run.index[row] // step for row in run.rows}
     p, z = len(model.parameters), len(zeros.sigma)
     normal, scores = np.zeros((p + z, p + z)), np.zeros((p + z, p + z))
     blocks: dict[str, Array] = {}
@@ -132,7 +133,9 @@ def run_information(
         normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
         roots.append(triangle(W / sigma[row]))
     for one in noise:
-        parts = {row: (blocks[row], larger[row] * one[row], sigma[row]) for row in run.rows}
+        parts: dict[str, tuple[Array, Array, float]] = {
+            row: (blocks[row], larger[row] * one[row], sigma[row]) for row in run.rows
+        }
         if parts:
             scores += hac(clustered_scores(parts, instants, count)) / draws
     edges = 2.0 * run.recording.filters.edge

@@ -13,6 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import SUSPENSION_ROWS, Row
 from lacet.identify.effects.base import PhysicalEffect, SuspensionForce, with_places
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
@@ -102,7 +103,7 @@ def suspension_laws(
         c: replace(one, travel=travel[c], rate=rate[c]) if c in travel else one for c, one in motion.corners.items()
     }
     columns = effect.columns(replace(motion, corners=corners))
-    return {row.split(".")[1]: a for row, a in columns.items() if row.startswith("suspension.")}
+    return {Row.parse(row).place: a for row, a in columns.items() if row in SUSPENSION_ROWS}
 
 
 def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:

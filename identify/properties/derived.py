@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import RowAbsence
+from lacet.identify.car.rows import CHASSIS_ROWS, Row, RowAbsence
 from lacet.identify.effects.base import SuspensionForce, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
@@ -32,7 +32,7 @@ _SEEN = (0.005, 0.995)
 class RowMissing:
     """A row that a derived value stands on exists in no run; `absence` : why."""
 
-    row: str
+    row: Row
     absence: RowAbsence
 
 
@@ -95,7 +95,7 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
                 why = ImpossibleCar()
             places = np.flatnonzero(moved[k] if usable[k] else unseen != "")
             blind = str(unseen[places[0]]) if places.size else ""
-            why = _not_measured(fitted, name) or _missing(fitted, blind) or why
+            why = _not_measured(fitted, name) or (_missing(fitted, Row.parse(blind)) if blind else None) or why
         out.append(Derived(name, float(values[k]), units[k], half, determined, why))
     return out
 
@@ -122,13 +122,13 @@ def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
     """The first of the rows that the value stands on which exists in no run."""
     where = name.split(".")[1] if "." in name else ""
     corners = {"front": ("fl", "fr"), "rear": ("rl", "rr")}.get(where, (where,) if where in CORNERS else CORNERS)
-    for row in (f"{kind}.{c}" for kind in ("suspension", "tyre") for c in corners):
+    for row in (Row.parse(f"{kind}.{c}") for kind in ("suspension", "tyre") for c in corners):
         if missing := _missing(fitted, row):
             return missing
     return None
 
 
-def _missing(fitted: Fit, row: str) -> RowMissing | None:
+def _missing(fitted: Fit, row: Row) -> RowMissing | None:
     """A row when it exists in no run."""
     reasons = [run.motion.left_out[row] for run in fitted.runs if row in run.motion.left_out]
     return RowMissing(row, reasons[0]) if reasons and len(reasons) == len(fitted.runs) else None
@@ -138,7 +138,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
     """Corner → damper curve: all suspension forces of the model at the mean travel, less what they give at rest."""
     out: dict[str, DamperCurve] = {}
     for corner in CORNERS:
-        row = f"suspension.{corner}"
+        row = Row.parse(f"suspension.{corner}")
         runs = [run for run in fitted.runs if row in run.index]
         if not runs:
             continue
@@ -171,7 +171,7 @@ def ranges(fitted: Fit) -> list[Range]:
     """Travel, travel rate and vertical wheel load of each corner, speed and accelerations seen in the runs used."""
     out: list[Range] = []
     for corner in CORNERS:
-        row = f"suspension.{corner}"
+        row = Row.parse(f"suspension.{corner}")
         if not any(row in drive.index for drive in fitted.runs):
             continue
 
@@ -181,19 +181,16 @@ def ranges(fitted: Fit) -> list[Range]:
         out.append(Range(f"travel.{corner}", *seen(fitted, row, series("travel")), "m"))
         out.append(Range(f"rate.{corner}", *seen(fitted, row, series("rate")), "m/s"))
         out.append(Range(f"load.{corner}", *seen(fitted, row, lambda drive, c=corner: _load(drive, c)), "N"))
-    if any("chassis.fx" in drive.index for drive in fitted.runs):
+    if any(CHASSIS_ROWS[0] in drive.index for drive in fitted.runs):
         if all(drive.motion.velocity is not None for drive in fitted.runs):
-            out.append(Range("speed", *seen(fitted, "chassis.fx", _speed), "m/s"))
+            out.append(Range("speed", *seen(fitted, CHASSIS_ROWS[0], _speed), "m/s"))
         for k, name in enumerate(("longitudinal", "lateral")):
-            out.append(
-                Range(
-                    f"acceleration.{name}", *seen(fitted, "chassis.fx", lambda d, k=k: d.motion.body.accel[k]), "m/s²"
-                )
-            )
+            low, high = seen(fitted, CHASSIS_ROWS[0], lambda d, k=k: d.motion.body.accel[k])
+            out.append(Range(f"acceleration.{name}", low, high, "m/s²"))
     return out
 
 
-def seen(fitted: Fit, row: str, pick: Callable[[PreparedRun], Array]) -> tuple[float, float]:
+def seen(fitted: Fit, row: Row, pick: Callable[[PreparedRun], Array]) -> tuple[float, float]:
     """Range of a full-rate series over the samples of a row that entered the fit, all runs together."""
     values = [pick(run)[run.index[row]] for run in fitted.runs if row in run.index]
     low, high = np.quantile(np.concatenate(values), _SEEN)

@@ -177,7 +177,7 @@ class Assembly:
     def _make(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
         whole = number is None
         step = drive.recording.filters.step
-        matrices = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
+        matrices: dict[str, Array] = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
         sensitivity, zeros = None, None
         if self.at is not None:
             known = self.known.sensitivities[run] if self.known and whole else None
@@ -188,5 +188,5 @@ class Assembly:
             if self.zeros:
                 zeros = zeros_of(drive, sensitivity, every=not whole)
                 matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
-        instants = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
+        instants: dict[str, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
         return Piece(run, number, drive, matrices, drive.measured, instants, zeros, sensitivity, None)

@@ -169,7 +169,9 @@ class _Solver:
 
     def solve(self) -> Instruments:
         """The estimate with instruments, and its contrasts."""
-        blocks = [{row: self._block(d, row) for row in run.rows} for d, run in enumerate(self.fitted.runs)]
+        blocks: list[dict[str, _Block]] = [
+            {row: self._block(d, row) for row in run.rows} for d, run in enumerate(self.fitted.runs)
+        ]
         known = self.equations.known
         prior = known @ self.inverse
         matrix, right = prior.T @ prior, -prior.T @ (known @ self.equations.start)

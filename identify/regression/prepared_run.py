@@ -14,6 +14,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
@@ -62,7 +63,7 @@ class PreparedRun:
         return build_motion(self.recording)
 
     @cached_property
-    def rows(self) -> tuple[str, ...]:
+    def rows(self) -> tuple[Row, ...]:
         """Rows with a measured left side and at least one usable sample."""
         return tuple(row for row in self.motion.rows if len(self.motion.kept(row)))
 

@@ -33,7 +33,7 @@ _COARSE = 0.04
 
 def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[str, Array]:
     """Y − W θ at full rate, row → (N,), by each effect's own force law."""
-    out = {row: motion.measured(row).copy() for row in motion.rows}
+    out: dict[str, Array] = {row: motion.measured(row).copy() for row in motion.rows}
     for effect, place in with_places(effects):
         for row, force in effect.force(motion, values[place]).items():
             if row in out:

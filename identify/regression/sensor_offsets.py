@@ -43,7 +43,7 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
             names.append(CHANNELS[channel].columns[component])
             sigma.append(tolerance)
             series.append(sensitivity.zero(channel, component))
-    columns = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
+    columns: dict[str, Array] = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
     for row, table in columns.items():
         # The filter leaves a constant as it is, and most of these are constant.
         waving = [i for i, one in enumerate(series) if row in one and np.ptp(one[row]) > 0.0]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import NotIdentifiable
-from lacet.identify.car.rows import ROWS
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect, SensorFault
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
@@ -159,7 +159,7 @@ class Fit:
         return StepRule(most, longest, close, first_close, scale=self.omega)
 
     @property
-    def rows(self) -> tuple[str, ...]:
+    def rows(self) -> tuple[Row, ...]:
         """Rows that any run has, in the order of reports."""
         return tuple(row for row in ROWS if row in self.sigma)
 
@@ -277,7 +277,7 @@ def _fit_linear(
     parameters = [q for effect in effects for q in effect.parameters]
     plain = Assembly(effects, np.arange(len(parameters)), (), prepared, None, zeros=False)
     first = _accumulate(plain)
-    rows = [row for row in ROWS if any(row in run.triangles for run in first)]
+    rows: list[str] = [row for row in ROWS if any(row in run.triangles for run in first)]
     if not rows:
         absent = sorted({name for run in prepared for why in run.motion.left_out.values() for name in why.channels})
         lacking = "; not measured: " + ", ".join(absent) if absent else ""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -60,7 +61,7 @@ def propose(linearisation: Linearisation, failing: Sequence[str], seed: int) -> 
     recording = linearisation.fitted.runs[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
-    for kind, laws in _places(failing):
+    for kind, laws in _places(linearisation.fitted, failing):
         for number, law in enumerate(laws, start=1):
             name = f"own_{kind.replace('.', '_')}_{number}"
             laws_by_name[name] = kind, law.removesuffix(_BAND)
@@ -84,7 +85,8 @@ def propose(linearisation: Linearisation, failing: Sequence[str], seed: int) -> 
     return out
 
 
-def _places(failing: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    kinds = dict.fromkeys(row if row.startswith("chassis") else row.split(".")[0] for row in failing)
+def _places(fitted: Fit, failing: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
+    by_text = {str(row): row for row in fitted.rows}
+    kinds = dict.fromkeys(row if row.kind == "chassis" else row.kind for row in map(by_text.__getitem__, failing))
     laws = {"suspension": SUSPENSION, "tyre": TYRE, "spin": SPIN}
     return [(kind, laws.get(kind, CHASSIS)) for kind in kinds]

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.uncertainty import BLOCK
 
 
-def block_numbers(runs: Sequence[PreparedRun], row: str) -> NDArray[np.intp]:
+def block_numbers(runs: Sequence[PreparedRun], row: Row) -> NDArray[np.intp]:
     """(n,) block of every sample of a row, all runs that have it one after the other; blocks do not reach over runs."""
     parts: list[NDArray[np.intp]] = []
     first = 0

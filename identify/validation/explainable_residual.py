@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
@@ -53,7 +53,7 @@ class ExplainableResidual:
     states : number of states that were clear of noise.
     """
 
-    row: str
+    row: Row
     unit: str
     rms: float
     floor: float
@@ -97,7 +97,7 @@ def explainable_residual(
     clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear)
-    found: dict[str, tuple[Array, Array, Array, float, int]] = {}
+    found: dict[Row, tuple[Array, Array, Array, float, int]] = {}
     for done, row in enumerate(fitted.rows):
         progress(Step(Stage.EXPLAINABLE_RESIDUAL, done, len(fitted.rows)))
         names = clear.names(row)
@@ -128,7 +128,7 @@ def explainable_residual(
     }
 
 
-def _family_wise(predicted: Mapping[str, Array], wholes: Mapping[str, Array]) -> dict[str, tuple[float, float]]:
+def _family_wise(predicted: Mapping[Row, Array], wholes: Mapping[Row, Array]) -> dict[Row, tuple[float, float]]:
     """Row → probability of its first value among its draws, and among the largest over all rows of each draw.
 
     Rows are compared by the squares that are predicted, in units of their draws' own 95 % level, so that a row whose
@@ -137,7 +137,7 @@ def _family_wise(predicted: Mapping[str, Array], wholes: Mapping[str, Array]) ->
     """
     if not predicted:
         return {}
-    sizes: dict[str, Array] = {}
+    sizes: dict[Row, Array] = {}
     for row, x in predicted.items():
         unit = max(_LEAST_PART * float(np.median(wholes[row][1:])), float(np.quantile(x[1:], 0.95)))
         sizes[row] = x / unit
@@ -150,7 +150,7 @@ def _family_wise(predicted: Mapping[str, Array], wholes: Mapping[str, Array]) ->
 
 
 def _of_row(
-    fitted: Fit, row: str, whole: Array, least: Array, more: Array, floor: float, states: int,
+    fitted: Fit, row: Row, whole: Array, least: Array, more: Array, floor: float, states: int,
     present: tuple[Array, float, float], history: tuple[Array, float, float],
 ) -> ExplainableResidual:  # fmt: skip
     count = sum(len(part[row]) for part in fitted.residual if row in part)
@@ -162,7 +162,7 @@ def _of_row(
     excess = 1.0 - floor**2 / rms**2
     above = excess > 0.0
     return ExplainableResidual(
-        row=row, unit=row_unit(row), rms=rms, floor=floor,
+        row=row, unit=row.unit, rms=rms, floor=floor,
         part=part, low=max(0.0, part - half), high=min(1.0, part + half), usual=usual,
         p=present[1], p_all=present[2], part_rms=rms * float(np.sqrt(max(0.0, part))),
         history=beyond, history_usual=float(np.quantile(history[0][1:], 0.95)) * (1.0 - part),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lacet.identify.car.manoeuvre_phases import Phases
+from lacet.identify.car.rows import Row
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.explainable_residual import ExplainableResidual, explainable_residual
@@ -41,7 +42,7 @@ class FailureAnalysis:
     parts: tuple[Comparison, ...]
     phases: tuple[Phases, ...]
     ratios: Mapping[str, float]
-    worst: tuple[str, ...]
+    worst: tuple[Row, ...]
     in_phase: Mapping[str, Mapping[str, InPhase]]
     explainable: Mapping[str, ExplainableResidual]
     follows: Mapping[str, Sequence[Follows]]
@@ -54,14 +55,14 @@ class FailureAnalysis:
         """Whether any row fails."""
         return any(fails(ratio) for ratio in self.ratios.values())
 
-    def against(self, row: str, every: bool = False) -> dict[str, Against]:
+    def against(self, row: Row, every: bool = False) -> dict[str, Against]:
         """A row's residual against the states it follows most, or against every state."""
         names = None if every else [f.state for f in self.follows.get(row, [])][:SHOWN_STATES]
         return against_states(self.fitted.runs, self.fitted.residual, row, names, None if every else self.clear)
 
 
 def analyse_failure(
-    fitted: Fit, floor: NoiseFloor, parts: Sequence[Comparison], phases: Sequence[Phases], row: str = "",
+    fitted: Fit, floor: NoiseFloor, parts: Sequence[Comparison], phases: Sequence[Phases], row: Row | None = None,
     progress: Progress = silent,
 ) -> FailureAnalysis:  # fmt: skip
     """Analyse where a fit fails.
@@ -73,7 +74,7 @@ def analyse_failure(
     row : the one row to analyse; default: every row that fails.
     """
     ratios = _ratios(parts, fitted.rows)
-    order = sorted(ratios, key=lambda name: -ratios[name])
+    order = sorted((name for name in fitted.rows if name in ratios), key=lambda name: -ratios[name])
     worst = (row,) if row else tuple(name for name in order if fails(ratios[name])) or tuple(order[:1])
     progress(Step(Stage.STATES_FOLLOWED))
     clear = ClearStates(fitted.runs)
@@ -92,7 +93,7 @@ def analyse_failure(
     )  # fmt: skip
 
 
-def _ratios(parts: Sequence[Comparison], rows: Sequence[str]) -> dict[str, float]:
+def _ratios(parts: Sequence[Comparison], rows: Sequence[Row]) -> dict[str, float]:
     """Row → RMS of residual ÷ floor over the runs used, over those held out where no other was asked for."""
     chosen = [part for part in parts if part.used] or list(parts)
     out: dict[str, float] = {}

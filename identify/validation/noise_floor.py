@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -57,9 +57,10 @@ class NoiseFloor:
         """The noise floor of another fit, with as many draws; at other values `physics` (p,) of its physics."""
         return floor_of(fitted, self.count) if physics is None else floor_at(fitted, physics, self.count)
 
-    def of_one_unit(self, rows: Sequence[str]) -> list[str]:
-        """Those rows that have the unit of the first."""
-        return [row for row in rows if row_unit(row) == row_unit(rows[0])]
+    def of_one_unit(self, rows: Sequence[str]) -> list[Row]:
+        """Those rows, by their texts, that have the unit of the first."""
+        known = [Row.parse(row) for row in rows]
+        return [row for row in known if row.unit == known[0].unit]
 
     def without_draws(self) -> NoiseFloor:
         """The same levels alone."""

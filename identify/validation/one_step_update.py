@@ -47,7 +47,9 @@ class Preview:
         floor = {row: score.floor for row, score in comparison.scores.items()}
         model = self.fitted.model
         run = corrected_run(run, self.fitted)
-        plain = {row: run.measured[row] - run.matrix(model.physics, row) @ self.physics for row in run.rows}
+        plain: dict[str, Array] = {
+            row: run.measured[row] - run.matrix(model.physics, row) @ self.physics for row in run.rows
+        }
         sensitivity = None
         if model.faults or self.effect.as_fault is not None:
             sensitivity = Sensitivity.of(run.recording, model.physics, self.fitted.physics)

@@ -21,6 +21,7 @@ from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
+from lacet.identify.car.rows import TYRE_ROWS
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY
 from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -117,15 +118,16 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     fit each other's deflections much better than their own, their wires were exchanged.
     """
     motion = run.motion
-    corners = [c for c in CORNERS if f"tyre.{c}" in run.rows]
-    if len(corners) < 2:
+    rows = [row for row in TYRE_ROWS if row in run.rows]
+    corners = [row.place for row in rows]
+    if len(rows) < 2:
         return {}
-    keep = motion.kept(f"tyre.{corners[0]}")
-    for c in corners[1:]:
-        keep = np.intersect1d(keep, motion.kept(f"tyre.{c}"))
+    keep = motion.kept(rows[0])
+    for row in rows[1:]:
+        keep = np.intersect1d(keep, motion.kept(row))
     if keep.size < 30:
         return {}
-    loads: list[Array] = list(decimate(np.stack([motion.measured(f"tyre.{c}") for c in corners]), motion.filters, keep))
+    loads: list[Array] = list(decimate(np.stack([motion.measured(row) for row in rows]), motion.filters, keep))
     deflections = decimate(np.stack([motion.corners[c].deflection for c in corners]), motion.filters, keep)
     cost = np.ones((len(corners), len(corners)))
     for i, load in enumerate(loads):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -156,7 +156,7 @@ class Follows:
 
 
 def followed_states(
-    fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None,
+    fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None,
     draws: Draws | None = None, progress: Progress = silent,
 ) -> dict[str, list[Follows]]:  # fmt: skip
     """For each row, its states, those first that predict most of its residual.
@@ -190,7 +190,7 @@ def followed_states(
             Follows(
                 name, states[name].unit, states[name].near, float(part[0]),
                 float((1 + np.count_nonzero(largest >= part[0])) / (1 + largest.size)),
-                rms * float(np.sqrt(max(0.0, float(part[0])))), row_unit(row),
+                rms * float(np.sqrt(max(0.0, float(part[0])))), row.unit,
             )
             for name, part in zip(names, parts, strict=True)
         ]  # fmt: skip
@@ -212,7 +212,7 @@ class Against:
     `put_back`, what the model's own springs, dampers and masses absorbed of it is added to the residual again.
     """
 
-    row: str
+    row: Row
     row_unit: str
     values: Array
     residual: Array
@@ -221,7 +221,7 @@ class Against:
 
 
 def against_states(
-    runs: Sequence[PreparedRun], residual: Sequence[Mapping[str, Array]], row: str, names: Sequence[str] | None = None,
+    runs: Sequence[PreparedRun], residual: Sequence[Mapping[str, Array]], row: Row, names: Sequence[str] | None = None,
     clear: ClearStates | None = None,
 ) -> dict[str, Against]:  # fmt: skip
     """State → the residual of a row against it.
@@ -245,7 +245,7 @@ def against_states(
         )
         shown = measured if columns is None or name not in clean else _put_back(measured, columns, clean.index(name))
         mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)
-        out[name] = Against(row, row_unit(row), values, shown, mean, shown is not measured)
+        out[name] = Against(row, row.unit, values, shown, mean, shown is not measured)
     return out
 
 

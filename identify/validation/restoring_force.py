@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
+from lacet.identify.car.rows import SUSPENSION_ROWS, Row
 from lacet.identify.effects.base import with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -52,7 +53,7 @@ def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
     """Corner → surface, over the runs a model was fitted to; without corners whose suspension row is not measured."""
     out: dict[str, Surface] = {}
     for corner in CORNERS:
-        row = f"suspension.{corner}"
+        row = Row.parse(f"suspension.{corner}")
         having = [i for i, run in enumerate(fitted.runs) if row in run.index]
         if not having:
             continue
@@ -96,16 +97,16 @@ def _edges(series: Array, cells: int) -> Array:
     return np.asarray(np.linspace(low - pad, high + pad, cells + 1), float)
 
 
-def _moving(run: PreparedRun, row: str, corner: str) -> Array:
+def _moving(run: PreparedRun, row: Row, corner: str) -> Array:
     own = run.motion.corners[corner]
     return filtered(run, row, np.stack([own.travel, own.rate]))
 
 
-def _modelled(fitted: Fit, run: PreparedRun, row: str) -> Array:
+def _modelled(fitted: Fit, run: PreparedRun, row: Row) -> Array:
     """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
     out = np.zeros(len(run.index[row]))
     for effect, part in with_places(fitted.model.physics):
         rows = run.columns(effect)
-        if row in rows and all(name.startswith("suspension.") for name in rows):
+        if row in rows and all(name in SUSPENSION_ROWS for name in rows):
             out = out + run.matrix((effect,), row) @ fitted.physics[part]
     return out

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -37,7 +37,7 @@ class RowScore:
     error the row cannot be `judged`, and `why` has the parameters and the runs that would show them.
     """
 
-    row: str
+    row: Row
     unit: str
     rms: float
     nrmse: float
@@ -95,7 +95,7 @@ def compare(
     zeros = zeros_of(run, sensitivity)
     plain = {row: run.matrix(fitted.model.physics, row) @ fitted.physics for row in run.rows}
     values = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
-    modelled = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
+    modelled: dict[str, Array] = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
     open_: Mapping[str, tuple[float, OpenParameters | None]] = {}
     if not used:
         open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, run, zeros, floor)
@@ -109,7 +109,7 @@ def compare(
         scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, None)))
         if colour is not None:
             colours[row] = colour
-    t = {row: run.motion.t[run.index[row]] for row in run.rows}
+    t: dict[str, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
     return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours)
 
 
@@ -144,13 +144,13 @@ def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array],
     return values
 
 
-def score_row(row: str, measured: Array, residual: Array, floor: float) -> RowScore:
+def score_row(row: Row, measured: Array, residual: Array, floor: float) -> RowScore:
     """Score a residual."""
     rms = float(np.sqrt(np.mean(residual**2)))
     span, variance = float(np.ptp(measured)), float(np.var(measured))
     return RowScore(
         row=row,
-        unit=row_unit(row),
+        unit=row.unit,
         rms=rms,
         nrmse=100.0 * rms / span if span else 0.0,
         vaf=100.0 * (1.0 - float(np.var(residual)) / variance) if variance else 0.0,

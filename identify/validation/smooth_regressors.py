@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter, lfilter_zi
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.validation.states import ClearStates, State
@@ -76,11 +77,10 @@ class ColumnMaker:
         self.clear, self.runs, self.history = clear, clear.runs, history
         self._made: dict[tuple[str, tuple[str, ...], tuple[int, ...]], tuple[NDArray[np.intp], list[Array], int]] = {}
 
-    def columns(self, row: str, names: tuple[str, ...]) -> Columns:
+    def columns(self, row: Row, names: tuple[str, ...]) -> Columns:
         """Columns of a row from some of its states (`validation.states`)."""
-        kind, where = row.split(".")
         having = tuple(i for i, run in enumerate(self.runs) if row in run.index)
-        key = ("chassis" if kind == "chassis" else where, names, having)
+        key = (row.corner or "chassis", names, having)
         if key not in self._made:
             self._made[key] = self._make(row, names, having)
         of, combs, present = self._made[key]
@@ -95,12 +95,12 @@ class ColumnMaker:
         stacked = stacked / np.where(keep, size, 1.0)
         first, second = keep[:present], keep[present:]
         own = of[first]
-        starts = [int(np.argmax(own == names.index(name))) for name in MODEL_STATES[kind] if name in names]
+        starts = [int(np.argmax(own == names.index(name))) for name in MODEL_STATES[row.kind] if name in names]
         lines = np.asarray([k for k in starts if own[k] >= 0], np.intp)
         return Columns(names, stacked[:, :present][:, first], own, lines, stacked[:, present:][:, second])
 
     def _make(
-        self, row: str, names: tuple[str, ...], having: tuple[int, ...]
+        self, row: Row, names: tuple[str, ...], having: tuple[int, ...]
     ) -> tuple[NDArray[np.intp], list[Array], int]:
         """The state of each column, for each run the columns on its comb, and the number of those of the present."""
         found = [self.clear.blurred(i, row, names) for i in having]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -46,7 +46,7 @@ class RowSpectrum:
     segments : effective number of segments averaged.
     """
 
-    row: str
+    row: Row
     unit: str
     frequency: Array
     residual: Array
@@ -67,7 +67,7 @@ class RowSpectrum:
 
 
 def row_spectrum(
-    fitted: Fit, floor: NoiseFloor, row: str, clear: ClearStates | None = None, segment: float = SEGMENT
+    fitted: Fit, floor: NoiseFloor, row: Row, clear: ClearStates | None = None, segment: float = SEGMENT
 ) -> RowSpectrum | None:
     """Spectrum and coherence of a row; None where no run has three segments without a hole."""
     clear = clear or ClearStates(fitted.runs)
@@ -107,7 +107,7 @@ def row_spectrum(
     most = max(1, min(4, int(segments) // 4))
     chosen = _unlike(states_, order, most)
     return RowSpectrum(
-        row, row_unit(row), frequency, power[0],
+        row, row.unit, frequency, power[0],
         np.asarray(draws.mean(axis=0), float), np.asarray(np.quantile(draws, 0.95, axis=0), float),
         {name: coherence[k] for k, name in enumerate(names)}, _level(segments, 1, tests),
         tuple(names[k] for k in chosen), _together(own, states_[:, chosen]),
@@ -168,7 +168,7 @@ def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Ar
 
 
 def spectra(
-    fitted: Fit, floor: NoiseFloor, rows: Sequence[str] | None = None, clear: ClearStates | None = None
+    fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None
 ) -> dict[str, RowSpectrum]:
     """Spectrum and coherence of each row that has enough of them."""
     clear = clear or ClearStates(fitted.runs)

@@ -16,6 +16,7 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import zero_phase_of
@@ -61,10 +62,12 @@ def across(corner: str) -> str:
     return corner[0] + ("r" if corner[1] == "l" else "l")
 
 
-def states_of(motion: Motion, row: str) -> dict[str, State]:
+def states_of(motion: Motion, row: Row) -> dict[str, State]:
     """States that belong to a row, nearest first, by name, without those that never change or were not measured."""
-    kind, name = row.split(".")
-    found = _body(motion) if kind == "chassis" else [*_corner(motion, name, kind), *_body_seen_at_a_corner(motion)]
+    if row.corner is None:
+        found = _body(motion)
+    else:
+        found = [*_corner(motion, row.corner, row.kind), *_body_seen_at_a_corner(motion)]
     return {s.name: s for s in found if np.all(np.isfinite(s.series)) and np.ptp(s.series) > 0.0}
 
 
@@ -122,7 +125,7 @@ def _stacked(corners: Sequence[CornerMotion], part: str) -> Array:
     return np.stack([np.asarray(getattr(corner, part), float) for corner in corners])
 
 
-def filtered(run: PreparedRun, row: str, series: Array) -> Array:
+def filtered(run: PreparedRun, row: Row, series: Array) -> Array:
     """(…, n): full-rate series (…, N) as the row's residual is: through the parallel filter, at its samples."""
     return run.decimated({row: series})[row]
 
@@ -144,7 +147,7 @@ class ClearStates:
         self._noisy = [_with_noise(run.recording, [seed, 11, i]) for i, run in enumerate(self.runs)]
         self._known: dict[tuple[int, str], dict[str, tuple[State, Array]]] = {}
 
-    def names(self, row: str) -> tuple[str, ...]:
+    def names(self, row: Row) -> tuple[str, ...]:
         """Names of a row's states, nearest first."""
         having = [i for i, run in enumerate(self.runs) if row in run.index]
         if not having:
@@ -165,15 +168,14 @@ class ClearStates:
             n for n, v, all_ in zip(names, own.var(axis=1), total, strict=True) if all_ > 0.0 and v <= NOISY * all_
         )
 
-    def blurred(self, run: int, row: str, names: Sequence[str]) -> dict[str, State]:
+    def blurred(self, run: int, row: Row, names: Sequence[str]) -> dict[str, State]:
         """Some of a row's states on one of the runs, blurred."""
         states = self._states(run, row)
         return {n: replace(states[n][0], series=states[n][0].series + BLUR * states[n][1]) for n in names}
 
-    def _states(self, run: int, row: str) -> dict[str, tuple[State, Array]]:
+    def _states(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
         """States of a row and one draw of their noise, which is that below the fit's cut-off: no other matters."""
-        kind = row.split(".")[0]
-        key = run, "chassis" if kind == "chassis" else row
+        key = run, "chassis" if row.kind == "chassis" else row
         if key not in self._known:
             drive = self.runs[run]
             before, after = states_of(drive.motion, row), states_of(self._noisy[run], row)

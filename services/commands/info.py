@@ -13,7 +13,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import ROWS, needs, row_unit
+from lacet.identify.car.rows import ROWS, needs
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.model_text import print_model
@@ -101,9 +101,9 @@ def _channels() -> list[dict[str, Any]]:
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:
-    lines = [[row, row_unit(row), ", ".join(_shortened(needs(row, reference)))] for row in ROWS]
+    lines = [[row, row.unit, ", ".join(_shortened(needs(row, reference)))] for row in ROWS]
     print(tables.table(["row", "unit", "needs"], lines, text_columns=3))
-    return [{"row": row, "unit": row_unit(row), "needs": needs(row, reference)} for row in ROWS]
+    return [{"row": row, "unit": row.unit, "needs": needs(row, reference)} for row in ROWS]
 
 
 def _shortened(channels: tuple[str, ...]) -> list[str]:

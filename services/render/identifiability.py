@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.properties.derived import ImpossibleCar, RowMissing
 from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
 from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
@@ -77,7 +77,8 @@ def _weakness(why: SmallTravel | SmallChange | None) -> str:
             return ": nothing these runs measure changes with it"
         case SmallChange(row, size, single):
             who = "it changes" if single else "one of them changes"
-            return f": at its largest plausible value {who} {row} by ± {size:.2g} {row_unit(row)}, and no row more"
+            unit = Row.parse(row).unit
+            return f": at its largest plausible value {who} {row} by ± {size:.2g} {unit}, and no row more"
 
 
 def _milli(metres: float) -> str:

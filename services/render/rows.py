@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
-from lacet.identify.car.rows import Absence, RowAbsence, row_unit
+from lacet.identify.car.rows import Absence, Row, RowAbsence
 from lacet.identify.signals.reconstruct import FewSamples, FewUsableSamples, Gaps, RunNote
 from lacet.identify.validation.explainable_residual import ExplainableResidual
 from lacet.identify.validation.score import FAILS, RowScore, fails
@@ -124,13 +124,12 @@ def _intervals(holes: tuple[tuple[float, float], ...]) -> str:
     return some + (f" and {more} more intervals" if more > 0 else "")
 
 
-def row_label(row: str) -> dict[str, str]:
+def row_label(row: Row) -> dict[str, str]:
     """A row of the equations as the page names it: `label` for a small field, `about` in words, `unit`."""
-    kind, place = row.split(".")
-    if kind == "chassis":
-        return {"label": place.capitalize(), "about": f"chassis, {_CHASSIS[place]}", "unit": row_unit(row)}
-    label, about = _KINDS[kind]
-    return {"label": label, "about": f"{about}, {_CORNERS[place]}", "unit": row_unit(row)}
+    if row.kind == "chassis":
+        return {"label": row.place.capitalize(), "about": f"chassis, {_CHASSIS[row.place]}", "unit": row.unit}
+    label, about = _KINDS[row.kind]
+    return {"label": label, "about": f"{about}, {_CORNERS[row.place]}", "unit": row.unit}
 
 
 def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:

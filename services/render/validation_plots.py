@@ -8,6 +8,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lacet.identify.car.rows import Row
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.whiteness import Colour
@@ -32,7 +33,7 @@ def draw_dampers(curves: Mapping[str, DamperCurve], folder: Path, stem: str) -> 
 
 def kinds(part: Comparison) -> dict[str, list[str]]:
     """The rows of a run by kind."""
-    found = {kind: [row for row in part.measured if row.startswith(f"{kind}.")] for kind in _KINDS}
+    found = {kind: [row for row in part.measured if Row.parse(row).kind == kind] for kind in _KINDS}
     return {kind: rows for kind, rows in found.items() if rows}
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
 from lacet.identify.selection.score_tests import Answer, Candidate, Pending, Reason, implausible, is_significant
@@ -76,7 +76,7 @@ def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
 
 def unit_of(c: Candidate) -> str:
     """Unit of a candidate's `gain_rms`."""
-    return row_unit(c.rows[0]) if c.rows else "N"
+    return Row.parse(c.rows[0]).unit if c.rows else "N"
 
 
 # -- why one candidate got its answer ----------------------------------------------------------------------------------

@@ -7,8 +7,10 @@ from typing import Any
 
 from lacet.daq.errors import nearest
 from lacet.daq.formats.result import plain
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.progress import silent
+from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.spectra import row_spectrum
 from lacet.services.workbench.packed_arrays import packed
@@ -19,17 +21,23 @@ from lacet.services.workbench.session_cache import WAIT, SessionCache
 def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
     """A row's residual against a state, clear of noise or not; what the model absorbed put back where it is clear."""
     found, _ = cache.found_where(version)
-    ready = found.against(row).get(state) if row in found.worst else None
+    of = _row(found, row)
+    ready = found.against(of).get(state) if of in found.worst else None
     if ready is None:
         with cache.computing(WAIT):
-            every = against_states(found.fitted.runs, found.fitted.residual, row, None)
-            if not every:
-                raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
+            every = against_states(found.fitted.runs, found.fitted.residual, of, None)
             if state not in every:
                 raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
-            clear = against_states(found.fitted.runs, found.fitted.residual, row, [state], found.clear)
+            clear = against_states(found.fitted.runs, found.fitted.residual, of, [state], found.clear)
             ready = clear[state]
     return plain(_against(ready))
+
+
+def _row(found: FailureAnalysis, text: str) -> Row:
+    """A row of the analysed fit by its text. Raises NotThere with the nearest match."""
+    if text not in found.fitted.rows:
+        raise NotThere(f"no row {text}{nearest(text, found.fitted.rows)}")
+    return Row.parse(text)
 
 
 def _against(a: Against) -> dict[str, Any]:
@@ -44,12 +52,11 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
     found, _ = cache.found_where(version)
     ready = found.spectra.get(row)
     if ready is None:
-        if row not in found.fitted.rows:
-            raise NotThere(f"no row {row}{nearest(row, found.fitted.rows)}")
+        of = _row(found, row)
         with cache.computing(WAIT):
             study, number = cache.version(version)
             floor = cache.work(study, silent).floor(number)
-            ready = row_spectrum(found.fitted, floor, row, found.clear)
+            ready = row_spectrum(found.fitted, floor, of, found.clear)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
     return plain(

@@ -13,7 +13,7 @@ from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import ROWS, row_unit
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, pooled_ratio
 from lacet.services.render.rows import row_label, with_verdict
@@ -63,7 +63,7 @@ def diagnosis_payload(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
     """A diagnosis, each candidate with the `unit` of what it gains."""
     if found is None:
         return None
-    candidates = [{**c, "unit": row_unit(c["rows"][0]) if c["rows"] else ""} for c in found["candidates"]]
+    candidates = [{**c, "unit": Row.parse(c["rows"][0]).unit if c["rows"] else ""} for c in found["candidates"]]
     return {**found, "candidates": candidates}
 
 
@@ -158,10 +158,7 @@ def car_payload(vehicle: Vehicle, rig: Rig) -> dict[str, Any]:
                 for name, corner in corners.items()
             },
             "sensors": sensors,
-            "rows": [
-                {"row": row, "unit": row_unit(row), "place": row.split(".")[1] if row[:7] != "chassis" else "chassis"}
-                for row in ROWS
-            ],
+            "rows": [{"row": row, "unit": row.unit, "place": row.corner or "chassis"} for row in ROWS],
         }
     )
 

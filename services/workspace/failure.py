@@ -25,7 +25,8 @@ def analyse_version(
     """
     progress = progress or work.progress
     fitted = work.fitted(version)
-    if row and row not in fitted.rows:
+    chosen = next((one for one in fitted.rows if one == row), None)
+    if row and chosen is None:
         raise UsageError(f"no row {row} in these runs{nearest(row, fitted.rows)}: {', '.join(fitted.rows)}")
     pairs = work.pairs(version)
     if run:
@@ -36,7 +37,7 @@ def analyse_version(
     parts = [part for part, _ in pairs]
     phases = [phases_of(drive.motion) for _, drive in pairs]
     floor = work.floor(version, progress)
-    return analyse_failure(fitted, floor, parts, phases, row, progress)
+    return analyse_failure(fitted, floor, parts, phases, chosen, progress)
 
 
 def failure_result(version: Version, found: FailureAnalysis) -> dict[str, Any]:

@@ -127,7 +127,9 @@ def _plausible(line: Line, parameter: str) -> tuple[float, float]:
 
 def _size(law: RowLaw, term: Expression, constants: dict[str, float]) -> float:
     """Plausible force ÷ the largest |term| at usual states; 0 where the term is zero or not finite throughout."""
-    plausible = CAR_MOMENT if law.row.startswith("chassis.m") else WHEEL_MOMENT if law.row == "spin" else WHEEL_FORCE
+    plausible = WHEEL_FORCE
+    if law.first_row.unit == "N·m":
+        plausible = CAR_MOMENT if law.first_row.kind == "chassis" else WHEEL_MOMENT
     for wider in _WIDER:
         rng = np.random.default_rng(0)
         states = {

@@ -21,7 +21,7 @@ from typing import Any
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError, nearest
-from lacet.identify.car.rows import CHASSIS_ROWS, row_unit
+from lacet.identify.car.rows import CHASSIS_ROWS, Row
 from lacet.identify.effects.base import AXLES
 from lacet.identify.effects.language.linearity import FUNCTIONS, Dimensions, terms_of, within_size
 from lacet.identify.effects.language.states import STATES, SUFFIXES, Use, all_names, use_of
@@ -76,9 +76,14 @@ class RowLaw:
         return f"{self.row}.{self.place}" if self.place else self.row
 
     @property
+    def first_row(self) -> Row:
+        """The row of the equations it acts in; of the wheels' four, which are alike, the first."""
+        return Row.parse(f"{self.row}.{CORNERS[0]}" if self.row in KINDS else self.row)
+
+    @property
     def dimension(self) -> Dimension:
         """Of the row: a force, or a moment."""
-        return FORCE * LENGTH if row_unit(self.row) == "N·m" else FORCE
+        return FORCE * LENGTH if self.first_row.unit == "N·m" else FORCE
 
     def corners(self, where: str) -> tuple[str, ...]:
         """The wheels it acts at, in the variant `where`; one empty name in a chassis row."""

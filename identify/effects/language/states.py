@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.car.rows import needs
+from lacet.identify.car.rows import Row, needs
 from lacet.identify.effects.language.units import FORCE, LENGTH, NUMBER, TIME, Dimension
 from lacet.identify.multibody.vectors import Array, dot
 
@@ -152,7 +152,7 @@ class Use:
         channels = [channel.format(c=c) for channel in self.state.channels]
         if self.state.tyre:
             grounds = tuple(one for one in CORNERS if f"laser.{one}.ground" in has)
-            channels += needs(f"tyre.{c}", motion.reference, grounds)
+            channels += needs(Row.parse(f"tyre.{c}"), motion.reference, grounds)
         return [channel for channel in channels if channel not in has]
 
 

@@ -15,6 +15,7 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import NotIdentifiable, RunError
 from lacet.daq.run import Run, Signal
 from lacet.identify.car.kinematics import build_motion, reconstruct
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
@@ -234,7 +235,8 @@ def test_short_holes_and_gap_flags_cost_nothing() -> None:
         motion, whole = reconstruct(held, VEHICLE, RIG), reconstruct(run, VEHICLE, RIG)
         np.testing.assert_array_equal(motion.usable["suspension.fl"], whole.usable["suspension.fl"])
         assert not motion.notes
-        np.testing.assert_allclose(motion.measured("suspension.fl"), whole.measured("suspension.fl"), atol=2.0)
+        row = Row.parse("suspension.fl")
+        np.testing.assert_allclose(motion.measured(row), whole.measured(row), atol=2.0)
 
 
 @pytest.mark.parametrize(

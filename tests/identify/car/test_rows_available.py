@@ -13,7 +13,7 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import reconstruct
-from lacet.identify.car.rows import RELEASED, ROWS, Torque, available, needs, torque_in
+from lacet.identify.car.rows import RELEASED, ROWS, Row, Torque, available, needs, torque_in
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.services.render.rows import row_absence, run_notes
@@ -89,10 +89,10 @@ def test_what_is_measured_and_declared_decides(
 def test_a_carrier_that_hardly_turns_keeps_its_row_while_braking() -> None:
     """Below 0.01 rad/m the shaft is neglected under outboard brakes; without slope it is nowhere."""
     for pitch, toe, kept in ((0.0, 0.05, True), (0.008, 0.0, True), (0.02, 0.0, False), (0.0, 0.3, False)):
-        torque = torque_in("suspension.rl", car(True, "outboard", pitch, toe), ALL, "used")
+        torque = torque_in(Row.parse("suspension.rl"), car(True, "outboard", pitch, toe), ALL, "used")
         assert (torque.missing is None) == kept, (pitch, toe)
         assert torque == Torque() or not kept
-    assert torque_in("suspension.rl", car(True, "outboard", 0.0, 0.0), ALL, "off") == Torque()
+    assert torque_in(Row.parse("suspension.rl"), car(True, "outboard", 0.0, 0.0), ALL, "off") == Torque()
 
 
 # ---- seconds

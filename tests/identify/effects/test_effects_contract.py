@@ -15,7 +15,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.units import TO_SI
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import CornerMotion, Motion
-from lacet.identify.car.rows import ROWS, row_unit
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect, is_sensor_fault
 from lacet.identify.effects.catalogue import base_model, catalogue, effect_classes, find_effect
 from lacet.identify.effects.excluded import EXCLUDED
@@ -194,7 +194,8 @@ def _homogeneous(effect: Effect, before: Mapping[str, np.ndarray], after: Mappin
     return all(
         np.allclose(
             after[row][k],
-            before[row][k] * factor(tuple(np.subtract(dimension(row_unit(row)), dimension(parameter.unit)).tolist())),
+            before[row][k]
+            * factor(tuple(np.subtract(dimension(Row.parse(row).unit), dimension(parameter.unit)).tolist())),
             rtol=1e-9,
             atol=1e-12 * float(np.max(np.abs(after[row]))),
         )

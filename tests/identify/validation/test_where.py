@@ -10,6 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 from lacet.identify.car.manoeuvre_phases import PHASES, SHORTEST, phases_of
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -172,7 +173,7 @@ def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor
 
 
 def test_states_are_blurred_by_their_own_noise(fitted: Fit, clear: ClearStates):
-    drive, row = fitted.runs[0], "suspension.fl"
+    drive, row = fitted.runs[0], Row.parse("suspension.fl")
     names = clear.names(row)
     assert {"travel", "travel rate", "travel difference across the axle", "lateral acceleration"} <= set(names)
     assert "vertical wheel load" not in names  # the row's left side is made of it
@@ -196,7 +197,7 @@ def test_missing_bars_are_left_to_explain(base: Fit, clear: ClearStates):
             assert f"{one.part_rms:.3g} N" in explainable(one)
         else:
             assert not one.something, row
-    follows = followed_states(base, floor, ["suspension.fl", "chassis.fz"], clear, draws)
+    follows = followed_states(base, floor, [Row.parse("suspension.fl"), Row.parse("chassis.fz")], clear, draws)
     assert follows["suspension.fl"][0].state in ("travel difference across the axle", "roll angle")
     assert follows["suspension.fl"][0].part > 0.9
     assert follows["chassis.fz"][0].p > 0.05
@@ -248,9 +249,11 @@ def test_coherence_has_its_level(base: Fit, fitted: Fit, floor: NoiseFloor, clea
     count = 19
     effective = count**2 / (count + 2.0 * (count - 1) / 36.0)
     assert 0.01 <= np.mean(np.array(peaks) > _level(effective, 1, 24)) <= 0.1
-    quiet = [row_spectrum(fitted, floor, row, clear) for row in ("chassis.fz", "tyre.fl", "suspension.fl")]
+    quiet = [
+        row_spectrum(fitted, floor, row, clear) for row in map(Row.parse, ("chassis.fz", "tyre.fl", "suspension.fl"))
+    ]
     assert sum(len(s.strongest) > 0 for s in quiet if s is not None) <= 1
-    loud = row_spectrum(base, floor, "suspension.fl", clear)
+    loud = row_spectrum(base, floor, Row.parse("suspension.fl"), clear)
     assert loud is not None
     assert loud.strongest
     assert np.median(loud.residual / loud.floor) > 5.0
@@ -258,7 +261,7 @@ def test_coherence_has_its_level(base: Fit, fitted: Fit, floor: NoiseFloor, clea
 
 def test_blocks_do_not_reach_over_runs(drives: dict[str, PreparedRun]):
     both = [drives["sine"], drives["rough"]]
-    blocks = block_numbers(both, "chassis.fx")
+    blocks = block_numbers(both, Row.parse("chassis.fx"))
     n = len(both[0].index["chassis.fx"])
     assert blocks[n - 1] < blocks[n]
     assert np.all(np.diff(blocks) >= 0)

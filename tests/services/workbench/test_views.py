@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lacet.daq.formats.open_run import open_run
-from lacet.identify.car.rows import row_unit
+from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import FAILS
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.packed_arrays import packed, unpacked
@@ -85,7 +85,7 @@ def test_the_ranking_is_kept_and_shown(shared: Page):
     assert {c["effect"] for c in found["candidates"]} == {"anti_roll_bar.front", "anti_roll_bar.rear", "coulomb.rear"}
     on_disk = json.loads((shared.folder / "diagnoses" / "001.json").read_text(encoding="utf-8"))
     units = [candidate.pop("unit") for candidate in found["candidates"]]
-    assert units == [row_unit(c["rows"][0]) if c["rows"] else "" for c in on_disk["candidates"]]
+    assert units == [Row.parse(c["rows"][0]).unit if c["rows"] else "" for c in on_disk["candidates"]]
     assert found == on_disk
 
 
