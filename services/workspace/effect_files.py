@@ -48,17 +48,18 @@ def line_effects(folder: Path) -> list[type[OneLine]]:
 def load_file(file: Path) -> ModuleType:
     """A user's file as a module. Raises UsageError when it cannot be loaded."""
     try:
-        check_imports(file.read_text(encoding="utf-8"), str(file))
+        text = file.read_text(encoding="utf-8")
+        check_imports(text, str(file))
     except (UnicodeDecodeError, OSError) as cause:
         raise UsageError(f"{file}: {cause}") from None
     name = f"{OWN_MODULES}{file.stem}"
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # data classes look themselves up there
     try:
-        spec.loader.exec_module(module)
+        # The text itself: bytecode kept from before would hide an edit within the same second that keeps the size.
+        exec(compile(text, str(file), "exec"), module.__dict__)
     except Exception as cause:  # whatever a user's file raises is theirs to see, with its place
         del sys.modules[name]
         raise UsageError(f"{file}: cannot be loaded: {type(cause).__name__}: {cause}") from cause

@@ -130,7 +130,7 @@ def _rotor(j: int, qdd: np.ndarray) -> np.ndarray:
 def test_puma(which: str) -> None:
     """A PUMA 560 from another generator, with its own and with random parameters; mass matrix and gravity too."""
     data = json.loads((FOLDER / "PUMA560_mdh_sympybotics.json").read_text(encoding="utf-8"))
-    chain = Chain.from_table(data["mdh"])
+    chain = Chain.from_table(data["mdh"], (0.0, 0.0, -9.81))
     q, qd, qdd = (np.array([data[key]]) for key in ("q", "qd", "qdd"))
     X = np.array(data[f"params_{which}"])
     still, n = np.zeros_like(q), chain.n

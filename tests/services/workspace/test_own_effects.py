@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,7 @@ from lacet.identify.effects.language.parser import read_line
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.commands.__main__ import main
 from lacet.services.commands.effect import DESCRIPTION
+from lacet.services.workspace.effect_files import load_file
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
@@ -222,3 +224,12 @@ def test_the_pages_file_is_an_effect(study: Study, drive: PreparedRun):
     assert len(found) == 3
     for one in found:
         PreparedRun(drive.recording).columns(one)
+
+
+def test_an_edit_within_the_same_second_is_seen(tmp_path: Path) -> None:
+    """Python's bytecode is kept by a file's second and size, and lacet's reading of effect files must not be."""
+    file = tmp_path / "mine.py"
+    for value in ("1", "2"):
+        file.write_text(f"VALUE = {value}\n", encoding="utf-8")
+        os.utime(file, (1e9, 1e9))
+        assert vars(load_file(file))["VALUE"] == int(value)
