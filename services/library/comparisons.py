@@ -13,6 +13,7 @@ from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit
 from lacet.services.library.runs import Runs
 from lacet.services.render.tables import table
+from lacet.services.workspace.loading import check_reference
 
 
 @dataclass(frozen=True, repr=False)
@@ -92,11 +93,15 @@ def compare(
     draws : simulations behind the noise floor.
     progress : called with a sentence now and then, e.g. ``print``.
 
+    Raises UsageError when the wheel loads of `runs` are given at another point than those of the runs used.
+
     Examples
     --------
     >>> lacet.compare(fitted).overall > 1.2
     True
     """
+    if runs is not None:
+        check_reference(fitted.runs.reference, runs.reference)
     found: dict[str, score.Comparison] = {}
     for run in runs or fitted.runs:
         if progress:

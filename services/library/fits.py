@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from lacet.daq.errors import nearest
+from lacet.daq.errors import UsageError, nearest
 from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
@@ -74,15 +74,15 @@ class Fit:
         return Knowledge.of(self.details)
 
     @cached_property
-    def floors(self) -> dict[int, NoiseFloor]:
+    def _floors(self) -> dict[int, NoiseFloor]:
         """Noise floors simulated so far, by number of draws."""
         return {}
 
     def noise_floor(self, draws: int) -> NoiseFloor:
         """The residual that the sensors' noise alone would leave, simulated `draws` times and kept."""
-        if draws not in self.floors:
-            self.floors[draws] = floor_of(self.details, draws)
-        return self.floors[draws]
+        if draws not in self._floors:
+            self._floors[draws] = floor_of(self.details, draws)
+        return self._floors[draws]
 
     @cached_property
     def _result(self) -> dict[str, Any]:
@@ -181,16 +181,21 @@ def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[s
     >>> lacet.fit(lacet.base_model(runs), runs).runs.names
     ('sine', 'liftoff')
     """
-    details = wls.fit(
-        model, runs.prepared, wls.FitOptions(robust=robust), progress=in_words(progress) if progress else silent
-    )
+    return _fitted(model, runs, wls.FitOptions(robust=robust), progress)
+
+
+def _fitted(model: Model, runs: Runs, options: wls.FitOptions, progress: Callable[[str], object] | None) -> Fit:
+    details = wls.fit(model, runs.prepared, options, progress=in_words(progress) if progress else silent)
     return Fit(model, runs, details)
 
 
 def add(
-    fitted: Fit, effect: str | Effect | Candidate | Iterable[str], *, progress: Callable[[str], object] | None = None
+    fitted: Fit,
+    effect: str | Effect | Candidate | Iterable[str] | None,
+    *,
+    progress: Callable[[str], object] | None = None,
 ) -> Fit:
-    """Fit a model with one effect more, or several, to the same runs.
+    """Fit a model with one effect more, or several, to the same runs with the same options.
 
     Parameters
     ----------
@@ -202,7 +207,7 @@ def add(
     Raises
     ------
     UsageError
-        There is no such effect, or it is in the model already.
+        There is no such effect, it is in the model already, or the ranking proposed none (`effect` is None).
 
     Examples
     --------
@@ -210,10 +215,12 @@ def add(
     >>> "anti_roll_bar.front" in both.model
     True
     """
+    if effect is None:
+        raise UsageError("there is no effect to add: the ranking proposes none (its explain() says why)")
     model = fitted.model
     for one in effect if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]:
         model += _found(fitted.runs, one)
-    return fit(model, fitted.runs, robust=False, progress=progress)
+    return _fitted(model, fitted.runs, fitted.details.options, progress)
 
 
 def _found(runs: Runs, effect: str | Effect | Candidate) -> Effect:

@@ -55,6 +55,12 @@ def find_rig(run: Run, given: str | Path | None) -> Rig:
         ) from None
 
 
+def check_reference(used: str, held: str) -> None:
+    """Raise UsageError when runs held out have their wheel loads at another point than the runs used."""
+    if held != used:
+        raise UsageError(f"the runs held out have {held} wheel loads, those used {used}")
+
+
 def load_chain(
     path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
 ) -> Chain:

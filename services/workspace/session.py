@@ -20,7 +20,7 @@ from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, Progr
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
 from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
-from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.loading import Loaded, check_reference, load
 from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
 from lacet.services.workspace.study import Study, Version
 
@@ -96,10 +96,7 @@ class Work:
             if self.study.held:
                 self.progress(Step(Stage.READING_RUNS, total=len(self.study.held), subject="held out"))
                 loaded = self._read(self.study.paths(held=True), "held out")
-                if loaded.reference != self.loaded.reference:
-                    raise UsageError(
-                        f"the runs held out have {loaded.reference} wheel loads, those used {self.loaded.reference}"
-                    )
+                check_reference(self.loaded.reference, loaded.reference)
                 known = self.loaded.warnings
                 self.loaded = replace(self.loaded, warnings=(*known, *(w for w in loaded.warnings if w not in known)))
                 self._held = loaded.prepared

@@ -9,6 +9,7 @@ import re
 import subprocess
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -41,7 +42,7 @@ def test_nothing_is_loaded_until_it_is_used() -> None:
 
 def test_a_name_that_is_not_there_is_refused() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'fitt'"):
-        getattr(lacet, "fitt")  # noqa: B009
+        lacet.__getattr__("fitt")
 
 
 def test_nothing_inside_imports_from_the_door() -> None:
@@ -110,3 +111,20 @@ def test_the_readmes_ten_lines_run(checkout: Path, monkeypatch: pytest.MonkeyPat
     printed = capsys.readouterr().out
     assert "spring.fl.k" in printed
     assert "anti_roll_bar.front is missing" in printed
+
+
+def test_nothing_proposed_is_no_effect_to_add(fitted: lacet.Fit) -> None:
+    with pytest.raises(lacet.UsageError, match="no effect to add"):
+        lacet.add(fitted, None)
+
+
+def test_an_effect_is_added_with_the_options_of_the_fit(runs: lacet.Runs) -> None:
+    robust = lacet.fit(lacet.base_model(runs), runs, robust=True)
+    assert lacet.add(robust, "anti_roll_bar.front").details.options == robust.details.options
+
+
+def test_runs_with_loads_at_another_point_are_not_compared(fitted: lacet.Fit, runs: lacet.Runs) -> None:
+    prepared = [replace(run.recording, reference="contact") for run in runs]
+    loaded = replace(runs.loaded, prepared=tuple(type(runs.prepared[0])(one) for one in prepared))
+    with pytest.raises(lacet.UsageError, match="wheel loads"):
+        lacet.compare(fitted, replace(runs, loaded=loaded))
