@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.stories.page import STORIES, play, steps
 from lacet.identify.validation.restoring_force import restoring_surfaces
-from lacet.services.render.failure_plots import surface_figure
-from lacet.services.render.plots import fall_figure, png
+from lacet.services.render.figures.failure_plots import surface_figure
+from lacet.services.render.figures.study_plots import fall_figure, png
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study
 

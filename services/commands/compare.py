@@ -10,8 +10,8 @@ from lacet.identify.properties.derived import damper_curves
 from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
 from lacet.services.render.identifiability import rows_not_judged
-from lacet.services.render.validation_plots import draw_comparison, draw_dampers
 from lacet.services.workspace.results import scores
 from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study

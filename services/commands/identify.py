@@ -19,7 +19,7 @@ from lacet.identify.validation.score import compare, fails, worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
-from lacet.services.render.validation_plots import draw_comparison, draw_dampers
+from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.results import consistency_result, fit_result
 

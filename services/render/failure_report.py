@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lacet.identify.validation.failure_analysis import FailureAnalysis
-from lacet.services.render.failure_plots import (
+from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
+from lacet.services.render.figures.failure_plots import (
     against_figure,
     explainable_figure,
     map_figure,
@@ -15,7 +16,6 @@ from lacet.services.render.failure_plots import (
     spectrum_figure,
     surface_figure,
 )
-from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.render.html import details, page, picture, pre, section
 
 MOST_ROWS = 3

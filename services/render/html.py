@@ -7,7 +7,7 @@ import html
 
 from matplotlib.figure import Figure
 
-from lacet.services.render import plots
+from lacet.services.render.figures.study_plots import png
 
 STYLE = """
 :root { color-scheme: light dark; }
@@ -47,5 +47,5 @@ def pre(text: str) -> str:
 
 def picture(figure: Figure) -> str:
     """A figure inside the page."""
-    data = base64.b64encode(plots.png(figure)).decode("ascii")
+    data = base64.b64encode(png(figure)).decode("ascii")
     return f'<p><img alt="" src="data:image/png;base64,{data}"></p>'

@@ -10,8 +10,9 @@ from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.score import Comparison, pooled_ratio
-from lacet.services.render import plots, tables, validation_plots
+from lacet.services.render import tables
 from lacet.services.render.failure_report import where_pieces
+from lacet.services.render.figures import study_plots, validation_plots
 from lacet.services.render.html import details, picture, pre, section
 from lacet.services.render.identifiability import rows_not_judged
 
@@ -61,7 +62,7 @@ def head(base: Version, now: Version, used: int, held_out: int, diagnosis: Mappi
 
 def error_falls(versions: Sequence[Version]) -> str:
     """How the error fell, version by version."""
-    return section("The error falls", picture(plots.fall_figure(versions)), pre(tables.history(versions)))
+    return section("The error falls", picture(study_plots.fall_figure(versions)), pre(tables.history(versions)))
 
 
 def base_model_fails(found: FailureAnalysis) -> list[str]:
@@ -79,8 +80,8 @@ def present_model_fails(
     return [
         f"<h3>Now, with {html.escape(', '.join(now.effects))}</h3>",
         f"<p>{html.escape(row)} of run {html.escape(old.name)} before and after:</p>",
-        picture(plots.comparison_figure(old, [row])),
-        picture(plots.comparison_figure(new, [row])),
+        picture(study_plots.comparison_figure(old, [row])),
+        picture(study_plots.comparison_figure(new, [row])),
         *where_pieces(found),
     ]
 
@@ -119,7 +120,7 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
 
 def _validation(part: Comparison) -> list[str]:
     """Measurement, model and error by kind of row, and the colour of the residual."""
-    figures = [plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
+    figures = [study_plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
     if part.whiteness:
         figures += [validation_plots.spectrum_figure(part), validation_plots.acf_figure(part)]
     return [picture(figure) for figure in figures]

@@ -21,7 +21,7 @@ from lacet.identify.validation.residual_map import Against, InPhase, residual_ma
 from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.spectra import RowSpectrum
-from lacet.services.render.plots import ERROR, FAULT, HELD, MEASURED, MODEL
+from lacet.services.render.figures.study_plots import ERROR, FAULT, HELD, MEASURED, MODEL
 
 COLOURS = dict(
     zip(

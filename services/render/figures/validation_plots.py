@@ -12,7 +12,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.whiteness import Colour
-from lacet.services.render.plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
+from lacet.services.render.figures.study_plots import ERROR, FAULT, HELD, MEASURED, MODEL, comparison_figure, png
 from lacet.services.render.rows import colour_words
 
 _KINDS = ("chassis", "suspension", "tyre", "spin")

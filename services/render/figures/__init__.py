@@ -1,0 +1,1 @@
+"""Pictures for people: matplotlib figures of values and plain data."""
