@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.daq.errors import nearest
+from lacet.identify.multibody.chain_notes import ValuesUnused
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS
 from lacet.identify.multibody.vectors import Array
 
@@ -32,14 +33,17 @@ def symbol_values(given: Mapping[str, Any], symbols: Collection[str] | None = No
     return {str(name): real(str(name), value) for name, value in given.items()}
 
 
-def unused(values: Collection[str], symbols: Collection[str], what: str) -> list[str]:
-    """A note that names the values without a symbol, if there are any."""
-    spare = [name for name in values if name not in symbols]
-    return [f"values that this {what} has no use for: {', '.join(spare)}"] if spare else []
+def unused(values: Collection[str], symbols: Collection[str]) -> list[ValuesUnused]:
+    """The note of the values that have no symbol; none where each has one."""
+    spare = tuple(name for name in values if name not in symbols)
+    return [ValuesUnused(spare)] if spare else []
 
 
-def joint_states(n: int, hint: str = "", **states: ArrayLike) -> list[Array]:
-    """Joint states given as (N, n), transposed to (n, N). Raises ValueError naming the one at fault and the remedy."""
+def joint_states(n: int, fixed: bool = False, **states: ArrayLike) -> list[Array]:
+    """Joint states given as (N, n), transposed to (n, N); `fixed` : whether some of the n are fixed frames.
+
+    Raises ValueError naming the one at fault and the remedy.
+    """
     out: list[Array] = []
     for name, given in states.items():
         try:
@@ -48,7 +52,10 @@ def joint_states(n: int, hint: str = "", **states: ArrayLike) -> list[Array]:
             raise ValueError(f"{name} must be numbers of shape (N, {n})") from None
         if array.ndim != 2 or array.shape[1] != n:
             one = "; one sample is q[None]" if array.ndim == 1 else ""
-            raise ValueError(f"{name} must have the shape (N, {n}), found {array.shape}{one}{hint}")
+            raise ValueError(
+                f"{name} must have the shape (N, {n}), found {array.shape}{one}"
+                f"{'; fixed frames have a column too' if fixed else ''}"
+            )
         if out and array.shape[0] != out[0].shape[1]:
             raise ValueError(f"{name} has {array.shape[0]} samples, {next(iter(states))} {out[0].shape[1]}")
         bad = np.argwhere(~np.isfinite(array))

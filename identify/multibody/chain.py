@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lacet.identify.multibody.arguments import absent_names, all_parameters, joint_states, symbol_values, unused
+from lacet.identify.multibody.chain_notes import ChainNote
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, STANDARD_GRAVITY, wrench, wrench_regressor
-from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, lacking
+from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, refuse_missing
 from lacet.identify.multibody.symoro import read_par
 from lacet.identify.multibody.vectors import Array, cross, rotation, unit
 
@@ -71,7 +72,7 @@ class Chain:
     rotors : whether rotor inertias count among the inertial parameters, as SYMORO has it.
     table : the same rows with symbols, `values` theirs; without `values` for all of them only `base_parameters` works.
     given : values of parameters that the robot's file holds.
-    notes : assumptions made when the chain was read from a file, one line each.
+    notes : what was assumed, left out or not used when the chain was read, as values.
 
     Raises ValueError when the table is no tree.
 
@@ -91,7 +92,7 @@ class Chain:
         table: SymbolicTable | None = None,
         values: Mapping[str, float] | None = None,
         given: Mapping[str, float] | None = None,
-        notes: Sequence[str] = (),
+        notes: Sequence[ChainNote] = (),
     ):
         self.joints = tuple(joints)
         self.gravity = np.asarray(gravity, float)
@@ -130,7 +131,7 @@ class Chain:
         rows = list(rows)
         table = SymbolicTable.read(rows)
         known = symbol_values(values or {})
-        notes = unused(known, table.symbols, "table")
+        notes = unused(known, table.symbols)
         return cls._of(table, gravity, known, absent_names(rows), notes=notes)
 
     @classmethod
@@ -145,7 +146,7 @@ class Chain:
         values : numbers of the file's symbols, lengths [m] and angles [rad]. Without them base parameters can be had,
             and whatever needs numbers says which symbols lack one.
         gravity : acceleration of gravity in the ground frame [m/s²]; by default the file's G, and when its third entry
-            has no value (``G3``) −`STANDARD_GRAVITY` along z, as `notes` then says.
+            has no value (``G3``) −`STANDARD_GRAVITY` along z, which `notes` then holds.
         name : of the file, for messages.
 
         Inertial parameters that the file gives as 0 are `absent`, others that it gives as numbers stand in `given`.
@@ -153,15 +154,15 @@ class Chain:
         """
         known = symbol_values(values or {})
         par = read_par(text, name)
-        field, note = (gravity, "") if gravity is not None else par.field(known, GRAVITY)
+        field, assumed = (gravity, None) if gravity is not None else par.field(known, GRAVITY)
         given = {name: e.value(known) for name, e in par.given.items() if e.symbols <= known.keys()}
-        notes = [*par.notes, *([note] if note else []), *unused(known, par.symbols, "file")]
+        notes = [*par.notes, *([assumed] if assumed else []), *unused(known, par.symbols)]
         return cls._of(par.table, field, known, par.absent, par.rotors, given, notes)
 
     @classmethod
     def _of(
         cls, table: SymbolicTable, gravity: Sequence[float], values: Mapping[str, float], absent: Collection[str],
-        rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[str] = (),
+        rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[ChainNote] = (),
     ) -> Chain:  # fmt: skip
         # Symbols without a value get random ones: the structure can be studied; `missing` forbids numbers from it.
         anything = table.any_values(np.random.default_rng(1))
@@ -393,9 +394,8 @@ class Chain:
             yield k, *found
 
     def _need_numbers(self) -> None:
-        if self.missing:
-            raise ValueError(lacking(self.missing, self.values))
+        refuse_missing(self.missing, self.values)
 
     def _states(self, **states: ArrayLike) -> list[Array]:
         fixed = any(joint.sigma == FIXED for joint in self.joints)
-        return joint_states(self.n, "; fixed frames have a column too" if fixed else "", **states)
+        return joint_states(self.n, fixed, **states)

@@ -118,16 +118,18 @@ class SymbolicTable:
         return tuple(out)
 
 
-def lacking(missing: Sequence[str], given: Iterable[str]) -> str:
-    """The message for a table that has symbols without a value."""
+def refuse_missing(missing: Sequence[str], given: Iterable[str]) -> None:
+    """Raise ValueError that names the symbols of a table without a value (`missing`), if there are any."""
+    if not missing:
+        return
     known = list(given)
     near = [(s, difflib.get_close_matches(s, known, n=1)) for s in missing]
-    hints = [f"'{match[0]}' was given: is '{s}' meant?" for s, match in near if match]
     example = ", ".join(f"'{s}': …" for s in missing[:3])
-    return " ".join(
-        [f"this needs numbers, and these symbols of the table have none: {', '.join(missing)}.",
-         f"Give values={{{example}}} when the chain is made, or chain.with_values(…).", *hints]
-    )  # fmt: skip
+    raise ValueError(
+        f"this needs numbers, and these symbols of the table have none: {', '.join(missing)}. "
+        f"Give values={{{example}}} when the chain is made, or chain.with_values(…)."
+        + "".join(f" '{match[0]}' was given: is '{s}' meant?" for s, match in near if match)
+    )
 
 
 def _WHOLE(place: int) -> tuple[tuple[str, int], ...]:

@@ -12,6 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lacet.daq.errors import FileFault
+from lacet.identify.multibody.chain_notes import (
+    ChainNote,
+    ConstantPosition,
+    GeometryMissing,
+    GravityAssumed,
+    LoadsLeftOut,
+    LoopsCut,
+    ParametersMissing,
+)
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
@@ -40,7 +49,7 @@ class ParFile:
     rotors : whether the file lists rotor inertias, which SYMORO counts among the inertial parameters.
     given : parameters that the file gives as something else than their own symbol.
     symbols : every symbol of the file.
-    notes : what a reader must know, one line each.
+    notes : what was assumed or left out.
     """
 
     name: str
@@ -50,25 +59,23 @@ class ParFile:
     rotors: bool
     given: Mapping[str, Expression]
     symbols: frozenset[str]
-    notes: tuple[str, ...]
+    notes: tuple[ChainNote, ...]
 
-    def field(self, values: Mapping[str, float], default: Sequence[float]) -> tuple[tuple[float, ...], str]:
+    def field(
+        self, values: Mapping[str, float], default: Sequence[float]
+    ) -> tuple[tuple[float, ...], GravityAssumed | None]:
         """Gravity [m/s²] with the symbols' values; `default`, with a note, where its third entry has none (``G3``).
 
         Raises ValueError when another entry has no value.
         """
         if self.gravity is None:
-            return tuple(default), "the file has no G: gravity is " + _vector(default)
+            return tuple(default), GravityAssumed(tuple(default))
         lacks = sorted({s for e in self.gravity for s in e.symbols if s not in values})
         if not lacks:
-            return tuple(e.value(values) for e in self.gravity), ""
+            return tuple(e.value(values) for e in self.gravity), None
         if any(e.symbols or e.value({}) for e in self.gravity[:2]):
             raise ValueError(f"G needs the values of {', '.join(lacks)}: values={{'{lacks[0]}': …}}, or gravity=(…)")
-        return tuple(default), f"{', '.join(lacks)} has no value: gravity is {_vector(default)}"
-
-
-def _vector(values: Sequence[float]) -> str:
-    return f"({', '.join(f'{v:g}' for v in values)}) m/s² in the ground frame"
+        return tuple(default), GravityAssumed(tuple(default), tuple(lacks))
 
 
 @dataclass(frozen=True)
@@ -86,7 +93,7 @@ class _Reader:
     def __init__(self, text: str, name: str):
         self.name, self.text = name, text
         self.faults: list[tuple[int, str]] = []
-        self.notes: list[str] = []
+        self.notes: list[ChainNote] = []
         self.symbols: set[str] = set()
         self.lists: dict[str, list[_Entry]] = {}
         self.lines: dict[str, int] = {}
@@ -159,12 +166,7 @@ class _Reader:
         if not 0 < out["NL"] <= out["NJ"] <= out["NF"] and not self.faults:
             self.fault(self.lines["nl"], f"0 < NL ≤ NJ ≤ NF expected, found {out['NL']}, {out['NJ']}, {out['NF']}")
         if out["NJ"] > out["NL"]:
-            loops = out["NJ"] - out["NL"]
-            self.notes.append(
-                f"{loops} closed loop(s): the equivalent tree of bodies 1…{out['NL']} is taken, cut at joint(s) "
-                f"{', '.join(str(j) for j in range(out['NL'] + 1, out['NJ'] + 1))}. Torques and base parameters are "
-                "the tree's: those of the closed robot follow with its constraints (a loop can only group more)"
-            )
+            self.notes.append(LoopsCut(out["NL"], tuple(range(out["NL"] + 1, out["NJ"] + 1))))
         return out
 
     def _single(self, key: str) -> _Entry | None:
@@ -190,9 +192,9 @@ class _Reader:
                 expression = self._expression(entry, key)
                 if expression is not None and (expression.symbols or expression.value({}) != 0.0):
                     self.fault(entry.line, f"{key}: the base must be at rest (all 0), found '{entry.text}'")
-        loads = [k for k in _LOADS if any(e.text != "0" for e in self.lists.get(k.casefold(), []))]
+        loads = tuple(k for k in _LOADS if any(e.text != "0" for e in self.lists.get(k.casefold(), [])))
         if loads:
-            self.notes.append(f"external forces ({', '.join(loads)}) are left out: torques are those of free bodies")
+            self.notes.append(LoadsLeftOut(loads))
 
     def _list(self, key: str, counts: Mapping[str, int], required: bool = False) -> list[_Entry]:
         """The entries of the tree's rows."""
@@ -235,8 +237,8 @@ class _Reader:
     def _rows(self, n: int, counts: Mapping[str, int]) -> tuple[list[Row], set[str]]:
         ants, sigmas = self._integers("ant", counts), self._integers("sigma", counts)
         columns = {key: self._list(key, counts) for key in GEOMETRY}
-        if silent := [key for key in GEOMETRY if key not in self.lists]:
-            self.notes.append(f"the file has no {', '.join(silent)}: taken as 0")
+        if silent := tuple(key for key in GEOMETRY if key not in self.lists):
+            self.notes.append(GeometryMissing(silent))
         entries: list[dict[str, Expression]] = []
         for j in range(1, n + 1):
             found = {key: self._expression(column[j - 1], f"{key} of joint {j}") for key, column in columns.items()}
@@ -251,7 +253,7 @@ class _Reader:
             if sigma not in moving:
                 continue
             key = moving[sigma]
-            name = self._variable(row[key], f"{key} of joint {j}", columns[key][j - 1].line, fixed_symbols)
+            name = self._variable(row[key], key, j, columns[key][j - 1].line, fixed_symbols)
             if name in variables:
                 self.fault(columns[key][j - 1].line, f"{name} is the position of joint {variables[name]} and of {j}")
             if name:
@@ -259,13 +261,14 @@ class _Reader:
         rows = [Row(j, ants[j - 1], sigmas[j - 1], entries[j - 1]) for j in range(1, n + 1)]
         return rows, set(variables)
 
-    def _variable(self, entry: Expression, field: str, line: int, elsewhere: set[str]) -> str:
-        """The joint position in an entry, which may have a constant beside it."""
+    def _variable(self, entry: Expression, key: str, joint: int, line: int, elsewhere: set[str]) -> str:
+        """The joint position in the entry of a `joint`, which may have a constant beside it."""
         names = entry.symbols - elsewhere
         if not entry.symbols:
             if entry.value({}) != 0.0:
-                self.notes.append(f"{field} is the number {entry.text}: taken as what stands beside the joint position")
+                self.notes.append(ConstantPosition(key, joint, entry.text))
             return ""
+        field = f"{key} of joint {joint}"
         if len(names) > 1:
             names = frozenset(s for s in names if _VARIABLE.fullmatch(s))
         if len(names) != 1:
@@ -288,9 +291,8 @@ class _Reader:
         counts |= {"NF": int(e.text)} if (e := self._single("NF")) and e.text.isdigit() else {}
         absent: set[str] = set()
         given: dict[str, Expression] = {}
-        silent = [kind for kind in PARAMETERS if kind.casefold() not in self.lists]
-        if silent:
-            self.notes.append(f"the file has no {', '.join(silent)}: every body is taken to have them")
+        if silent := tuple(kind for kind in PARAMETERS if kind.casefold() not in self.lists):
+            self.notes.append(ParametersMissing(silent))
         for kind in (*PARAMETERS, *FRICTION):
             if kind.casefold() not in self.lists:
                 continue

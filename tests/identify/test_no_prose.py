@@ -12,10 +12,8 @@ SENTENCE = 6
 """Words from which on a text counts as a sentence; labels and units are shorter."""
 ALLOWED = {
     "identify/effects/": "what an effect or a state declares of itself, and what is wrong with a user's law or file",
-    "identify/multibody/arguments.py": "what is wrong with an argument",
-    "identify/multibody/chain.py": "what is wrong with an argument",
     "identify/multibody/symbolic_table.py": "what is wrong with a table",
-    "identify/multibody/symoro.py": "what is wrong with a file, and notes on how it was read",
+    "identify/multibody/symoro.py": "what is wrong with a file",
     "identify/regression/identifiability.py": "what is wrong with an effect's columns",
     "identify/validation/parameter_estimates.py": "runs that show a parameter, as effects declare them",
     "identify/selection/": "sentences of the ranking",

@@ -12,6 +12,15 @@ from hypothesis import strategies as st
 
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.chain_base_parameters import base_parameters
+from lacet.identify.multibody.chain_notes import (
+    ConstantPosition,
+    GeometryMissing,
+    GravityAssumed,
+    LoadsLeftOut,
+    LoopsCut,
+    ParametersMissing,
+    ValuesUnused,
+)
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.symoro import ParError, read_par
 from lacet.services.workspace.loading import load_chain
@@ -79,7 +88,7 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
     """The rank needs no values; torques name the symbols that lack one; a misspelt one is pointed at."""
     chain = load_chain(FOLDER / "CarLite.par")
     assert chain.missing == ("LF", "EF", "LR", "ER")
-    assert any("G3" in note and "-9.80665" in note for note in chain.notes)
+    assert GravityAssumed((0.0, 0.0, -9.80665), ("G3",)) in chain.notes
     base = base_parameters(chain)
     assert base.rank == 68
     zero = np.zeros((1, 16))
@@ -99,11 +108,11 @@ def test_without_values_the_structure_stands_and_numbers_are_refused() -> None:
     assert full.pose(7, zero)[0, :3, 3] == pytest.approx(
         Chain.from_table(CARLITE["mdh"]).pose(7, zero)[0, :3, 3], abs=1e-12
     )
-    assert "values that this file has no use for: spare" in load_chain(FOLDER / "CarLite.par", {"spare": 1}).notes
+    assert ValuesUnused(("spare",)) in load_chain(FOLDER / "CarLite.par", {"spare": 1}).notes
 
 
 def test_a_loop_is_read_as_its_tree(tmp_path: Path) -> None:
-    """Four bodies of six frames; the cut is told; symbols of the cut frames are not asked for."""
+    """Four bodies of six frames; the cut is noted; symbols of the cut frames are not asked for."""
     chain = load_chain(written(tmp_path, LOOP), {"L1": 0.5, "A": 0.3, "G3": 9.0, "JY": 2.5})
     assert [(k.ant, k.sigma) for k in chain.joints] == [(0, 0), (1, 0), (1, 0), (3, 0)]
     assert not chain.missing
@@ -111,8 +120,7 @@ def test_a_loop_is_read_as_its_tree(tmp_path: Path) -> None:
     assert chain.joints[3].gamma == pytest.approx(0.3 - np.pi / 6)
     assert chain.joints[1].theta == pytest.approx(np.pi / 2)
     assert chain.gravity.tolist() == [0.0, 0.0, -9.0]
-    assert any("closed loop" in note and "joint(s) 5" in note for note in chain.notes)
-    assert any("external forces (FX)" in note for note in chain.notes)
+    assert chain.notes == (LoopsCut(4, (5,)), LoadsLeftOut(("FX",)), GeometryMissing(("b",)))
     assert chain.given == {"XX4": 4.0, "YY3": 2.5}
     assert {"XX1", "XX3", "IA2", "M1"} <= chain.absent
     assert not {"XX4", "YY3", "ZZ1", "IA1", "FV1"} & chain.absent
@@ -162,7 +170,17 @@ def test_all_faults_at_once(tmp_path: Path) -> None:
 
 def test_a_file_without_a_column_says_so(tmp_path: Path) -> None:
     """A column left out, or written with another name, is no reason to be silent."""
-    assert "the file has no b, r: taken as 0" in load_chain(written(tmp_path, LOOP.replace("R = {", "RR = {"))).notes
+    chain = load_chain(written(tmp_path, LOOP.replace("R = {", "RR = {").replace("MX = {", "MXX = {")))
+    assert GeometryMissing(("b", "r")) in chain.notes
+    assert ParametersMissing(("MX",)) in chain.notes
+
+
+def test_a_number_in_place_of_a_position_and_a_file_without_gravity(tmp_path: Path) -> None:
+    """Both are read, with a note of what was assumed; values given later do not lose it."""
+    chain = load_chain(written(tmp_path, LOOP.replace("{t1,", "{0.5,").replace("G = {0,0,-G3}", "")))
+    noted = {ConstantPosition("theta", 1, "0.5"), GravityAssumed((0.0, 0.0, -9.80665))}
+    assert noted <= {*chain.notes}
+    assert chain.with_values({"L1": 0.5}).notes == chain.notes
 
 
 def test_gravity_sideways_needs_its_value(tmp_path: Path) -> None:

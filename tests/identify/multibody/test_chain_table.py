@@ -9,6 +9,7 @@ import pytest
 
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.chain_base_parameters import base_parameters
+from lacet.identify.multibody.chain_notes import ValuesUnused
 
 ROWS: list[dict[str, Any]] = [{"j": 1}, {"j": 2, "ant": 1, "alpha": "pi/2"}, {"j": 3, "ant": 2, "d": "L"}]
 Q = np.full((2, 3), 0.1)
@@ -39,13 +40,13 @@ def test_columns_of_the_users_own_are_left_alone() -> None:
 
 
 def test_rows_values_and_parameters_that_are_no_numbers() -> None:
-    """Each is named; a value without use is told."""
+    """Each is named; a value without use is noted."""
     with pytest.raises(ValueError, match="row 1: a mapping"):
         Chain.from_table([1, 2])  # type: ignore[list-item]
     with pytest.raises(ValueError, match="L must be a number, found 'x'"):
         Chain.from_table(ROWS, values={"L": "x"})  # type: ignore[dict-item]
     arm = Chain.from_table(ROWS, values={"L": 0.4, "Q": 1.0})
-    assert arm.notes == ("values that this table has no use for: Q",)
+    assert arm.notes == (ValuesUnused(("Q",)),)
     with pytest.raises(ValueError, match="parameter M3 must be a number, found None"):
         arm.inverse_dynamics(Q, Q, Q, {"M3": None})  # type: ignore[dict-item]
 
