@@ -2,12 +2,12 @@
 
 Joints 1–6 are the posture (lateral, longitudinal, vertical, yaw, pitch, roll). Four branches of nine follow: 7–15 rear
 left, 16–24 rear right, 25–33 front left, 34–42 front right. In a branch: half track, half wheelbase, damper clearance,
-steering, camber, then two rotations about the carrier's y axis, wheel rotation, tyre deflection (which hangs on the
-carrier, never on the spinning wheel).
+steering, camber, then two rotations about the carrier's y axis, wheel rotation, tyre deflection (whose antecedent is
+the carrier, never the spinning wheel).
 
 The paper leaves q12 unnamed and calls q13 the kingpin angle. Here q12 is the carrier's pitch with suspension travel
 (caster change, from the bench table) and q13 its pitch from steering about the inclined kingpin, so that the carrier's
-attitude is Rz(q10) Rx(q11) Ry(q12 + q13), which is what cameras and bench tables give.
+attitude is Rz(q10) Rx(q11) Ry(q12 + q13), as cameras and bench tables give it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from lacet.identify.multibody.chain import Chain, Joint
 from lacet.identify.multibody.vectors import Array, rotation, rpy, turn
 
 CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
-"""Branches in the paper's numbering."""
+"""Corners of the branches, in the paper's order."""
 
 FIRST_JOINT = {corner: 7 + 9 * i for i, corner in enumerate(CORNER_OF_BRANCH)}
 """Number of a branch's first joint, by corner."""
@@ -34,8 +34,10 @@ CHASSIS = 6
 AXLE = {corner: first + 4 for corner, first in FIRST_JOINT.items()}
 """The paper's numbers of the axles (wheel carriers): 11, 20, 29, 38."""
 CARRIER = {corner: first + 6 for corner, first in FIRST_JOINT.items()}
-"""Frames the carriers are fixed to, the last before the wheel: 13, 22, 31, 40. What the paper gives to C11 stands here,
-because a carrier also pitches; without caster and bench pitch the two are one."""
+"""Frames that the carriers are fixed to, the last before the wheel: 13, 22, 31, 40.
+
+The parameters that the paper gives to C11 are those of this frame, because a carrier also pitches; without caster and
+bench pitch the two are the same."""
 WHEEL = {corner: first + 7 for corner, first in FIRST_JOINT.items()}
 """Body numbers of the wheels: 14, 23, 32, 41."""
 
@@ -70,7 +72,7 @@ def car_chain() -> CarChain:
         alpha = math.atan2(math.hypot(x, y), z)
         gamma = math.atan2(x, -y) if alpha > 1e-9 else 0.0
         joints.append(Joint(len(joints) + 1, ant, sigma, gamma=gamma, alpha=alpha))
-        # Multiples of a quarter turn: rounding takes the last digit off, so that axes are exact.
+        # Multiples of a quarter turn: rounded to make axes exact.
         turns.append(np.round(before @ rotation(2, gamma) @ rotation(0, alpha), 12))
 
     for k, (sigma, axis) in enumerate(_POSTURE):
@@ -85,10 +87,10 @@ def car_chain() -> CarChain:
 
 @dataclass(frozen=True)
 class KinematicSlopes:
-    """Joint positions that one corner's bench table gives along a travel history, with their derivatives by travel.
+    """Joint positions from one corner's bench table along a travel history, with their derivatives by travel.
 
-    For each joint of the branch (half track, half wheelbase, toe, camber, pitch): the change of the joint (N,), its
-    slope against travel (N,) and the slope of the slope (N,), all zero without a table.
+    For each joint of the branch (half track, half wheelbase, toe, camber, pitch): the `change` of the joint (N,), its
+    `slope` by travel (N,) and the `curvature`, the slope of the slope (N,); zeros without a table.
     """
 
     change: Array
@@ -101,8 +103,8 @@ def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
 
     The five rows are half track, half wheelbase, steer, camber, pitch.
 
-    Signs are turned from the file's (outward, toe-in, top outward) to the joints' (y to the left, steer to the left,
-    positive about x). A cubic spline is used, so that slopes are continuous; beyond the table it goes on straight.
+    Signs are converted from the file's (outward, toe-in, top outward) to the joints' (y to the left, steer to the left,
+    positive about x). Interpolation is by a cubic spline, so that slopes are continuous; extrapolation is linear.
     """
     zeros = np.zeros((5, travel.size))
     if corner.table is None:
@@ -128,7 +130,7 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
 
     From its design attitude the carrier turns by an angle δ about the kingpin axis k (top rearward by the caster,
     inward by the inclination). Written as Rz(steer) Rx(camber) Ry(pitch), the turn has a pitch that depends on the
-    steer angle alone. `steer` is what the camera measures, static toe included. All three are (N,).
+    steer angle alone. `steer` is the angle that the camera measures, static toe included. All three are (N,).
     """
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)

@@ -114,9 +114,9 @@ def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:
 def _torques(
     c: str, part: _Branch, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
 ) -> tuple[Array, Array, Array]:
-    """Rotation of the wheel per unit of travel in the suspension row, work there of the torque, torque in the spin row.
+    """Rotation of the wheel per unit of travel in the suspension row, work of its torque, torque in the spin row.
 
-    Sources: `car.rows`. Where the half-shaft's torque is eliminated, the brake's takes its place.
+    Sources: `car.rows`. Where the half-shaft's torque is eliminated, the brake's replaces it.
     """
     zero = np.zeros(spin_axis.shape[1])
 
@@ -133,12 +133,12 @@ def _torques(
 def _masks(
     recording: Recording, rows: Mapping[Row, Torque], grounds: tuple[str, ...]
 ) -> tuple[dict[str, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
-    """Usable samples of each row, row → (N,), and the seconds left out because the brakes act."""
+    """Usable samples of each row, row → (N,), and the durations left out because the brakes act."""
     t, edge = recording.t, recording.filters.edge
     inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
     released = np.ones(t.size, bool)
     if any(torque.released for torque in rows.values()):
-        # The filters smear what happens while braking over their edge.
+        # The filters spread a braking over their edge.
         applied = recording.signals.value[PRESSURE][0] > RELEASED
         released = maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
     masks: dict[str, NDArray[np.bool_]] = {}
@@ -223,7 +223,7 @@ def _turned(car: CarChain, number: int, frames: list[FrameMotion | None]) -> Fra
 
 @dataclass(frozen=True)
 class _Branch:
-    """One corner's geometry before loads."""
+    """Geometry of one corner before loads."""
 
     travel: Array
     rate: Array
@@ -241,7 +241,7 @@ class _Branch:
 
 
 def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array, qdd: Array) -> _Branch:
-    """Fill the branch's joint positions and derivatives in `q`, `qd`, `qdd`, and give the corner's geometry."""
+    """The geometry of a corner; the branch's joint positions and derivatives are entered in `q`, `qd`, `qdd`."""
     c, first = corner.name, FIRST_JOINT[corner.name] - 1
     centre_z, speed, accel = road.centre_z(c)
     n = centre_z.size
@@ -265,7 +265,7 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
         (camber, camber_rate, camber_accel),
         tabled(4, 0.0),
         (kingpin, slope * steer_rate, slope * steer_accel + curvature * steer_rate**2),
-        # The wheel is a balanced body of revolution: its angle does not matter, and stays at zero.
+        # The wheel is a balanced body of revolution: its angle has no influence and is left at zero.
         (zero, spin, spin_accel),
     )
     for k, (position, velocity, acceleration) in enumerate(joints):
@@ -287,7 +287,7 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
 def _load_in_body(
     values: Mapping[str, Array], channel: str, part: _Branch, rig: Rig, normal: Array, spin_axis: Array
 ) -> Array:
-    """A wheel load in body axes (3, N), from the axes the rig declares for it."""
+    """A wheel load in body axes (3, N), from the axes that the rig declares for it."""
     load = values.get(channel)
     if load is None:
         return np.zeros_like(spin_axis)
@@ -301,6 +301,6 @@ def _load_in_body(
         return x * load[0] + spin_axis * load[1] + cross(x, spin_axis) * load[2]
     if axes == "heading":
         raise RunError(rig.name, [f"{channel}: wheel loads cannot be in heading axes; use carrier, tydex_c or body"])
-    if sensor is not None and axes == "sensor":  # mounted askew in the carrier
+    if sensor is not None and axes == "sensor":  # mounted at an angle in the carrier
         load = orientation(sensor.orientation) @ load
     return turn(2, part.steer, turn(0, part.camber, turn(1, part.pitch, load)))

@@ -1,7 +1,7 @@
 """Manoeuvre phases of a run (braking, cornering, rough road …), from the measured motion alone.
 
-Each instant has one phase. Quick signals are smoothed over half a second, so that noise and single bumps do not cut a
-phase in two; a stretch shorter than a quarter of a second joins the phases around it.
+Each instant has one phase. Fast signals are averaged over half a second, so that noise and single bumps do not divide a
+phase; a phase shorter than a quarter of a second is merged with those around it.
 """
 
 from __future__ import annotations
@@ -31,15 +31,15 @@ BEND = 1.5
 BRAKES = -1.5
 """Longitudinal acceleration below which a car brakes [m/s²]; an engine's drag alone seldom exceeds it."""
 LIFTS = -0.4
-"""Longitudinal acceleration below which the driver lifts off [m/s²]; rolling resistance alone is about −0.15."""
+"""Longitudinal acceleration below which the driver has lifted off [m/s²]; rolling resistance alone is about −0.15."""
 ACCELERATES = 0.7
 """Longitudinal acceleration from which a car accelerates [m/s²]."""
 STEERS = 0.04
-"""Rate of the steer angle at the wheels from which it is being steered [rad/s]: 35°/s at a hand wheel geared 15 : 1."""
+"""Rate of the steer angle at the wheels that counts as steering [rad/s]: 35°/s at a hand wheel geared 15 : 1."""
 JERKS = 3.0
-"""Rate of the lateral acceleration from which it is being steered, where no camera sees the wheels [m/s³]."""
+"""Rate of the lateral acceleration that counts as steering where no camera measures the wheels [m/s³]."""
 ROUGH = 0.03
-"""Mean over the corners of the travel rate's RMS above `RIDE` from which a road is rough [m/s]."""
+"""Mean over the corners of the RMS travel rate above `RIDE` that counts as a rough road [m/s]."""
 RIDE = 3.0
 """Frequency above which suspension travel comes from the road and not from the driver [Hz]."""
 SMOOTHING = 0.5
@@ -52,7 +52,7 @@ _SLOW = 1.0
 
 @dataclass(frozen=True)
 class Interval:
-    """A phase from `start` to `stop` [s]."""
+    """A stretch of one manoeuvre phase from `start` to `stop` [s]."""
 
     phase: str
     start: float
@@ -61,9 +61,9 @@ class Interval:
 
 @dataclass(frozen=True)
 class Phases:
-    """The phases of a run.
+    """The manoeuvre phases of a run.
 
-    `t` (N,) s; `number` (N,) place of each instant's phase in `PHASES`; `unseen` quantities that were not measured, so
+    `t` (N,) s; `number` (N,) index of each instant's phase in `PHASES`; `unseen` quantities that are not measured, so
     that phases which need them cannot appear.
     """
 
@@ -73,7 +73,7 @@ class Phases:
 
     @property
     def intervals(self) -> list[Interval]:
-        """Every stretch of one phase, in order."""
+        """The stretches of one phase each, in order."""
         edges = np.flatnonzero(np.diff(self.number)) + 1
         starts = np.concatenate([[0], edges])
         stops = np.concatenate([edges, [self.t.size - 1]])
@@ -88,16 +88,16 @@ class Phases:
         return [PHASES[k] for k in np.unique(self.number)]
 
     def at(self, t: Array) -> NDArray[np.intp]:
-        """(n,) place in `PHASES` at some of the run's instants [s]."""
+        """(n,) index in `PHASES` at some of the run's instants [s]."""
         return self.number[np.clip(np.searchsorted(self.t, t), 0, self.t.size - 1)]
 
 
 def phases_of(motion: Motion) -> Phases:
-    """The manoeuvre phases of a run.
+    """The manoeuvre phases of a run, from its motion.
 
-    A rough road comes before everything but standing, a longitudinal manoeuvre before steering, steering before
-    cornering. Speed is that of the speed sensor, else of the wheels; where the lateral or longitudinal acceleration is
-    not measured, the phases that need it do not appear and are named in `unseen`.
+    Where several apply, the order of precedence is standing, rough road, longitudinal manoeuvres, steering, cornering.
+    Speed is that of the speed sensor, else of the wheels; where the lateral or longitudinal acceleration is not
+    measured, the phases that need it do not appear and are named in `unseen`.
     """
     rate, n = motion.filters.rate, motion.t.size
     unseen: list[str] = []
@@ -153,7 +153,7 @@ def phases_of(motion: Motion) -> Phases:
 
 
 def _along_road(motion: Motion) -> Array:
-    """Longitudinal acceleration [m/s²]: specific force without the weight that a pitched body feels."""
+    """Longitudinal acceleration [m/s²]: specific force without the component of gravity from pitch."""
     if motion.attitude is None:
         return motion.body.accel[0]
     return motion.body.accel[0] + STANDARD_GRAVITY * np.sin(motion.attitude[1])
@@ -170,13 +170,13 @@ def _speed(motion: Motion) -> Array | None:
 
 
 def _commonest(number: NDArray[np.intp], window: int) -> NDArray[np.intp]:
-    """The commonest phase within half a window to either side."""
+    """The most frequent phase within half a window to either side."""
     votes = np.stack([uniform_filter1d((number == k).astype(float), window) for k in range(len(PHASES))])
     return np.argmax(votes, axis=0).astype(np.intp)
 
 
 def _without_splinters(number: NDArray[np.intp], least: int) -> NDArray[np.intp]:
-    """Phases with stretches of fewer samples than `least` joined to the nearest longer one."""
+    """Phases in which stretches of fewer samples than `least` are merged with the nearest longer one."""
     edges = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1, [number.size]])
     keep = np.flatnonzero(np.repeat(np.diff(edges) >= least, np.diff(edges)))
     if not keep.size:

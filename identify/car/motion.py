@@ -1,4 +1,4 @@
-"""The motion of the car along a run, from the measurements alone: the input of every effect's regressor columns."""
+"""Motion of the car along a run, from the measurements alone: the input of every effect's regressor columns."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from lacet.identify.signals.reconstruct import RunNote
 
 @dataclass(frozen=True)
 class FlatRoad(RunNote):
-    """Fewer than three ground lasers: the road's normal is that of a flat road, by the attitude."""
+    """Fewer than three ground lasers: the road counts as flat, its normal is computed from the attitude."""
 
 
 @dataclass(frozen=True)
 class GroundLaserOffset(RunNote):
-    """A ground laser mounted `ahead` of its wheel's centre [m], negative behind: it sees bumps at another time."""
+    """A ground laser mounted `ahead` of its wheel's centre [m], negative behind: it meets bumps at another time."""
 
     ahead: float
 
 
 @dataclass(frozen=True)
 class BrakingLeftOut(RunNote):
-    """Seconds left out of `rows` because the brakes act: `channel` is above `pressure` [Pa]."""
+    """`seconds` left out of `rows` because the brakes act: `channel` is above `pressure` [Pa]."""
 
     seconds: float
     rows: tuple[Row, ...]
@@ -103,7 +103,7 @@ class Motion:
     ----------
     name : the run's name.
     t : (N,) s.
-    filters : settings the signals were brought here with.
+    filters : filter settings of the signals.
     reference : ``contact`` or ``hub``.
     body : motion of the body axes' origin, in body axes.
     velocity : (3, N) m/s of the origin over the ground in body axes, or None where no speed sensor was read.
@@ -111,10 +111,10 @@ class Motion:
     corners : by name.
     rows : the rows whose left side is measured, in the order of `ROWS`.
     left_out : why each other row is absent.
-    usable : (N,) samples outside flagged intervals and filter transients, by row.
+    usable : row → (N,) whether a sample is outside flagged intervals and filter transients.
     channels : channels the run has.
-    notes : what a reader of the result must know.
-    ahead : how far the ground laser farthest from above its wheel's centre stands ahead of it [m].
+    notes : notes for the reader of the results.
+    ahead : distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The road under the car, from the ground lasers: its normal, and the wheel centres' heights above it."""
+"""Road under the car, from the ground lasers: its normal, and the wheel centres' heights above it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
 from lacet.identify.signals.reconstruct import Signals
 
 ABOVE = 0.005
-"""A ground laser no farther than this from its wheel's centre along x sees the road under the tyre [m]."""
+"""Largest distance along x of a ground laser from its wheel's centre at which it measures the road under the tyre [m].
+"""
 
 
 class Road:
-    """Laser mounts, wheel-centre heights and the plane through the points the ground lasers see.
+    """Plane through the points of the road that the ground lasers measure, and wheel-centre heights above it.
 
     Parameters
     ----------
@@ -29,12 +30,12 @@ class Road:
 
     @property
     def ahead(self) -> float:
-        """How far the ground laser farthest from above its wheel's centre stands ahead of it, along x [m]."""
+        """Distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude."""
         every = [float(self.mount[c][0] - self.vehicle.corners[c].position[0]) for c in self.grounds]
         return max(every, key=abs, default=0.0)
 
     def centre_z(self, c: str) -> tuple[Array, Array, Array]:
-        """Wheel-centre height in body axes [m] and its derivatives, (N,); at design where it is not measured."""
+        """Wheel-centre height in body axes [m] and its derivatives, (N,); at design height where it is not measured."""
         hub, rate, accel = self.signals.scalar(f"laser.{c}.hub", self.n)
         if f"laser.{c}.hub" not in self.signals.value:
             return hub + self.vehicle.corners[c].position[2], rate, accel
@@ -47,9 +48,9 @@ class Road:
         return np.stack([np.full(self.n, mount[0]), np.full(self.n, mount[1]), z])
 
     def normal(self, attitude: Array | None, omega: Array) -> tuple[Array, Array, bool]:
-        """(3, N) unit normal of the plane through the ground-laser points, its rate, and whether a flat road was taken.
+        """(3, N) unit normal of the plane through the ground-laser points, its rate, and whether a flat road is taken.
 
-        `attitude`, `omega` : of the body, for a flat road where fewer than three lasers look at it.
+        `attitude`, `omega` : of the body, for a flat road where there are fewer than three lasers.
         """
         if len(self.grounds) >= 3:
             xy = np.array([[1.0, self.mount[c][0], self.mount[c][1]] for c in self.grounds])
@@ -67,7 +68,7 @@ class Road:
         return normal, cross(normal, omega), True
 
     def height(self, c: str, normal: Array, normal_rate: Array, centre: Array, velocity: Array) -> tuple[Array, Array]:
-        """(N,) wheel centre above the road along its normal [m], and its rate [m/s].
+        """(N,) height of a wheel centre above the road along its normal [m], and its rate [m/s].
 
         `normal`, `centre` and their rates `normal_rate`, `velocity` : (3, N), relative to the body.
         """
@@ -79,7 +80,7 @@ class Road:
 
 
 def laser_mount(rig: Rig, corner: Corner) -> Array:
-    """(3,) where a corner's lasers are mounted, body axes [m]; 0.3 m above the wheel centre where the rig is silent."""
+    """(3,) position of a corner's lasers in body axes [m]; 0.3 m above the wheel centre where the rig gives none."""
     sensor = rig.sensor_of(f"laser.{corner.name}.hub") or rig.sensor_of(f"laser.{corner.name}.ground")
     centre = np.asarray(corner.position)
     if sensor is not None and corner.name in sensor.position:

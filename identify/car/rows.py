@@ -34,8 +34,8 @@ from lacet.daq.vehicle import Corner, Vehicle
 class Row(str):
     """A row of the equations of motion: a scalar equation of the car, ``suspension.fl`` or ``chassis.mz``.
 
-    It equals its text, so that it is a key of a dictionary by row and a string of JSON. Made by `Row.parse`, which
-    refuses what is none of `ROWS`.
+    It equals its text, so that it is a key of a dictionary by row and a string of JSON. `Row.parse` makes one and
+    refuses a text that is none of `ROWS`.
 
     Examples
     --------
@@ -49,7 +49,7 @@ class Row(str):
 
     @classmethod
     def parse(cls, text: str) -> Row:
-        """The row of that text. Raises UsageError with the nearest match."""
+        """The row of a text. Raises UsageError with the nearest match."""
         if text not in _BY_TEXT:
             raise UsageError(f"there is no row '{text}'{nearest(text, _BY_TEXT)} (lacet info --rows lists them)")
         return _BY_TEXT[text]
@@ -84,34 +84,35 @@ ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
 _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
 
 PRESSURE = "brake.pressure"
-"""Channel that shows when the brakes are applied."""
+"""Channel that shows whether the brakes are applied."""
 RELEASED = 1e5
 """Brake line pressure below which the brakes count as released [Pa]."""
 SMALL_SLOPE = 0.01
-"""A half-shaft that turns with the travel by less than this is neglected while outboard brakes act [rad/m]: an
-engine's braking torque of 300 N·m at the wheel works 3 N."""
+"""Rotation of a half-shaft per unit of travel that is neglected while outboard brakes act [rad/m].
+
+An engine's braking torque of 300 N·m at the wheel then contributes 3 N to the row."""
 _LARGE_CAMBER = 0.1
-"""Camber with which a carrier's toe change counts as turning about the spin axis, where its size matters [rad]."""
+"""Camber with which a carrier's toe change is taken as rotation about the spin axis, where its size matters [rad]."""
 
 
 class Absence(Enum):
-    """Why a row of the equations cannot be formed on a run."""
+    """Reason why a row of the equations cannot be formed on a run."""
 
     CHANNELS = auto()
     """The row's own channels are not measured."""
     SHAFT_TORQUE = auto()
-    """The half-shaft torque works on the travel; neither it nor what it can be eliminated with is measured."""
+    """The half-shaft torque does work on the travel, and no channel measures or eliminates it."""
     DRIVE_TORQUE = auto()
     """The drive torque of the wheel is not measured."""
     BRAKE_TORQUE = auto()
-    """Neither the brake torque of the wheel nor when the brakes act is measured."""
+    """Neither the wheel's brake torque nor the time of braking is measured."""
     BRAKES_ALWAYS = auto()
     """The brakes act all the time, and the torques on the wheel are not all measured."""
 
 
 @dataclass(frozen=True)
 class RowAbsence:
-    """Why a row is absent: the `cause`, the `channels` that are not measured (or show it), the run's `brakes`."""
+    """Absence of a row: its `cause`, the `channels` that are not measured (or show it), the run's `brakes`."""
 
     cause: Absence
     channels: tuple[str, ...]
@@ -121,7 +122,7 @@ class RowAbsence:
 def needs(
     row: Row, reference: str, grounds: tuple[str, ...] = CORNERS, vehicle: Vehicle | None = None
 ) -> tuple[str, ...]:
-    """Channels that a row of the equations needs, torques apart (`torque_in`).
+    """Channels that a row of the equations needs, without those of torques (`torque_in`).
 
     `reference`: ``contact`` or ``hub``; `grounds`: corners whose ground lasers give the road's normal; `vehicle`: with
     it, channels that enter through a bench table only are not needed at corners without one.
@@ -129,7 +130,7 @@ def needs(
     kind, name = row.kind, row.place
     imu = ("imu.accel", "imu.rate")
     if kind == "chassis":
-        # Speeds for the gyroscopic moments of the wheels: 160 N·m of roll at 80 rad/s and 0.5 rad/s of yaw.
+        # Wheel speeds for the gyroscopic moments: 160 N·m of roll at 80 rad/s and 0.5 rad/s of yaw.
         per_corner = (
             "wheel.{c}.force", "wheel.{c}.moment", "wheel.{c}.speed", "laser.{c}.hub", "camera.{c}.steer",
             "camera.{c}.camber",
@@ -148,20 +149,20 @@ def needs(
 
 
 def _turns(corner: Corner) -> bool:
-    """Whether the carrier turns with the travel: only then do moments and the wheel's momentum enter its row."""
+    """Whether the carrier rotates with travel: only then do moments and the wheel's momentum enter its row."""
     table = corner.table
     return table is not None and any(np.any(np.diff(column)) for column in (table.toe, table.camber, table.pitch))
 
 
 @dataclass(frozen=True)
 class Torque:
-    """How the torques on a wheel enter one row.
+    """Torques on a wheel in one row of the equations.
 
     Attributes
     ----------
     shaft, brake : channel of the torque that enters, or empty where it is zero or not in the row.
-    eliminated : a suspension row from which the half-shaft's torque was eliminated with the spin row.
-    released : the row holds only while the brakes are released, as `PRESSURE` shows.
+    eliminated : whether the half-shaft's torque is eliminated from a suspension row by means of the spin row.
+    released : whether the row holds only while the brakes are released, as `PRESSURE` shows.
     missing : why the row cannot be formed; None where it can.
     """
 
@@ -178,7 +179,7 @@ class Torque:
 
 
 def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
-    """How the torques on the wheel enter `row`, with the channels `measured` and the run's brakes as declared."""
+    """The torques on the wheel in `row`, with the channels `measured` and the brakes as the run declares them."""
     if row.kind == "suspension":
         return _suspension_torque(vehicle.corners[row.place], measured, brakes)
     if row.kind == "spin":
@@ -237,7 +238,7 @@ def _shaft_slope(corner: Corner) -> float:
 def available(
     measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
 ) -> tuple[dict[Row, Torque], dict[str, RowAbsence]]:
-    """Rows whose left side is measured, row → how torques enter it; and every other row → why it is absent."""
+    """Rows whose left side is measured, row → its torques; and every other row → why it is absent."""
     rows: dict[Row, Torque] = {}
     left_out: dict[str, RowAbsence] = {}
     for row in ROWS:

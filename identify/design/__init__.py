@@ -1,1 +1,1 @@
-"""Design of experiments: which run to drive next, for intervals or for telling effects apart."""
+"""Design of experiments: the run to drive next, for narrower intervals or to distinguish effects."""

@@ -1,13 +1,13 @@
-"""Discrimination of effects with nearly the same columns by a run, or detection of one not yet testable.
+"""Discrimination of effects with nearly the same columns by a run, and detection of an effect not yet testable.
 
-If effect A is what is missing, its columns at its size, y_A = X_A v_A, are in the data. Effect B, the model, the runs'
-sensor zeros and the sensor sheet's tolerances imitate it as well as they can; what they cannot is the separation
+If effect A is the missing one, its columns at its size, y_A = X_A v_A, are in the data. Effect B, the model, the runs'
+sensor zeros and the sensor sheet's tolerances imitate it as well as they can; the separation is the remainder
 
-    T = min ‖y_A − X_B θ_B − W θ − Z z‖² / σ² + what is known beforehand of θ and z
+    T = min ‖y_A − X_B θ_B − W θ − Z z‖² / σ² + the priors of θ and z
 
 in squares of the noise floor σ. The weighted squares that A leaves are then below those of B by T on average, with
-standard deviation 2 √T: the wrong one is picked with probability Φ(−√T / 2). Nothing need be measured for it but the
-motion, so that T is predicted for runs not driven yet, on top of the information of the present runs.
+standard deviation 2 √T: the wrong effect is chosen with probability Φ(−√T / 2). T depends on the motion only, so that
+it is predicted for runs not driven yet, on top of the information of the present runs.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 NEEDED = 25.0
-"""Separation from which two effects count as told apart: the wrong one is picked once in 160 times."""
+"""Separation from which two effects count as distinguished: the wrong one is chosen once in 160 times."""
 SHOWS = SELECTION.least_size
 """Weighted size √λ from which an effect can be tested, as in the selection."""
 DRAWS = 8
@@ -42,20 +42,20 @@ _GONE = 1e-7
 
 
 def wrong_pick(separation: float) -> float:
-    """Probability that of two effects the wrong one leaves less: Φ(−√T / 2)."""
+    """Probability that of two effects the wrong one fits better: Φ(−√T / 2)."""
     return 0.5 * math.erfc(math.sqrt(max(0.0, separation) / 8.0))
 
 
 @dataclass(frozen=True)
 class Compared:
-    """An effect at a size: `effect` with its shape constants, `values` (p,) of its parameters [SI]."""
+    """An effect of a given size: `effect` with its shape constants, `values` (p,) of its parameters [SI]."""
 
     effect: Effect
     values: Array
 
 
 class Question:
-    """The effects to be told apart, and the regressor columns for it.
+    """The effects to be distinguished, and the layout of their joint regressor.
 
     Columns in order: the model's physics and sensor faults; the sheet's gains and latencies, then `tolerances`, each
     for one σ; of every effect compared, each shape that the ranking tries, its own first.
@@ -68,8 +68,8 @@ class Question:
 
     Attributes
     ----------
-    sheet : gains and latencies of the sheet, those apart that the model has as faults.
-    known : (k, w) what is known beforehand, as equations with σ = 1 and right side 0.
+    sheet : gains and latencies of the sheet, without those that the model has as faults.
+    known : (k, w) priors, as equations with σ = 1 and right side 0.
     first : place of the first effect's columns.
     """
 
@@ -101,7 +101,7 @@ class Question:
         self.known[len(beforehand) :, self.parameters : self.first] = tolerance
 
     def own(self, *which: int) -> list[int]:
-        """Places of the tolerances that stand for the compared effects themselves: a fault is tried free of its own."""
+        """Places of the tolerances that are compared effects: a fault is tested without its own tolerance."""
         effects = [self.compared[i].effect for i in which]
         entries = frozenset[tuple[str, str]]().union(*(effect.sheet_entries for effect in effects))
         keys = {effect.key for effect in effects if effect.as_fault is not None}
@@ -110,7 +110,7 @@ class Question:
         return out + [start + i for i, (fault, _) in enumerate(self.tolerances) if fault.key in keys]
 
     def columns(self, piece: Piece) -> Iterator[tuple[str, Array]]:
-        """For each row of a piece of a run, (n, z + w) columns, the run's zeros first."""
+        """For each row of a piece of a run, its (n, z + w) columns, the run's zeros first."""
         assert piece.zeros is not None
         assert piece.sensitivity is not None
         model, run, sensitivity = self.fitted.model, piece.prepared, piece.sensitivity
@@ -142,10 +142,10 @@ class Question:
 
 @dataclass(frozen=True)
 class WeightedRun:
-    """The weighted equations of one run before its sensor zeros are eliminated, so that it can be made longer.
+    """The weighted equations of one run with its sensor zeros still in them, so that its duration can be changed.
 
-    `root` (z + w, z + w) R factor of ``[zeros | columns]``; `prior` (z,) 1 σ of the zeros; `seconds` what remains of
-    the run when the filters' transients are left out [s]; `edges` what they take [s].
+    `root` (z + w, z + w) R factor of ``[zeros | columns]``; `prior` (z,) 1 σ of the zeros; `seconds` duration without
+    the filters' transients [s]; `edges` that of the transients [s].
     """
 
     root: Array
@@ -154,9 +154,9 @@ class WeightedRun:
     edges: float
 
     def lasting(self, duration: float | None = None) -> Array:
-        """(w, w) R factor of a run of this kind that lasts `duration` [s], by default as long as it is.
+        """(w, w) R factor of a run of this kind that lasts `duration` [s], by default its own duration.
 
-        Squares grow with the time driven; what is known of the zeros beforehand does not.
+        Squares grow with the time driven; the zeros' priors do not.
         """
         share = 1.0 if duration is None else max(0.0, duration - self.edges) / self.seconds
         z = len(self.prior)
@@ -167,7 +167,7 @@ class WeightedRun:
 
 @dataclass(frozen=True)
 class Present:
-    """Information of the runs of a fit on the effects compared.
+    """Information of a fit's runs on the effects compared.
 
     `root` (w, w) R factor of their columns, weighted by their noise floor; `noise` (w, w) the same of the noise in the
     columns themselves, which distinguishes nothing.
@@ -178,9 +178,9 @@ class Present:
 
 
 def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Present:
-    """Information of the runs of the fit, weighted by their noise floor.
+    """The information of a fit's runs, weighted by their noise floor.
 
-    `louder` : row → by how much its noise exceeds the sheet's; 1 where absent.
+    `louder` : row → factor of its noise over the sheet's; 1 where absent.
     """
     assembly = question.fitted.assembly
     larger = {row: (louder or {}).get(row, 1.0) for row in floor.sigma}
@@ -195,9 +195,9 @@ def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, flo
 
 
 def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> Array:
-    """(w, w) R factor of noise in a run's columns, from one draw added and taken away; of a long run from its middle.
+    """(w, w) R factor of the noise in a run's columns, by a draw added and subtracted; of a long run by its middle.
 
-    Louder sensors bring more of it and weigh it less.
+    Louder sensors add to the noise and lower the weight alike.
     """
     piece = pieces[len(pieces) // 2]
     assert piece.sensitivity is not None
@@ -221,7 +221,7 @@ def _samples(piece: Piece) -> int:
 def planned_run(
     question: Question, run: PreparedRun, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
 ) -> WeightedRun:
-    """Weighted equations of a planned motion, driven with the rig's sensors and weighted by their noise in its rows."""
+    """Weighted equations of a planned motion, measured by the rig's sensors and weighted by their noise in its rows."""
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
@@ -238,7 +238,7 @@ def planned_run(
     sigma: dict[str, float] = {}
     for row in run.rows:
         floor = float(np.sqrt(squares[row] / max(1, counts[row]))) * (louder or {}).get(row, 1.0)
-        # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
+        # A row without noise would get infinite weight; 1e-9 of its size stands for rounding.
         sigma[row] = max(floor, 1e-9 * float(np.max(np.abs(run.measured[row]), initial=1.0)))
     return weighted_run(question, pieces, sigma)
 
@@ -260,11 +260,11 @@ def weighted_run(question: Question, pieces: Sequence[Piece], sigma: Mapping[str
 
 
 class Separations:
-    """Separations of the effects compared by several runs together.
+    """Separations of the effects compared, by several runs together.
 
     Parameters
     ----------
-    question : what is compared.
+    question : the effects compared.
     present : information of the runs at hand; None where there are none.
     runs : (w, w) R factors of runs to come (`WeightedRun.lasting`).
     """
@@ -272,7 +272,7 @@ class Separations:
     def __init__(self, question: Question, present: Present | None, *runs: Array):
         self.question = question
         whole = _merged(question.known, *((present.root,) if present else ()), *runs)
-        # Tolerances that may be left out come after all other nuisance parameters.
+        # Tolerances that are compared effects themselves come after all other nuisance parameters.
         own = question.own(*range(len(question.compared)))
         taken = [i for i in range(question.first) if i not in own]
         order = [*taken, *own, *range(question.first, question.width)]
@@ -289,26 +289,26 @@ class Separations:
         self._length = {place: float(length) for place, length in zip(order[t:], lengths[t:], strict=True)}
 
     def separation(self, a: int, b: int) -> float:
-        """T of effect `a` as found against effect `b` at any size, and at the shape that imitates it best."""
+        """T of effect `a` at its size from effect `b` at any size, for the shape of `b` that imitates it best."""
         q = self.question
         free = [i for i in q.own(*range(len(q.compared))) if i not in q.own(a, b)]
         effect = q.places[a][0], q.compared[a].values
         return min(self.remaining(*effect, [*free, *_places(place)]) for place in q.places[b])
 
     def least(self, which: Sequence[int] | None = None) -> float:
-        """The smallest separation of any two of the effects, either of them taken for the one missing."""
+        """The smallest separation of any two of the effects, either of them being the missing one."""
         chosen = range(len(self.question.compared)) if which is None else which
         pairs = combinations(chosen, 2)
         return min((min(self.separation(a, b), self.separation(b, a)) for a, b in pairs), default=np.inf)
 
     def size(self, a: int, values: Array | None = None) -> float:
-        """√λ of effect `a` at `values`, by default as given: how far it stands out of the noise by itself."""
+        """√λ of effect `a` at `values`, by default as given: its size relative to the noise, beside no other effect."""
         q = self.question
         theta = q.compared[a].values if values is None else values
         return float(np.sqrt(self.remaining(q.places[a][0], theta, q.own(*range(len(q.compared))))))
 
     def remaining(self, place: slice, values: Array, others: Sequence[int] = ()) -> float:
-        """Weighted squares of columns times values that model, zeros, sheet and the columns `others` leave."""
+        """Weighted squares of columns times values that model, zeros, sheet and the columns `others` do not explain."""
         x = np.zeros(self._remaining.shape[1])
         for i, value in zip(_places(place), values, strict=True):
             x[self._place[i]] = value * self._length[i]
@@ -325,6 +325,6 @@ def _places(place: slice) -> range:
 
 
 def _merged(*parts: Array) -> Array:
-    """(w, w) R factor of parts stacked, safe for columns of many sizes."""
+    """(w, w) R factor of stacked parts, accurate for columns of very different lengths."""
     R, lengths = scaled_triangle(np.concatenate(parts))
     return R * lengths

@@ -1,9 +1,8 @@
 """Information of a run on a model's parameters, and the intervals that a fit with it would have.
 
-Information adds up. A run gives the normal matrix Wᵀ Σ⁻¹ W and the covariance of the scores Wᵀ Σ⁻¹ r that its
-coloured noise brings; both lose what the run's own sensor zeros take (Schur complement). With those of the runs at
-hand, and what is known beforehand, they give the covariance A⁻¹ S A⁻¹ that the fit would report: no measurement is
-needed, only a motion.
+Information is additive. A run has the normal matrix Wᵀ Σ⁻¹ W and the covariance of the scores Wᵀ Σ⁻¹ r under its
+coloured noise, both with the run's own sensor zeros eliminated (Schur complement). Added to those of the runs at hand
+and the priors, they give the covariance A⁻¹ S A⁻¹ that the fit would report: only a motion is needed, no measurement.
 """
 
 from __future__ import annotations
@@ -38,8 +37,8 @@ class Information:
     Attributes
     ----------
     normal : (p, p) Wᵀ Σ⁻¹ W.
-    scores : (p, p) covariance of Wᵀ Σ⁻¹ r: equals `normal` for white noise, larger for what a fit really sees.
-    noise : (p, p) the part of `normal` that is noise in the columns: a direction that is mostly noise is not known.
+    scores : (p, p) covariance of Wᵀ Σ⁻¹ r: equal to `normal` for white noise, larger for coloured noise.
+    noise : (p, p) the part of `normal` that is noise in the columns; it carries no information.
     root : (k, k) R factor of the weighted columns of the physics' k parameters, from which base parameters follow.
     """
 
@@ -50,7 +49,7 @@ class Information:
 
     @classmethod
     def none(cls, model: Model) -> Information:
-        """Of no run at all."""
+        """The information of no run."""
         p, k = len(model.parameters), model.physics_size
         return cls(np.zeros((p, p)), np.zeros((p, p)), np.zeros((p, p)), np.zeros((k, k)))
 
@@ -61,11 +60,11 @@ class Information:
 
 @dataclass(frozen=True)
 class RunInformation:
-    """Information of one run before its sensor zeros are eliminated, so that the run can be made longer or shorter.
+    """Information of one run with its sensor zeros still in it, so that its duration can be changed.
 
-    `normal`, `scores` : (p + z, p + z) of the parameters and the run's zeros; `noise` : (p, p) as of `Information`;
-    `prior` : (z,) 1 σ of the zeros; `root` : as of `Information`; `seconds` : what remains of the run when the filters'
-    transients are left out [s]; `edges` : what they take [s].
+    `normal`, `scores` : (p + z, p + z) of the parameters and the run's zeros; `noise` : (p, p) as in `Information`;
+    `prior` : (z,) 1 σ of the zeros; `root` : as in `Information`; `seconds` : duration without the filters' transients
+    [s]; `edges` : that of the transients [s].
     """
 
     normal: Array
@@ -77,9 +76,9 @@ class RunInformation:
     edges: float
 
     def lasting(self, duration: float | None = None) -> Information:
-        """Of a run of this kind that lasts `duration` [s], by default as long as it is.
+        """The information of a run of this kind that lasts `duration` [s], by default its own duration.
 
-        The rows grow with the time driven; what is known of the zeros beforehand does not.
+        The rows grow with the time driven; the zeros' priors do not.
         """
         share = 1.0 if duration is None else max(0.0, duration - self.edges) / self.seconds
         p = len(self.normal) - len(self.prior)
@@ -99,12 +98,12 @@ class RunInformation:
 def run_information(
     run: PreparedRun, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
 ) -> RunInformation:
-    """Information of a motion, driven with the rig's sensors, on the parameters of a fitted model.
+    """The information of a motion, measured with the rig's sensors, on the parameters of a fitted model.
 
     Parameters
     ----------
     run : the motion as the sensors would see it without noise, or a measured run of the kind.
-    fitted : the model, and the parameter values at which noise is seen through it.
+    fitted : the model, and the parameter values at which noise is propagated through it.
     excess : row → how far above its noise floor the model's residual is (`residual_excess`); 1 where absent.
     draws, seed : of the channels' noise.
     """
@@ -128,7 +127,7 @@ def run_information(
         beside = [found[row][:, None] if row in found else np.zeros((len(W), 1)) for found in faults]
         blocks[row] = np.concatenate([W, *beside, zeros.columns[row]], axis=1)
         floor = float(np.sqrt(np.mean([np.mean(one[row] ** 2) for one in noise])))
-        # A row that no noise reaches would weigh without end; the smallest part of its size stands for rounding.
+        # A row without noise would get infinite weight; 1e-9 of its size stands for rounding.
         sigma[row] = larger[row] * max(floor, 1e-9 * float(np.max(np.abs(run.measured[row]), initial=1.0)))
         normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
         roots.append(triangle(W / sigma[row]))
@@ -146,7 +145,7 @@ def run_information(
 
 
 def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Sequence[int]) -> Array:
-    """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, from one draw added and taken away: its sums scatter little."""
+    """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, estimated by one draw added and subtracted."""
     p = len(model.parameters)
     out = np.zeros((p, p))
     added, taken = (run.noisy(0, sign, seed) for sign in (1, -1))
@@ -158,7 +157,7 @@ def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Seq
 
 
 def fit_information(fitted: Fit) -> Information:
-    """Information of the runs of a fit, from the covariances that it reports, without its priors."""
+    """The information of a fit's runs, from the covariances that it reports, without its priors."""
     q, rank = len(fitted.place), fitted.base.rank
     physics = len(fitted.physics)
     equations = known_beforehand(fitted.model, fitted.base.independent)
@@ -181,9 +180,9 @@ def fit_information(fitted: Fit) -> Information:
 
 
 def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[str, float]:
-    """Row → the fit's residual ÷ what its runs' sensor noise alone would leave, at least 1.
+    """Row → the fit's residual ÷ the residual that its runs' sensor noise alone would leave, at least 1.
 
-    A model that lacks something, or sensors worse than their sheet, leave as much on the next run, too.
+    A model that lacks an effect, or sensors worse than their sheet, leave the same excess on the next run.
     """
     if not fitted.sensitivities:
         return {}
@@ -192,10 +191,10 @@ def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dic
 
 
 def predicted(fitted: Fit, information: Information) -> Fit:
-    """The fit with the intervals it would have with this information instead of its own runs'.
+    """The fit with the intervals it would have from this information instead of its own runs'.
 
-    Values stay; base parameters and both covariances are those that a fit to such runs would report. What else the fit
-    holds (residuals, equations, what the sheet's gains and latencies add) remains that of its own runs.
+    Values stay; base parameters and both covariances are those that a fit to such runs would report. Residuals,
+    equations and the covariance from the sheet's gains and latencies remain those of its own runs.
     """
     model = fitted.model
     physics = len(fitted.physics)
@@ -217,7 +216,7 @@ def predicted(fitted: Fit, information: Information) -> Fit:
 
 
 def half_widths(fitted: Fit) -> Array:
-    """(p,) half of each parameter's 95 % interval; of one the runs say nothing of by itself, what is plausible."""
+    """(p,) half of each parameter's 95 % interval; the plausible range where the runs do not determine it by itself."""
     kept = {int(i) for i in fitted.base.independent} | set(range(len(fitted.physics), len(fitted.theta)))
     sigma = np.sqrt(np.maximum(0.0, np.diag(fitted.covariance)))
     prior = np.array([q.prior for q in fitted.model.parameters])

@@ -1,4 +1,4 @@
-"""Ranking of planned runs by how much they would shrink the intervals of poorly known quantities."""
+"""Ranking of planned runs by how much they would narrow the intervals of poorly known quantities."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from lacet.identify.regression.wls import Fit
 DURATIONS = (10.0, 15.0, 20.0, 25.0, 30.0, 45.0, 60.0, 90.0, 120.0, 180.0, 300.0)
 """Durations tried [s], up to the longest allowed."""
 ENOUGH = 1.15
-"""Factor by which a run's duration may leave the targets' intervals above those of the longest, on average."""
+"""Mean factor of the targets' intervals over those of the longest run up to which a shorter run suffices."""
 REACHED = 0.5
-"""Half-width ÷ size below which some run must bring a value for it to be within reach."""
+"""Half-width ÷ size that some run must attain for a quantity to be a target."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A parameter, or a value of the whole vehicle.
+    """A parameter, or a value of the whole vehicle, with its interval.
 
-    `half` of its 95 % interval, what is plausible at all where the runs say nothing; `size` what the half-width is
-    compared with: the largest value of its kind (all springs; all moments of inertia of the chassis), since a value
-    near zero, or one that is not known yet, is no measure of itself.
+    `half` of its 95 % interval, the plausible range where the runs do not determine it; `size` the reference of the
+    half-width: the largest value of its kind (all springs; all moments of inertia of the chassis), since a value near
+    zero, or one not known yet, is no measure of itself.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Shrink:
 
     @property
     def worth(self) -> float:
-        """Natural logarithm of the factor the interval shrinks by, not counting what lies below the goal."""
+        """Natural logarithm of the factor by which the interval narrows, not below the goal."""
         return max(0.0, float(np.log(self.before / max(self.after, self.goal, 1e-300))))
 
 
@@ -59,8 +59,8 @@ class Shrink:
 class Ranked:
     """One run of the ranking.
 
-    `index` of the run as given; `worth` mean logarithm of the shrinkage of the targets by a run as long as allowed;
-    `duration` [s] that gives nearly as much; `shrinks` of every target by that duration, the largest first.
+    `index` of the run as given; `worth` mean logarithm of the narrowing of the targets by a run of the longest
+    duration; `duration` [s] that is nearly as good; `shrinks` of every target by that duration, the largest first.
     """
 
     index: int
@@ -70,13 +70,13 @@ class Ranked:
 
     @property
     def factor(self) -> float:
-        """By how much the targets' intervals shrink, geometric mean, in a run as long as allowed."""
+        """Geometric mean of the factors by which the targets' intervals narrow in a run of the longest duration."""
         return float(np.exp(self.worth))
 
 
 @dataclass(frozen=True)
 class Ranking:
-    """Runs, the one worth most first; `targets` name → goal [unit]; `out_of_reach` what no run of them determines."""
+    """Runs in descending order of worth; `targets` name → goal [unit]; `out_of_reach` names that no run determines."""
 
     runs: tuple[Ranked, ...]
     targets: Mapping[str, float]
@@ -84,7 +84,7 @@ class Ranking:
 
 
 def quantities(fitted: Fit, vehicle: Vehicle) -> dict[str, Quantity]:
-    """Every parameter of a fit and the values of the whole vehicle, by name."""
+    """Every parameter of a fit and every value of the whole vehicle, by name."""
     model = fitted.model
     kinds: list[str] = []
     for effect in (*model.physics, *model.faults):
@@ -109,7 +109,7 @@ def quantities(fitted: Fit, vehicle: Vehicle) -> dict[str, Quantity]:
 
 
 def chosen(known: Mapping[str, Quantity], patterns: Sequence[str]) -> list[str]:
-    """Names that match any of the patterns (``YY6``, ``damper.*``, ``cog.?``). Raises UsageError when one has none."""
+    """Names that match any of the patterns (``YY6``, ``damper.*``, ``cog.?``). Raises UsageError where one has none."""
     out: dict[str, None] = {}
     for pattern in patterns:
         found = [name for name in known if fnmatchcase(name, pattern)]
@@ -128,18 +128,18 @@ def rank(
     names: Sequence[str] = (),
     goal: float = 0.02,
 ) -> Ranking:
-    """Rank runs by what they would add to what is known.
+    """The ranking of runs by what they would add to the information at hand.
 
     Parameters
     ----------
     fitted : the model and its present values.
-    now : information of the runs at hand (`fit_information`), or nothing (`Information.none`).
+    now : information of the runs at hand (`fit_information`), or of none (`Information.none`).
     runs : information of each run.
     longest : duration allowed [s].
-    names : what is to become better known; by default every parameter whose half-width is above its goal and that some
-        run brings within reach.
-    goal : half-width aimed at, as a part of the quantity's size; shrinking below it is worth nothing. Of names given it
-        counts only when it is above zero.
+    names : the targets; by default every parameter whose half-width is above its goal and that some run brings below
+        `REACHED`.
+    goal : half-width aimed at, as a part of the quantity's size; narrowing below it has no worth. For targets named
+        explicitly it applies only when it is above zero.
     """
     before = quantities(predicted(fitted, now), vehicle)
     after = [quantities(predicted(fitted, now + run.lasting(longest)), vehicle) for run in runs]

@@ -1,4 +1,4 @@
-"""Arguments of a chain's methods (joint states, parameters, values of symbols), checked before they are used."""
+"""Checks of the arguments of a chain's methods: joint states, parameters, values of symbols."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.identify.multibody.vectors import Array
 
 
 def real(name: str, value: Any) -> float:
-    """A value as a number. Raises ValueError that names the one that is none."""
+    """A value as a number. Raises ValueError that names a value which is none."""
     try:
         return float(value)
     except (TypeError, ValueError):
@@ -23,7 +23,7 @@ def real(name: str, value: Any) -> float:
 
 
 def symbol_values(given: Mapping[str, Any], symbols: Collection[str] | None = None) -> dict[str, float]:
-    """Values of symbols as numbers. Raises ValueError for what is no number, or is none of the `symbols`."""
+    """Values of symbols as numbers. Raises ValueError for a value that is no number or a name not in `symbols`."""
     unknown = sorted({str(name) for name in given} - set(symbols)) if symbols is not None else []
     if symbols is not None and unknown:
         raise ValueError(
@@ -99,7 +99,7 @@ def chosen(names: Sequence[str], asked: Collection[str]) -> list[str]:
 
 
 def absent_names(rows: Sequence[Mapping[str, Any]]) -> set[str]:
-    """Names of the parameters that rows of a table call absent. Raises ValueError for kinds there are not."""
+    """Names of the parameters that rows of a table declare absent. Raises ValueError for unknown kinds."""
     out: set[str] = set()
     for j, row in enumerate(rows, start=1):
         asked = row.get("absent", ())

@@ -1,4 +1,4 @@
-"""Base parameters: the combinations of parameters that a set of equations can determine at all (Gautier, 1991)."""
+"""Base parameters: the linear combinations of parameters that a set of equations determines (Gautier, 1991)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """Grouping of standard parameters into base ones.
+    """Grouping of standard parameters into base parameters.
 
     Attributes
     ----------
     names : all standard parameters, in the order of the columns.
-    independent : indices of the columns kept: one base parameter each, named after its own.
+    independent : indices of the columns kept: one base parameter each, named after it.
     dependent : indices of the columns grouped into kept ones.
     absent : indices of the columns without any effect.
     relations : (b, d): base parameter i = X[independent[i]] + Σ_k relations[i, k] X[dependent[k]].
-    gap : smallest kept ÷ largest dropped pivot (∞ when nothing was dropped): how clear the rank is.
+    gap : smallest kept ÷ largest dropped pivot (∞ when none was dropped): how clearly the rank is determined.
     """
 
     names: tuple[str, ...]
@@ -42,7 +42,7 @@ class BaseParameters:
         return self.rank
 
     def grouping(self) -> Array:
-        """(b, p) matrix that turns standard parameters into base parameters."""
+        """(b, p) matrix that maps standard parameters to base parameters."""
         out = np.zeros((self.rank, len(self.names)))
         out[np.arange(self.rank), self.independent] = 1.0
         out[:, self.dependent] = self.relations
@@ -61,8 +61,8 @@ class BaseParameters:
 def find_base(W: Array, names: Sequence[str], tolerance: float = 1e-8) -> BaseParameters:
     """The base parameters of an observation matrix, by grouping its dependent columns.
 
-    Columns are taken in their own order: one is kept when what it adds to those before it is larger than `tolerance`
-    times its length, so that names stay those of the first bodies and do not jump from run to run.
+    Columns are processed in their own order: one is kept when its part orthogonal to those before it is larger than
+    `tolerance` times its length, so that names stay those of the first bodies and are the same in every run.
 
     Parameters
     ----------

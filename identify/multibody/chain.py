@@ -25,7 +25,7 @@ from lacet.identify.multibody.vectors import Array, cross, rotation, unit
 
 _Z = unit(2)
 GRAVITY = (0.0, 0.0, -STANDARD_GRAVITY)
-"""Acceleration of gravity in the ground frame where nothing else is said [m/s²], z up."""
+"""Default acceleration of gravity in the ground frame [m/s²], z up."""
 
 
 @dataclass(frozen=True)
@@ -68,9 +68,9 @@ class Chain:
     ----------
     joints : numbered 1…n in order, each after its antecedent (0 is the ground).
     gravity : acceleration of gravity in the ground frame [m/s²].
-    absent : parameters that this robot has not (``YY3``, ``IA2``): `base_parameters` leaves them out.
-    rotors : whether rotor inertias count among the inertial parameters, as SYMORO has it.
-    table : the same rows with symbols, `values` theirs; without `values` for all of them only `base_parameters` works.
+    absent : parameters that the robot lacks (``YY3``, ``IA2``): `base_parameters` leaves them out.
+    rotors : whether rotor inertias count among the inertial parameters, as in SYMORO.
+    table : the same rows with symbols, whose values are `values`; with values missing only `base_parameters` works.
     given : values of parameters that the robot's file holds.
     notes : what was assumed, left out or not used when the chain was read, as values.
 
@@ -164,7 +164,7 @@ class Chain:
         cls, table: SymbolicTable, gravity: Sequence[float], values: Mapping[str, float], absent: Collection[str],
         rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[ChainNote] = (),
     ) -> Chain:  # fmt: skip
-        # Symbols without a value get random ones: the structure can be studied; `missing` forbids numbers from it.
+        # Symbols without a value get random ones, for the structure only: `missing` forbids numerical results.
         anything = table.any_values(np.random.default_rng(1))
         numbers = table.numbers({**anything, **values})
         joints = [Joint(row.j, row.ant, row.sigma, **n) for row, n in zip(table.rows, numbers, strict=True)]
@@ -173,7 +173,7 @@ class Chain:
     def with_values(self, values: Mapping[str, float]) -> Chain:
         """The same chain with values for (more of) the table's symbols.
 
-        Raises ValueError for a symbol that stands elsewhere in a file (``G3``) or nowhere.
+        Raises ValueError for a symbol that is not in the table (``G3``).
         """
         known = {**self.values, **symbol_values(values, self.table.symbols)}
         return self._of(self.table, tuple(self.gravity), known, self.absent, self.rotors, self.given, self.notes)
@@ -194,7 +194,7 @@ class Chain:
         return tuple(f"{name}{joint.j}" for joint in self.joints for name in FRICTION)
 
     def to_frame(self, k: int, q: Array, v: Array) -> Array:
-        """Turn `v` (3, …, N) from the axes of joint k's antecedent into frame k (k counts from 0)."""
+        """Vectors `v` (3, …, N) rotated from the axes of joint k's antecedent into frame k (k counts from 0)."""
         return self._into(k, self._turning(k, q), v)
 
     def _turning(self, k: int, q: Array) -> tuple[Array, Array] | None:
@@ -206,7 +206,7 @@ class Chain:
         return np.cos(angle), np.sin(angle)
 
     def _into(self, k: int, turning: tuple[Array, Array] | None, v: Array) -> Array:
-        """`to_frame` by the cosine and sine of the joint's angle, which several vectors share."""
+        """`to_frame` given the cosine and sine of the joint's angle, which several vectors share."""
         v = np.dot(self._turn[k].T, v.reshape(3, -1)).reshape(v.shape)
         if turning is None:
             return v
@@ -235,7 +235,7 @@ class Chain:
         ----------
         q, qd, qdd : (n, N) joint positions [rad, m] and their derivatives.
         start : number of the body whose motion is given (0: the ground).
-        base : that body's motion in its own axes; by default the ground at rest under gravity.
+        base : motion of that body in its own axes; by default the ground at rest under gravity.
 
         Returns one entry a body (index j − 1); bodies that do not descend from `start` are None.
         """
@@ -311,7 +311,7 @@ class Chain:
         return self.structure(Q, Qd, Qdd, friction)
 
     def structure(self, q: Array, qd: Array, qdd: Array, friction: bool = False) -> NDArray[np.float64]:
-        """The regressor at states (n, N), also of a chain whose symbols lack values (they then have any)."""
+        """The regressor at states (n, N), also for a chain whose symbols lack values (random ones stand for them)."""
         frames = self.propagate(q, qd, qdd)
         width = 10 * self.n
         out = np.zeros((q.shape[1], self.n, width + (3 * self.n if friction else 0)))
@@ -374,7 +374,7 @@ class Chain:
         return Chain(joints, tuple(gravity))
 
     def _jacobians(self, q: Array) -> Generator[tuple[int, list[int], Array]]:
-        """Of each body, from 0: the joints above it, itself last, and its Jacobian by these, (6, joints, N)."""
+        """For each body, from 0: the joints above it, itself last, and its Jacobian by these, (6, joints, N)."""
         kept: dict[int, tuple[list[int], Array]] = {}
         children = [sum(1 for other in self.joints if other.ant == k.j) for k in self.joints]
         for k, joint in enumerate(self.joints):

@@ -1,4 +1,4 @@
-"""Base parameters of a chain, with their relations in numbers and in symbols, whatever the chain's scale."""
+"""Base parameters of a chain, with their regrouping relations in numbers and in symbols."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class ChainBaseParameters(BaseParameters):
 
     @cached_property
     def symbols(self) -> tuple[str, ...]:
-        """Symbols in the relations: those of the table, and lengths given as numbers by place (``d3``)."""
+        """Symbols in the relations: those of the table, and lengths given as numbers, named by place (``d3``)."""
         return tuple(self.scaled_chain.scale_free_values())
 
     @property
@@ -43,7 +43,7 @@ class ChainBaseParameters(BaseParameters):
 
     @cached_property
     def formulas(self) -> tuple[tuple[str, ...], ...]:
-        """`relations` as text, ``2*D3``; a number where no closed form was found, nothing where it is 0."""
+        """`relations` as text, ``2*D3``; a number where no closed form was found, empty where it is 0."""
         return closed_forms(self, self.scaled_chain)
 
     def describe(self, i: int, tolerance: float = 0.0) -> str:
@@ -76,7 +76,7 @@ def base_parameters(
     chain : the tree of bodies; its symbols need no values.
     friction : with rotor inertia, viscous and Coulomb friction of every joint. Without it rotor inertias still
         count where a ``.par`` file lists them: SYMORO has them among the inertial parameters.
-    parameters : the names this robot has, the others being 0; by default all that are not `absent`.
+    parameters : names of the parameters that are not 0; by default all that are not `absent`.
     seed : of the random states.
 
     Raises ValueError for an unknown name.
@@ -104,7 +104,7 @@ def _grouped(chain: Chain, names: Sequence[str], seed: int) -> ChainBaseParamete
     W = scaled.matrix(scaled.scaled_numbers())
     base = find_base(W, names)
     if base.gap < _CLEAR:
-        # Lengths of very different size hide the structure behind rounding: it is that of lengths without coincidence.
+        # Lengths of very different size: rounding hides the rank, which is that of random lengths of one size.
         for shared in (True, False):
             other = find_base(scaled.matrix(scaled.varied(np.random.default_rng(seed), shared)[0]), names)
             if other.gap > max(_CLEAR, base.gap):
@@ -112,7 +112,7 @@ def _grouped(chain: Chain, names: Sequence[str], seed: int) -> ChainBaseParamete
                 break
     relations = np.where(np.abs(base.relations) < _NOISE, 0.0, base.relations)
     relations = scaled.to_metres(relations, base.independent, base.dependent)
-    if chain.missing:  # what depends on a symbol without value has none
+    if chain.missing:  # relations that depend on a symbol without value have none
         again = scaled.matrix(scaled.varied(np.random.default_rng([seed, 7]))[0])
         moved, _ = combine(again, base.independent, base.dependent)
         moved = scaled.to_metres(moved, base.independent, base.dependent)

@@ -1,4 +1,4 @@
-"""Arithmetic expressions, ``2*L1*cos(A)`` of a robot's table or ``rate/v0`` of a one-line effect: read, never run."""
+"""Arithmetic expressions as in a robot's table, ``2*L1*cos(A)``, or a one-line effect: parsed, never executed."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Pow: np.float_power,
 }  # fmt: skip
 _LONGEST = 4000
-"""Characters: a longer text is no entry of a table (and would only try the parser's depth)."""
+"""Longest expression accepted [characters]: a longer text would only exhaust the parser's depth."""
 
 
 class ExpressionFault(ValueError):
-    """A fault in an expression: the reason `says`, and the characters `start` to `stop` where it stands."""
+    """A fault in an expression: the reason `says`, and its place, the characters `start` to `stop`."""
 
     def __init__(self, text: str, says: str, start: int = 0, stop: int | None = None):
         super().__init__(f"'{text[:60]}': {says}")
@@ -37,7 +37,7 @@ class ExpressionFault(ValueError):
 
 @dataclass(frozen=True)
 class Expression:
-    """An arithmetic expression, checked and never run: numbers, names, ``+ - * / ** ^``, brackets and `functions`."""
+    """An arithmetic expression, never executed: numbers, names, ``+ - * / ** ^``, brackets and `functions`."""
 
     text: str
     tree: ast.expr
@@ -45,7 +45,7 @@ class Expression:
 
     @classmethod
     def parse(cls, text: str, functions: Mapping[str, Callable[..., Any]] = FUNCTIONS) -> Expression:
-        """Read a text. Raises ExpressionFault that says what cannot be read, and where in `text` as stripped."""
+        """The expression of a text. Raises ExpressionFault with the part at fault, its place in the stripped text."""
         written = text.strip()
         if not written:
             raise ExpressionFault(written, "nothing stands here")
@@ -66,30 +66,30 @@ class Expression:
         return cls(written, tree, functions)
 
     def fault(self, node: ast.expr, says: str) -> ExpressionFault:
-        """A fault at a part of the expression."""
+        """A fault at a node of the expression."""
         return _fault(node, self.text, says)
 
     @classmethod
     def of(cls, value: float) -> Expression:
-        """A constant."""
+        """A constant expression."""
         return cls(repr(float(value)), ast.Constant(float(value)))
 
     @cached_property
     def symbols(self) -> frozenset[str]:
-        """The names in it that need a value."""
+        """Names in the expression that need a value."""
         names = (node.id for node in ast.walk(self.tree) if isinstance(node, ast.Name))
         return frozenset(names) - CONSTANTS.keys() - self.functions.keys()
 
     @cached_property
     def angles(self) -> tuple[Expression, ...]:
-        """Arguments of its sines, cosines and tangents that hold symbols (those of a root or an arc are no angles)."""
+        """Arguments with symbols of its sines, cosines and tangents (those of roots and arc functions are no angles)."""
         nodes = (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
         calls = [n for n in nodes if isinstance(n.func, ast.Name) and n.func.id in ("sin", "cos", "tan")]
         found = (Expression(ast.unparse(a), a, self.functions) for call in calls for a in call.args)
         return tuple(a for a in found if a.symbols)
 
     def value(self, values: Mapping[str, float]) -> float:
-        """Its number. Raises ValueError when that is not finite, KeyError for a symbol without value."""
+        """Numerical value. Raises ValueError when it is not finite, KeyError for a symbol without value."""
         try:
             with np.errstate(all="ignore"):
                 out = float(_evaluate(self.tree, values, self.functions))
@@ -100,12 +100,12 @@ class Expression:
         return out
 
     def series(self, values: Mapping[str, NDArray[np.float64] | float], count: int) -> NDArray[np.float64]:
-        """Its numbers (count,) for series of the symbols' values, (count,) or a number."""
+        """Numerical values (count,) for series of the symbols' values, (count,) or a number."""
         return np.asarray(_evaluate(self.tree, values, self.functions), float) * np.ones(count)
 
 
 def _before(written: str, place: int) -> int:
-    """Where a character stood before each ``^`` was made ``**``."""
+    """Place of a character before each ``^`` was replaced by ``**``."""
     for at, character in enumerate(written):
         if character == "^" and at < place:
             place -= 1

@@ -45,11 +45,11 @@ BASIS = _basis()
 """(10, 4, 4): the pseudo-inertia is Σ_k values[k] BASIS[k]."""
 
 _ROUNDING = 1e-12
-"""Relative rounding error by which the pseudo-inertia of points on a line or plane comes out below zero."""
+"""Relative rounding error by which the pseudo-inertia of points on a line or plane is found negative."""
 
 
 def in_units(J: Array, mass: float, length: float) -> Array:
-    """Pseudo-inertias (…, 4, 4) in units of a mass [kg] and a length [m]: which are positive definite stays the same.
+    """Pseudo-inertias (…, 4, 4) in units of a mass [kg] and a length [m], with unchanged definiteness.
 
     Without it the rows of a chassis (thousands of kg·m² beside kg) and of a hub differ by orders of magnitude.
     """
@@ -73,21 +73,21 @@ class MomentFault:
 
 @dataclass(frozen=True)
 class TriangleFault:
-    """The `largest` moment of inertia about the centre of gravity exceeds the `others` together [kg·m²]."""
+    """The `largest` moment of inertia about the centre of gravity exceeds the sum of the `others` [kg·m²]."""
 
     largest: float
     others: float
 
 
 BodyFault = MassFault | MomentFault | TriangleFault
-"""What makes a body impossible."""
+"""Condition of mechanics that a body's parameters violate."""
 
 
 def body_fault(values: Sequence[float] | Array) -> BodyFault | None:
-    """The first condition of mechanics that ten parameters break; None when they break none.
+    """The first condition of mechanics that ten parameters violate; None when they fulfil all.
 
-    The first that fails of: the mass; the moments of inertia about the centre of gravity; the triangle inequality
-    between them (no moment can be larger than the sum of the other two).
+    In order: positive mass; moments of inertia about the centre of gravity that are not negative; the triangle
+    inequality between them (none is larger than the sum of the other two).
     """
     ten = np.asarray(values, float)
     mass, J = float(ten[9]), pseudo_inertia(ten)

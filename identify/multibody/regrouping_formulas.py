@@ -1,9 +1,9 @@
-"""Regrouping relations of base parameters as formulas: polynomials of the table's lengths, and of sines of its angles.
+"""Regrouping relations of base parameters as formulas: polynomials of the table's lengths and of sines of its angles.
 
 The regrouping relations of Khalil and Dombre (2002, chapter 9) are polynomials of this kind. They are found here
-without a case for every kind of joint: the relations are computed for several random tables of the same structure, and
-each is fitted by few monomials of the right unit. What the fit gives must hold for tables it has not seen, and for the
-chain's own numbers; where it does not, the number stands.
+without cases for kinds of joints: the relations are computed for several random tables of the same structure, and each
+is fitted by few monomials of the right unit. The fit is accepted if it predicts further random tables and the chain's
+own numbers; otherwise the relation stays a number.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from lacet.identify.multibody.symbolic_table import ANGLES, LENGTHS
 from lacet.identify.multibody.vectors import Array
 
 _MOST = 60
-"""Monomials tried for one relation at most."""
+"""Largest number of monomials tried for one relation."""
 _LONGEST = 120
-"""Characters of the longest formula; a longer one is no easier to read than the number."""
+"""Length of the longest formula [characters]; a longer one is no easier to read than the number."""
 _REACH = (1, 2, 3, 99)
-"""Numbers of table rows whose lengths are tried in a relation, one after the other."""
+"""Numbers of table rows whose lengths are tried in a relation, in this order."""
 _SPARE = 4
-"""Number of tables beyond that of monomials, which the fit must predict."""
+"""Number of tables in excess of the number of monomials, for validation."""
 _SAME = 1e-8
 
 
 def closed_forms(base: BaseParameters, scaled: ScaledChain) -> tuple[tuple[str, ...], ...]:
-    """Formulas of `base.relations`: text, a number where there is no formula, nothing where it is 0."""
+    """Formulas of `base.relations` as text; a number where there is no formula, empty where it is 0."""
     numbers = [[_number(float(x)) for x in row] for row in base.relations]
     if not base.relations.size:
         return tuple(tuple(row) for row in numbers)
@@ -50,7 +50,7 @@ def closed_forms(base: BaseParameters, scaled: ScaledChain) -> tuple[tuple[str, 
         out[i][k] = text or numbers[i][k]
         if spread[i, k] > _SAME:
             open_cells.append((int(i), int(k)))
-    for reach in _REACH:  # a relation mostly holds the lengths just below the body it is grouped into
+    for reach in _REACH:  # most relations hold the lengths next to the body grouped into
         trials = {cell: _monomials(base, scaled, *cell, reach) for cell in open_cells}
         most = max((len(m) for m in trials.values()), default=0)
         if not most or not tables.draw(most + _SPARE):
@@ -113,7 +113,7 @@ def _start(base: BaseParameters, scaled: ScaledChain) -> _Tables | None:
 
 
 def _holds(base: BaseParameters, scaled: ScaledChain, i: int, k: int, text: str) -> bool:
-    """Whether a formula gives the chain's own relation."""
+    """Whether a formula reproduces the chain's own relation."""
     number = float(base.relations[i, k])
     if math.isnan(number):
         return True
@@ -123,7 +123,7 @@ def _holds(base: BaseParameters, scaled: ScaledChain, i: int, k: int, text: str)
 
 
 def join(terms: Sequence[tuple[str, str]]) -> str:
-    """A sum of coefficient × name as one expression."""
+    """Sum of terms, coefficient × name, as one expression."""
     parts: list[str] = []
     for text, name in terms:
         sign, size = ("-", text[1:]) if text.startswith("-") and not _sum(text[1:]) else ("+", text)
@@ -144,7 +144,7 @@ def _sum(text: str) -> bool:
 
 
 def _rows_between(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> list[int]:
-    """Rows of the table from the body a parameter is grouped into to the body it is of, the former's side first."""
+    """Rows of the table between the body of a parameter and the one it is grouped into, the latter's side first."""
     table, columns, n = scaled.chain.table, scaled.columns, scaled.chain.n
 
     def body(place: int) -> int:
@@ -152,7 +152,7 @@ def _rows_between(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> 
         return (column // 10 if column < 10 * n else (column - 10 * n) // 3) + 1
 
     ours, theirs = table.path(body(int(base.independent[i]))), table.path(body(int(base.dependent[k])))
-    return sorted(set(ours) ^ set(theirs)) or [theirs[0]]  # within one body: its own row
+    return sorted(set(ours) ^ set(theirs)) or [theirs[0]]  # of one body: its own row
 
 
 def _monomials(base: BaseParameters, scaled: ScaledChain, i: int, k: int, reach: int) -> list[str]:
@@ -170,7 +170,7 @@ def _monomials(base: BaseParameters, scaled: ScaledChain, i: int, k: int, reach:
             free = [s for s in sorted(entry.symbols) if s not in table.variables]
             lengths += [s for s in free if s not in table.angle_symbols]
             angles += [a.text for a in entry.angles]
-            # A number beside a symbol (L1 + 0.1) has a unit that the monomials do not show.
+            # A number added to a symbol (L1 + 0.1) is a length that the monomials' degree does not count.
             pure &= not free or _homogeneous(entry, table.angle_symbols)
         for key in ANGLES:
             entry = row.entries[key]
@@ -190,7 +190,7 @@ def _monomials(base: BaseParameters, scaled: ScaledChain, i: int, k: int, reach:
 
 
 def _homogeneous(entry: Expression, angle_symbols: frozenset[str]) -> bool:
-    """Whether an entry is a length without constants beside its symbols."""
+    """Whether an entry is a length without constants added to its symbols."""
     values = dict.fromkeys(entry.symbols, 0.6)
     twice = {s: v if s in angle_symbols else 2.0 * v for s, v in values.items()}
     try:
@@ -219,7 +219,7 @@ def _product(factors: Sequence[str]) -> str:
 
 
 def _angles(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> list[float]:
-    """Angles of the rows between that are numbers."""
+    """Angles of the rows between that are given as numbers."""
     table = scaled.chain.table
     rows = _rows_between(base, scaled, i, k)
     found = (scaled.numbers[j - 1][key] for j in rows for key in ANGLES if not table.rows[j - 1].entries[key].symbols)
@@ -227,7 +227,7 @@ def _angles(base: BaseParameters, scaled: ScaledChain, i: int, k: int) -> list[f
 
 
 def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[float]) -> str | None:
-    """The sum of monomials that a series of values is; None when it is none, nothing when no reader would know it."""
+    """A series of values as a sum of monomials; None where the fit fails, empty where no formula is recognised."""
     if not monomials:
         return None
     fit = len(monomials) + 1
@@ -236,7 +236,7 @@ def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[
     kept = np.flatnonzero(np.abs(solution) > 1e-6 * np.max(np.abs(solution)))
     if not kept.size:
         return None
-    solution = np.linalg.lstsq(A[:, kept], series, rcond=None)[0]  # again with those that count
+    solution = np.linalg.lstsq(A[:, kept], series, rcond=None)[0]  # fitted again without the negligible ones
     if np.max(np.abs(A[:, kept] @ solution - series)) > _SAME * max(scale, 1.0):
         return None
     recognised = [_recognised(float(c), angles) for c in solution]
@@ -251,7 +251,7 @@ def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[
 
 
 def _recognised(c: float, angles: Sequence[float]) -> str:
-    """A number as a fraction or a product of sines and cosines of the table's angles; nothing when it is neither."""
+    """A number as a fraction or a product of sines and cosines of the table's angles; empty when it is neither."""
     for below in (1, 2, 3, 4):
         if abs(c * below - round(c * below)) < 1e-8 and round(c * below):
             whole = round(c * below)

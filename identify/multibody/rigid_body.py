@@ -1,4 +1,4 @@
-"""Dynamics of one rigid body: the wrench of its motion, also as a linear map of its ten parameters."""
+"""Newton–Euler dynamics of one rigid body: its wrench, also as a linear map of its ten parameters."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ FRICTION = ("IA", "FV", "FS")
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s²], by definition of the 3rd General Conference on Weights and Measures (1901).
-The one value used wherever no measurement of gravity is."""
+
+The value used wherever gravity is not measured."""
 
 UNITS = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 
 
 def wrench(omega: Array, omega_dot: Array, accel: Array, values: Sequence[float] | Array) -> tuple[Array, Array]:
-    """Wrench that moves a body, by Newton and Euler: force [N] and moment about the frame's origin [N·m].
+    """Wrench that moves a body: force [N] and moment about the frame's origin [N·m].
 
     Parameters
     ----------
@@ -62,12 +63,12 @@ def wrench_regressor(omega: Array, omega_dot: Array, accel: Array) -> NDArray[np
 
 
 def move_parameters(values: Sequence[float] | Array, R: Array, p: Array) -> NDArray[np.float64]:
-    """Ten parameters of a body seen from another frame.
+    """Ten parameters of a body expressed in another frame.
 
     Parameters
     ----------
     values : in the body's frame.
-    R : 3 × 3, turns the body's axes into the new ones.
+    R : 3 × 3 rotation from the body's axes to the new ones.
     p : (3,) the body's origin in the new frame [m].
     """
     xx, xy, xz, yy, yz, zz, mx, my, mz, m = values

@@ -1,4 +1,4 @@
-"""A chain in units of its own size at random joint states, whose regressor has the rank of the base parameters."""
+"""Scaled chain: a chain in units of its own size, with its regressor at random joint states."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from lacet.identify.multibody.symbolic_table import LENGTHS
 from lacet.identify.multibody.vectors import Array
 
 _STATES = 120
-"""Random states at most: every joint gives a row in each, and every body acts on its own joint."""
+"""Largest number of random states: each gives a row for every joint, and every body acts on its own joint."""
 
 
 class ScaledChain:
     """A chain in units of its own size, so that rounding is the same for millimetres and for a hundred metres.
 
-    Lengths are divided by their root mean square, and gravity is as strong as the random accelerations. The relations
-    do not depend on either, but for the unit of each parameter.
+    Lengths are divided by their root mean square, and gravity is as large as the random accelerations. The relations
+    depend on neither, except for the unit of each parameter.
 
     Parameters
     ----------
-    chain : the chain in SI; symbols without a value get any.
+    chain : the chain in SI units; symbols without a value get random ones.
     columns : indices of the parameters to be grouped, in the order of `parameter_names` and then `friction_names`.
     seed : of the random joint states.
     """
@@ -55,13 +55,13 @@ class ScaledChain:
         return [{k: v / self.size if k in LENGTHS else v for k, v in row.items()} for row in self.numbers]
 
     def to_metres(self, relations: Array, kept: NDArray[np.int64], dropped: NDArray[np.int64]) -> Array:
-        """Relations in units of the chain's size, in SI."""
+        """Relations converted from units of the chain's size to SI units."""
         return relations * self.size ** (self.exponents[kept][:, None] - self.exponents[dropped][None, :])
 
     def varied(self, rng: np.random.Generator, shared: bool = False) -> tuple[list[dict[str, float]], dict[str, float]]:
-        """The table with other lengths and angles where it has symbols or lengths, and the symbols' values.
+        """The table with random lengths and angles in place of its symbols and lengths, and the symbols' values.
 
-        Lengths given as numbers are symbols by their place (``d3``); with `shared` those of equal size stay so.
+        Lengths given as numbers are symbols named by place (``d3``); with `shared` equal lengths stay equal.
         """
         values = {**self.chain.values, **self.chain.table.any_values(rng)}
         numbers = self.chain.table.numbers(values)
@@ -79,12 +79,12 @@ class ScaledChain:
         return numbers, out
 
     def scale_free_values(self) -> dict[str, float]:
-        """Symbols of the relations with random values."""
+        """Random values of the relations' symbols."""
         return self.varied(np.random.default_rng(0))[1]
 
     @cached_property
     def actual_values(self) -> dict[str, float]:
-        """Symbols of the relations with their values [m, rad]."""
+        """Values of the relations' symbols [m, rad]."""
         out: dict[str, float] = {}
         for name in self.scale_free_values():
             if name in self.chain.table.symbols:

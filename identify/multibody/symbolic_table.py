@@ -1,4 +1,4 @@
-"""Geometry table of a robot with symbols: each length and angle as an expression that needs values."""
+"""Geometry table of a robot whose lengths and angles are expressions with symbols."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ANGLES = ("gamma", "alpha", "theta")
 GEOMETRY = ("gamma", "b", "alpha", "d", "theta", "r")
 _KEYS = ("j", "ant", "sigma", *GEOMETRY, "absent")
 FIXED = 2
-"""σ of a frame that does not move in its antecedent."""
+"""σ of a frame fixed in its antecedent."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +32,12 @@ class Row:
 
 @dataclass(frozen=True)
 class SymbolicTable:
-    """Rows of a tree in order.
+    """The rows of a tree of frames, each after its antecedent.
 
     Attributes
     ----------
-    rows : the tree.
-    variables : names of joint positions where they stand in the entries; their value in a table is 0.
+    rows : rows of the tree.
+    variables : names of joint positions that occur in the entries; their value in a table is 0.
     """
 
     rows: tuple[Row, ...]
@@ -45,7 +45,7 @@ class SymbolicTable:
 
     @classmethod
     def read(cls, rows: Iterable[Mapping[str, Any]]) -> SymbolicTable:
-        """From rows with ``j ant sigma gamma b alpha d theta r``; entries are numbers or expressions.
+        """The table of rows with ``j ant sigma gamma b alpha d theta r``; entries are numbers or expressions.
 
         Raises ValueError with every fault.
         """
@@ -79,7 +79,7 @@ class SymbolicTable:
 
     @cached_property
     def angle_symbols(self) -> frozenset[str]:
-        """Those of them that are angles, or stand in a function."""
+        """Symbols that are angles, or occur in a function."""
         entries = [(key, row.entries[key]) for row in self.rows for key in GEOMETRY]
         found = {s for key, e in entries if key in ANGLES for s in e.symbols}
         return frozenset(found | {s for _, e in entries for a in e.angles for s in a.symbols})
@@ -89,7 +89,7 @@ class SymbolicTable:
         return tuple(s for s in self.symbols if s not in values)
 
     def numbers(self, values: Mapping[str, float]) -> list[dict[str, float]]:
-        """The six lengths [m] and angles [rad] of every row. Raises ValueError with every entry that has no number."""
+        """The six lengths [m] and angles [rad] of every row. Raises ValueError with every entry that has no value."""
         given = {**values, **dict.fromkeys(self.variables, 0.0)}
         faults: list[str] = []
         out: list[dict[str, float]] = []
@@ -137,7 +137,7 @@ def _WHOLE(place: int) -> tuple[tuple[str, int], ...]:
 
 
 def _misspelt(key: str) -> str:
-    """The known key that an unknown key nearly spells; nothing for known keys and for users' own columns."""
+    """The known key that an unknown key nearly spells; empty for known keys and for users' own columns."""
     if key in _KEYS:
         return ""
     long = [k for k in _KEYS if len(k) > 2]

@@ -1,4 +1,4 @@
-"""Three-vectors over many samples, stored as arrays of shape (3, N) so that every operation runs along samples."""
+"""Operations on three-vectors over many samples, arrays of shape (3, N)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def dot(a: Array, b: Array) -> Array:
 
 
 def turn(axis: int, angle: Array, v: Array) -> Array:
-    """Rotate `v` (3, …, N) by `angle` (N,) about coordinate axis 0, 1 or 2: R(angle) v."""
+    """Vectors `v` (3, …, N) rotated by `angle` (N,) about coordinate axis 0, 1 or 2: R(angle) v."""
     i, j = (axis + 1) % 3, (axis + 2) % 3
     c, s = np.cos(angle), np.sin(angle)
     out = np.empty((3, *np.broadcast_shapes(v.shape[1:], np.shape(angle))))
@@ -41,12 +41,12 @@ def rotation(axis: int, angle: float) -> Array:
 
 
 def rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """R = Rz(yaw) Ry(pitch) Rx(roll), 3 × 3."""
+    """Rotation matrix R = Rz(yaw) Ry(pitch) Rx(roll), 3 × 3."""
     return rotation(2, yaw) @ rotation(1, pitch) @ rotation(0, roll)
 
 
 def unit(axis: int) -> Array:
-    """The coordinate axis as a (3, 1) array."""
+    """Unit vector of coordinate axis 0, 1 or 2 as a (3, 1) array."""
     out = np.zeros((3, 1))
     out[axis] = 1.0
     return out

@@ -1,7 +1,7 @@
-"""Rigid bodies of a fit: the parameters of each, whether grouping separates them, and their physical consistency.
+"""Rigid bodies of a fit: the ten parameters of each, whether the rows separate them, and their physical consistency.
 
-A fit holds base parameters. What a body's ten numbers are is then a question only for a body of which nothing was
-grouped into another's parameters, or another's into its own; `properties.consistent_fit` answers it for all together.
+A fit holds base parameters. A body's ten standard parameters follow from them only where none is grouped with another
+body's; `properties.consistent_fit` tests all bodies together.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from lacet.identify.properties.whole_vehicle import summation
 from lacet.identify.regression.wls import Fit
 
 WHOLE = "vehicle"
-"""Name of all bodies taken as one."""
+"""Name of all bodies as one."""
 
 _REVOLUTION = (("ZZ",), ("XX", "YY"), ("MZ",), ("M",))
-"""Parameters of the ten that each of the four of a balanced body of revolution stands for."""
+"""Standard parameters that each of the four parameters of a balanced body of revolution stands for."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Body:
     Attributes
     ----------
     name : ``chassis``, ``axle.fl``, ``wheel.fl``, or ``vehicle`` for all as one.
-    to_ten : (10, p) from the physics' standard parameters to the body's ten, in the order of `PARAMETERS`.
-    mass, length : the largest plausible mass [kg] and radius of gyration [m]: units to see it in.
+    to_ten : (10, p) map from the physics' standard parameters to the body's ten, in the order of `PARAMETERS`.
+    mass, length : the largest plausible mass [kg] and radius of gyration [m], used as units.
     """
 
     name: str
@@ -45,11 +45,11 @@ class Body:
 
     @property
     def members(self) -> NDArray[np.intp]:
-        """Indices of the model's parameters that make the body."""
+        """Indices of the model's parameters that belong to the body."""
         return np.flatnonzero(np.any(self.to_ten != 0.0, axis=0))
 
     def matrices(self) -> Array:
-        """(p, 4, 4): the pseudo-inertia in the body's units, per unit of each of the physics' parameters."""
+        """(p, 4, 4): pseudo-inertia per unit of each of the physics' parameters, in the body's units."""
         return in_units(np.tensordot(self.to_ten.T, BASIS, 1), self.mass, self.length)
 
 
@@ -94,17 +94,17 @@ def clusters(fitted: Fit) -> tuple[tuple[Body, ...], ...]:
 
 @dataclass(frozen=True)
 class BodyCheck:
-    """The direct test of one body: the smallest eigenvalue of its pseudo-inertia.
+    """Consistency test of one body by itself: the smallest eigenvalue of its pseudo-inertia.
 
     Attributes
     ----------
     name : the body.
-    shared : parameters counted together with parameters that are not the body's own, or seen by no row: where there
-        are any, the values of the fit are not the body's alone, and `possible` says nothing.
-    possible : whether a body can have these values.
+    shared : its parameters that are grouped with those of other bodies, or that no row depends on: where there are any,
+        the fit's values are not the body's alone, and `possible` is meaningless.
+    possible : whether a rigid body can have these values.
     smallest : smallest eigenvalue, in units of the largest plausible mass and size of such a body.
     half : half of its 95 % interval, to first order.
-    fault : what is impossible about it; None when nothing is.
+    fault : the condition violated; None where there is none.
     """
 
     name: str
@@ -116,17 +116,17 @@ class BodyCheck:
 
     @property
     def separable(self) -> bool:
-        """Whether the fit's values are those of this body and of nothing else."""
+        """Whether the fit's values are those of this body alone."""
         return not self.shared
 
     @property
     def clear(self) -> bool:
-        """Whether it is impossible by more than its own uncertainty."""
+        """Whether the body is impossible by more than the uncertainty of its eigenvalue."""
         return self.separable and self.smallest + self.half < 0.0
 
 
 def check_bodies(fitted: Fit) -> tuple[BodyCheck, ...]:
-    """The direct test of each body and of the whole vehicle. Needs no solver."""
+    """Consistency tests of each body and of the whole vehicle, by eigenvalues; needs no solver."""
     together = whole(fitted)
     return tuple(_check(fitted, body) for body in (*bodies(fitted), *((together,) if together else ())))
 
@@ -145,7 +145,7 @@ def _check(fitted: Fit, body: Body) -> BodyCheck:
 def _shared(fitted: Fit, body: Body) -> tuple[str, ...]:
     """Parameters of a body that are grouped with those of other bodies.
 
-    A sum over the body's parameters is its own when grouping leaves it unchanged: it lies in the rows' span then.
+    A sum over the body's parameters is its own when grouping leaves it unchanged: it then lies in the rows' span.
     """
     grouping = fitted.base.grouping()
     grouped = body.to_ten[:, fitted.base.independent] @ grouping
@@ -165,7 +165,7 @@ def _shared(fitted: Fit, body: Body) -> tuple[str, ...]:
 
 
 def _holders(fitted: Fit, index: int) -> list[str]:
-    """Parameters that a parameter grouped into others is counted in."""
+    """Parameters that hold the value of a parameter grouped into others."""
     base = fitted.base
     column = np.flatnonzero(base.dependent == index)
     rows = np.any(base.relations[:, column] != 0.0, axis=1)

@@ -1,4 +1,4 @@
-"""Physical consistency of a fit as a whole, and the nearest fit that has it, with its price in residual.
+"""Physical consistency of a fit, and the nearest consistent fit with the rise of its residual.
 
 A fit holds base parameters. It is consistent when *some* standard parameters with these base values give every body a
 positive definite pseudo-inertia and every parameter of certain sign that sign. The nearest consistent estimate is a
@@ -29,24 +29,24 @@ from lacet.identify.regression.qr_accumulation import zeros_following
 from lacet.identify.regression.wls import Fit
 
 LEAST = 1e-6
-"""Smallest eigenvalue a mended body keeps, in units of the largest plausible mass and size: above a solver's error."""
+"""Smallest eigenvalue of a corrected body, in units of the largest plausible mass and size: above a solver's error."""
 _OPEN = 100.0
-"""Bound of a standard parameter that the equations leave open, in plausible sizes: what no constraint holds would drift
-off to where rounding hides all else."""
+"""Bound of standard parameters that the equations leave free, in plausible sizes.
+
+Unbounded ones would grow until rounding hides all else."""
 DRAWS = 99
-"""Simulated campaigns behind the probability of a distance."""
+"""Simulated campaigns behind the p of a distance."""
 
 
 @dataclass(frozen=True)
 class ConsistencyPrice:
-    """Rise of the residual and change of the parameters by the consistency constraints.
+    """Cost of the consistency constraints: rise of the residual and change of the parameters.
 
     Attributes
     ----------
-    quadratic : ‖R (x − x̂)‖², the rise of the weighted residual in σ² of an independent sample; its root is a distance
-        in σ.
+    quadratic : ‖R (x − x̂)‖², the rise of the weighted sum of squared residuals; its root is a distance in σ.
     percent : rise of the weighted sum of squared residuals [%].
-    rows : row → rise of the residual's RMS over all runs [%]; below zero where a row gains what others lose.
+    rows : row → rise of the residual's RMS over all runs [%]; negative where the row fits better.
     largest : the base parameter that moved most in its own σ, and by how many σ (from the covariance of the fit).
     changes : parameter → (before, after), those that moved by more than 0.01 σ.
     """
@@ -59,16 +59,16 @@ class ConsistencyPrice:
 
     @property
     def distance(self) -> float:
-        """Distance from the estimate to what is possible [σ]."""
+        """Distance from the estimate to the consistent set [σ]."""
         return float(np.sqrt(self.quadratic))
 
 
 @dataclass(frozen=True)
 class ConsistentFit:
-    """The nearest consistent fit.
+    """The consistent fit nearest to an estimate.
 
     `fit` has the new parameters, zeros and residuals; its covariance is still that of the unconstrained estimate (an
-    interval may reach into what is impossible: cut it there). `standard` (p,) is one set of the physics' standard
+    interval may reach outside the consistent set: cut it there). `standard` (p,) is one set of the physics' standard
     parameters with these base values that fulfils every constraint.
     """
 
@@ -79,18 +79,18 @@ class ConsistentFit:
 
 @dataclass(frozen=True)
 class Consistency:
-    """Result of the consistency analysis of a fit.
+    """Physical consistency of a fit: distance to the consistent set, its p, and the tests of single bodies.
 
     Attributes
     ----------
-    margin : the largest that the smallest eigenvalue (or signed value) of all bodies can be made within what the fit
-        leaves open, in units of plausible size; at least zero: consistent as it is.
+    margin : maximum over standard parameters with the fitted base values of the smallest eigenvalue (or signed value)
+        of all bodies, in units of plausible size; at least zero where the fit is consistent.
     distance : to the nearest consistent estimate [σ]; zero when consistent.
-    p : share of simulated campaigns of the nearest consistent car whose estimate lies at least as far out.
-    bodies : the direct test of each body.
-    alone : body → distance [σ] when only that body has to be possible; bodies whose parameters are counted together are
-        taken together (``axle.fl + wheel.fl``).
-    wrong_sign : spring, damper, mass … → how many of its own σ it lies on the impossible side.
+    p : share of simulated campaigns of the nearest consistent car whose estimate is at least as far from consistency.
+    bodies : the test of each body by itself.
+    alone : body → distance [σ] when only that body has to be possible; bodies with grouped parameters count as one
+        (``axle.fl + wheel.fl``).
+    wrong_sign : spring, damper, mass … → by how many of its own σ it has the impossible sign.
     """
 
     margin: float
@@ -102,7 +102,7 @@ class Consistency:
 
     @property
     def consistent(self) -> bool:
-        """Whether some standard parameters with the fitted base values can exist."""
+        """Whether standard parameters with the fitted base values exist that fulfil every constraint."""
         return self.margin >= 0.0
 
     @property
@@ -112,18 +112,18 @@ class Consistency:
 
     @property
     def noise_explains(self) -> bool:
-        """Whether noise alone brings estimates of a consistent car that far out."""
+        """Whether noise alone brings estimates of a consistent car as far from consistency."""
         return self.p > 0.05
 
     @property
     def worst(self) -> str:
-        """The body or parameter farthest on the impossible side."""
+        """The body or parameter that is farthest from possible."""
         blame = {**{name: d for name, d in self.alone.items() if name != WHOLE}, **self.wrong_sign}
         return max(blame, key=lambda name: blame[name])
 
 
 def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
-    """Consistency of a fit: whether bodies with its parameters can exist, and the distance to the nearest that can.
+    """The physical consistency of a fit, and its distance to the nearest consistent one.
 
     Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
     """
@@ -147,7 +147,7 @@ def consistency(fitted: Fit, draws: int = DRAWS) -> Consistency:
 
 
 def consistent_fit(fitted: Fit) -> ConsistentFit:
-    """The nearest fit that can exist; the fit itself when it can.
+    """The consistent fit nearest to a fit; the fit itself where it is consistent.
 
     Raises UsageError without the extra ``consistency`` (cvxpy and clarabel), SolverError when the solver fails.
     """
@@ -164,10 +164,10 @@ def consistent_fit(fitted: Fit) -> ConsistentFit:
 
 
 class _Projection:
-    """The convex problem for some bodies of a fit.
+    """The convex problem of projecting an estimate onto the consistent set of some bodies.
 
-    Unknowns are u, in which ‖R (x − x̂)‖² = ‖u‖², and the standard parameters the grouping leaves open (n), in units of
-    their plausible size. Everything not touched by a constraint follows in closed form.
+    Unknowns are u, in which ‖R (x − x̂)‖² = ‖u‖², and the standard parameters that grouping leaves free (n), in units
+    of their plausible size. What no constraint involves follows in closed form.
     """
 
     def __init__(self, fitted: Fit, known: Information, members: Sequence[Body], signs: bool = True):
@@ -185,7 +185,7 @@ class _Projection:
         used = bound | np.any(grouping[self.touched] != 0.0, axis=0)
         hidden = np.array([i for i in (*base.dependent, *base.absent) if used[i]], int)
         self.triangle, self.follow = known.marginal(self.touched)
-        # s = from_base x_touched + from_hidden n: a kept parameter is its base value less what it stands for besides.
+        # s = from_base x_touched + from_hidden n: a kept parameter is its base value less those grouped into it.
         self.from_base = np.zeros((width, len(self.touched)))
         self.from_base[base.independent[self.touched], np.arange(len(self.touched))] = 1.0
         self.from_hidden = np.zeros((width, len(hidden)))
@@ -203,7 +203,7 @@ class _Projection:
     def margin(self) -> float:
         """Largest possible smallest eigenvalue and signed value with the fitted base values; at most 1.
 
-        The standard parameters that have it are stored in `completed`.
+        The standard parameters that attain it are stored in `completed`.
         """
         start = self.from_base @ self.fitted.theta[self.fitted.base.independent][self.touched]
         plain = self._smallest(start)
@@ -219,10 +219,10 @@ class _Projection:
         return self._smallest(standard)
 
     def nearest(self, base: Array) -> tuple[Array, Array, float]:
-        """The nearest possible base parameters (b,) to `base`, standard ones (p,) that have them, and ‖R (x − x̂)‖²."""
+        """Consistent base parameters (b,) nearest to `base`, standard ones (p,) that have them, and ‖R (x − x̂)‖²."""
         problem, start, far, u, hidden = self._compiled
         start.value = self.from_base @ base[self.touched]
-        # A solver wants unknowns of size one: far from what is possible, u counts in units of the distance itself.
+        # Solvers need unknowns near one: far from the consistent set, u is in units of the distance itself.
         change, far.value = np.zeros(len(self.touched)), 1.0
         for _ in range(3):
             self._solve(problem)
@@ -255,7 +255,7 @@ class _Projection:
         return cp.Problem(cp.Minimize(cp.sum_squares(u)), limits), start, far, u, hidden
 
     def _constraints(self, standard: Any, level: Any) -> list[Any]:
-        """Every body's pseudo-inertia and every signed parameter at least `level`."""
+        """Constraints: every body's pseudo-inertia and every signed parameter at least `level`."""
         cp = self.cp
         out = [
             cp.reshape(table.reshape(len(table), 16).T @ standard, (4, 4), order="C") - level * np.eye(4) >> 0
@@ -270,13 +270,13 @@ class _Projection:
         return float(np.min([*spectra, *(self.unit * standard[self.signed])]))
 
     def _standard(self, touched: Array, hidden: Array) -> Array:
-        """All standard parameters of the physics: those of no constraint as the fit has them."""
+        """All standard parameters of the physics; those in no constraint are the fit's."""
         moved = self.from_base @ touched + self.from_hidden @ hidden
         return np.where(self.bound, moved, self.fitted.physics)
 
     def _solve(self, problem: Any) -> None:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what a solver doubts is looked at below, by the result itself
+            warnings.simplefilter("ignore")  # an inaccurate solution is judged below, by the result itself
             try:
                 problem.solve(solver=self.cp.CLARABEL)
             except self.cp.error.SolverError as cause:
@@ -289,9 +289,9 @@ class _Projection:
 
 
 def certain_sign(parameter: Parameter) -> float:
-    """1 or −1 where a parameter's bounds leave only one sign (springs, dampers, tyres, masses), else 0.
+    """1 or −1 where a parameter's bounds allow only one sign (springs, dampers, tyres, masses), else 0.
 
-    `Parameter.expect` alone is no certainty: it is what one expects to find.
+    `Parameter.expect` is no bound: it is the usual sign.
     """
     return 1.0 if parameter.low >= 0.0 else -1.0 if parameter.high <= 0.0 else 0.0
 
@@ -308,8 +308,8 @@ def _wrong_sign(fitted: Fit) -> dict[str, float]:
 def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np.intp], draws: int) -> Sequence[Array]:
     """Estimates (b,) of simulated campaigns of a car with base parameters `base`.
 
-    The plausible ranges draw what no run determines towards zero and do not scatter: the estimate's mean is x − (RᵀR)⁻¹
-    P x, its covariance the fit's less the part (RᵀR)⁻¹ P (RᵀR)⁻¹ that stands for the range itself.
+    The priors draw what no run determines towards zero and add no scatter: the estimate's mean is x − (RᵀR)⁻¹ P x, its
+    covariance the fit's less the part (RᵀR)⁻¹ P (RᵀR)⁻¹ that stands for the prior itself.
     """
     inverse = known.inverse()
     plain = inverse @ inverse.T
@@ -328,7 +328,7 @@ def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np
 
 
 def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
-    """A fit with its unknowns changed by (q,) and its residuals with them, and the rise of the residual."""
+    """A fit with its unknowns changed by `change` (q,) and its residuals accordingly, and the cost."""
     theta, place = fitted.theta.copy(), fitted.place
     theta[place] += change
     fall = [gain @ change for gain, _ in zeros_following(fitted.equations.runs, fitted.sigma)]

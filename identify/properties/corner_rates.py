@@ -1,7 +1,7 @@
-"""Rates, masses and static forces of the corners for a ride and roll model, linear in a fit's parameters.
+"""Rates, masses and static forces of the four corners for a ride and roll model, linear in a fit's parameters.
 
-Every effect in the model counts, whoever wrote it: what it does to a suspension or tyre is read from its columns over
-the motions seen in the runs, as the linear spring and damper that fit them best.
+Every effect of the model counts, users' own too: its action on a suspension or tyre is the linear spring and damper
+that fit its columns best over the motions of the runs.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 
 _STEP = {"travel": 1e-4, "rate": 1e-3, "deflection": 1e-4}
-"""Half steps of slopes by travel [m], its rate [m/s] and tyre deflection [m]."""
+"""Half steps of the difference quotients by travel [m], its rate [m/s] and tyre deflection [m]."""
 
 
 @dataclass(frozen=True)
 class CornerNumbers:
-    """Numbers of the four corners (in the order fl, fr, rl, rr) and the sprung mass.
+    """Rates, masses and static forces of the four corners (in the order fl, fr, rl, rr), and the sprung mass.
 
     Attributes
     ----------
@@ -50,14 +50,14 @@ class CornerNumbers:
 
     @classmethod
     def unpack(cls, packed: Array) -> CornerNumbers:
-        """From one vector (66,)."""
+        """The numbers of one packed vector (66,)."""
         k, c, kk, cc, kt, m, body, f0 = np.split(packed, np.cumsum(_SIZES)[:-1])
         return cls(k, c, kk.reshape(4, 4), cc.reshape(4, 4), kt, m, body, f0)
 
 
 _SIZES = (4, 4, 16, 16, 4, 4, 10, 4)
 BLOCKS = tuple(int(i) for i in np.repeat(np.arange(len(_SIZES)), _SIZES))
-"""Which number each element of the packed vector is of."""
+"""Index of the field that each element of the packed vector belongs to."""
 
 
 def corner_numbers(fitted: Fit) -> Array:
@@ -83,9 +83,9 @@ def corner_numbers(fitted: Fit) -> Array:
 
 
 def rows_unseen(fitted: Fit) -> tuple[str, ...]:
-    """For each packed number the suspension or tyre row it is read from when no run has it, else nothing.
+    """For each packed number the suspension or tyre row it is read from where no run has that row, else empty.
 
-    Such a number is 0 in `corner_numbers` for want of a motion, not because the car has no spring there.
+    Such a number is 0 in `corner_numbers` for want of a measurement, not because the car has no spring there.
     """
     seen = {row for run in fitted.runs for row in run.index}
     lacking = {
@@ -98,7 +98,7 @@ def rows_unseen(fitted: Fit) -> tuple[str, ...]:
 def suspension_laws(
     effect: PhysicalEffect, motion: Motion, travel: Mapping[str, Array], rate: Mapping[str, Array]
 ) -> dict[str, Array]:
-    """Corner → (p, n) of a suspension force per unit of its parameters at other travels and rates (n,)."""
+    """Corner → (p, n) suspension force per unit of an effect's parameters, at other travels and rates (n,)."""
     corners = {
         c: replace(one, travel=travel[c], rate=rate[c]) if c in travel else one for c, one in motion.corners.items()
     }
@@ -117,7 +117,7 @@ def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:
 
 
 def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array, Array, Array]:
-    """(4, p) spring and damper that do most nearly the same over all samples seen, and the force at rest at design."""
+    """(4, p) spring and damper that fit an effect best over all samples of the runs, and its force at design height."""
     p = len(effect.parameters)
     normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
     f0 = np.zeros((4, p))
@@ -138,7 +138,7 @@ def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array,
 
 
 def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, kind: str) -> Array:
-    """(4, 4, p) mean slope of the force at corner i by a quantity of corner j over all samples seen."""
+    """(4, 4, p) mean slope of the force at corner i by a quantity of corner j, over all samples of the runs."""
     out = np.zeros((4, 4, len(effect.parameters)))
     counts = np.zeros(4)
     step = _STEP[name]

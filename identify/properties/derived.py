@@ -1,7 +1,7 @@
-"""Derived values of a fit: ride, roll, load transfer, static loads, dampers.
+"""Derived values of a fit: ride, roll, load transfer, static loads, damper curves.
 
 Definitions and formulae: ``docs/derived.md``. Every value is a smooth function of the parameters; its interval follows
-from their covariance (delta method), what the runs leave open included.
+from their covariance (delta method), that of parameters which the runs do not determine included.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters
 
 WIDE = 0.25
-"""Half of the 95 % interval ÷ value beyond which a value is not determined."""
+"""Half of the 95 % interval ÷ value above which a value is not determined."""
 _SEEN = (0.005, 0.995)
-"""Quantiles that bound a range seen: a few samples of noise do not stretch it."""
+"""Quantiles that bound a range covered, so that a few noisy samples do not widen it."""
 
 
 @dataclass(frozen=True)
 class RowMissing:
-    """A row that a derived value stands on exists in no run; `absence` : why."""
+    """A row that a derived value depends on exists in no run; `absence` : why."""
 
     row: Row
     absence: RowAbsence
@@ -38,12 +38,12 @@ class RowMissing:
 
 @dataclass(frozen=True)
 class ImpossibleCar:
-    """The masses, inertias and stiffnesses found make no car: one of them is not above zero."""
+    """The estimated masses, inertias and stiffnesses are impossible: one of them is not positive."""
 
 
 @dataclass(frozen=True)
 class Derived:
-    """One derived value: `half` of its 95 % interval; `why` is what is missing where it is not `determined`."""
+    """One derived value with `half` of its 95 % interval; `why` is the reason where it is not `determined`."""
 
     name: str
     value: float
@@ -55,7 +55,7 @@ class Derived:
 
 @dataclass(frozen=True)
 class DamperCurve:
-    """A corner's damper force against travel rate over the rates seen, at the mean travel.
+    """A corner's damper force against travel rate over the range covered, at the mean travel.
 
     `rate` (n,) m/s, compression positive; `force` (n,) N, resisting compression; `half` (n,) of the 95 % band;
     `travel` m.
@@ -68,7 +68,7 @@ class DamperCurve:
 
 
 def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[Derived]:
-    """Every derived value; empty when the model has no chassis."""
+    """The derived values of a fit; empty when the model has no chassis."""
     if "M6" not in knowledge.names:
         return []
     table = corner_numbers(fitted)
@@ -119,7 +119,7 @@ def _jacobian(x: Array, vehicle: Vehicle) -> Array:
 
 
 def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
-    """The first of the rows that the value stands on which exists in no run."""
+    """The first of the rows that a value depends on which exists in no run."""
     where = name.split(".")[1] if "." in name else ""
     corners = {"front": ("fl", "fr"), "rear": ("rl", "rr")}.get(where, (where,) if where in CORNERS else CORNERS)
     for row in (Row.parse(f"{kind}.{c}") for kind in ("suspension", "tyre") for c in corners):
@@ -129,13 +129,13 @@ def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
 
 
 def _missing(fitted: Fit, row: Row) -> RowMissing | None:
-    """A row when it exists in no run."""
+    """A row as the reason where it exists in no run, else None."""
     reasons = [run.motion.left_out[row] for run in fitted.runs if row in run.motion.left_out]
     return RowMissing(row, reasons[0]) if reasons and len(reasons) == len(fitted.runs) else None
 
 
 def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[str, DamperCurve]:
-    """Corner → damper curve: all suspension forces of the model at the mean travel, less what they give at rest."""
+    """Corner → damper curve: all suspension forces of the model at the mean travel, less their values at zero rate."""
     out: dict[str, DamperCurve] = {}
     for corner in CORNERS:
         row = Row.parse(f"suspension.{corner}")
@@ -159,7 +159,7 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
 
 @dataclass(frozen=True)
 class Range:
-    """Range covered by the runs used: `low` to `high` of a quantity [`unit`]."""
+    """Range of a quantity covered by the runs used: `low` to `high` [`unit`]."""
 
     name: str
     low: float
@@ -168,7 +168,7 @@ class Range:
 
 
 def ranges(fitted: Fit) -> list[Range]:
-    """Travel, travel rate and vertical wheel load of each corner, speed and accelerations seen in the runs used."""
+    """Ranges covered by the runs used: travel, travel rate and vertical load of each wheel, speed and accelerations."""
     out: list[Range] = []
     for corner in CORNERS:
         row = Row.parse(f"suspension.{corner}")
@@ -204,5 +204,5 @@ def _speed(run: PreparedRun) -> Array:
 
 
 def _load(run: PreparedRun, corner: str) -> Array:
-    """Vertical load of a wheel, body axes."""
+    """Vertical load of a wheel in body axes [N]."""
     return run.motion.corners[corner].force[2]

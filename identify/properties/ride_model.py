@@ -1,7 +1,7 @@
-"""Ride, roll and load transfer of a car from its corner numbers: small linear models, solved whole.
+"""Ride, roll and load transfer of a car from its corner rates: linear models of few degrees of freedom.
 
-Definitions, formulae and sources stand in ``docs/derived.md``. Left and right are averaged where a value belongs to an
-axle; body axes, heights above a flat road at design ride height.
+Definitions, formulae and sources: ``docs/derived.md``. Left and right are averaged where a value belongs to an axle;
+body axes, heights above a flat road at design ride height.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Mode:
 
 
 def ride_values(numbers: CornerNumbers, vehicle: Vehicle) -> Values:
-    """All derived values; NaN where a number they stand on is zero or out of the possible."""
+    """All derived values; NaN where a number they depend on is zero or impossible."""
     with np.errstate(all="ignore"):
         out = {f"ride_rate.{c}": (_series(numbers.stiffness[i], numbers.tyre[i]), "N/m") for i, c in enumerate(CORNERS)}
         out |= _static(numbers, vehicle)
@@ -76,7 +76,7 @@ def _series(a: float, b: float) -> float:
 
 
 def _stiffness(n: CornerNumbers) -> Array:
-    """(4, 4) of the suspensions, own springs and everything coupled."""
+    """(4, 4) stiffness of the suspensions [N/m], coupled ones included."""
     return np.diag(n.stiffness) + n.coupled_stiffness
 
 
@@ -95,7 +95,7 @@ def _cog(n: CornerNumbers) -> Array:
 
 
 def _static(n: CornerNumbers, vehicle: Vehicle) -> Values:
-    """Loads under the wheels at rest on a flat road: design loads, brought into balance by heave, pitch and roll."""
+    """Wheel loads at rest on a flat road: design loads, brought into balance by heave, pitch and roll."""
     x, y = _places(vehicle)
     plane = np.stack([np.ones(4), x, y], axis=1)
     cog = _cog(n)
@@ -119,7 +119,7 @@ def _static(n: CornerNumbers, vehicle: Vehicle) -> Values:
 
 
 def _sprung_shares(n: CornerNumbers, vehicle: Vehicle) -> dict[str, float]:
-    """Sprung mass that each axle carries at rest [kg]."""
+    """Sprung mass carried by each axle at rest [kg]."""
     x, _ = _places(vehicle)
     xf, xr, mass = float(x[:2].mean()), float(x[2:].mean()), float(n.chassis[9])
     front = mass * (float(_cog(n)[0]) - xr) / (xf - xr)
@@ -127,7 +127,7 @@ def _sprung_shares(n: CornerNumbers, vehicle: Vehicle) -> dict[str, float]:
 
 
 def _axle_ride(n: CornerNumbers, vehicle: Vehicle) -> Values:
-    """Ride of a quarter car: each axle with half its sprung mass a corner, and each corner for its damping."""
+    """Quarter-car ride values: of each axle with half its sprung mass a corner, and of each corner for its damping."""
     out: Values = {}
     K, C, share = _stiffness(n), _damping(n), _sprung_shares(n, vehicle)
     both = np.ones(2)
@@ -146,7 +146,7 @@ def _axle_ride(n: CornerNumbers, vehicle: Vehicle) -> Values:
 
 
 def _quarter(sprung: float, unsprung: float, k: float, c: float, tyre: float) -> tuple[float, float, float, float]:
-    """Frequency and damping ratio of ride and of wheel hop."""
+    """Frequency [Hz] and damping ratio of ride and of wheel hop of a quarter car."""
     coupling = np.array([[1.0, -1.0], [-1.0, 1.0]])
     found = modes(np.diag([sprung, unsprung]), c * coupling, k * coupling + np.diag([0.0, tyre]))
     if len(found) < 2:
@@ -155,12 +155,12 @@ def _quarter(sprung: float, unsprung: float, k: float, c: float, tyre: float) ->
 
 
 def _body_modes(n: CornerNumbers, vehicle: Vehicle) -> Values:
-    """Heave and pitch (body and both axles), roll (body and both axles' roll): the whole car by symmetry."""
+    """Modes of heave and pitch (body and both axles) and of roll (body and both axles' roll), separate by symmetry."""
     x, y = _places(vehicle)
     mass, cog = float(n.chassis[9]), _cog(n)
     pitch_inertia = float(n.chassis[3]) - mass * float(cog[0] ** 2 + cog[2] ** 2)
     roll_inertia = float(n.chassis[0]) - mass * float(cog[1] ** 2 + cog[2] ** 2)
-    # Travel of a corner is its wheel's height less the body's there; positions: heave, pitch (nose down), roll.
+    # Travel of a corner: its wheel's height less the body's there. Coordinates: heave, pitch (nose down), roll.
     body = np.stack([np.ones(4), -(x - cog[0]), y - cog[1]], axis=1)
     front, rear = np.array([1.0, 1, 0, 0]), np.array([0, 0, 1.0, 1])
     zero = np.zeros(4)
@@ -186,7 +186,7 @@ def _body_modes(n: CornerNumbers, vehicle: Vehicle) -> Values:
 
 
 def _solve(n: CornerNumbers, body: Array, wheels: Array, inertia: Array) -> list[Mode]:
-    """Modes of positions that move the body at the corners by `body` and the wheels by `wheels`, (4, d) each."""
+    """Modes in coordinates that move the body at the corners by `body` and the wheels by `wheels`, (4, d) each."""
     travel = wheels - body
     mass = inertia + wheels.T @ (n.unsprung[:, None] * wheels)
     stiffness = travel.T @ _stiffness(n) @ travel + wheels.T @ (n.tyre[:, None] * wheels)
@@ -196,12 +196,12 @@ def _solve(n: CornerNumbers, body: Array, wheels: Array, inertia: Array) -> list
 def roll_centre(corner: Corner) -> float:
     """Height of an axle's roll centre above the road [m] from a corner's bench table; 0 without one.
 
-    Half the track times how far the contact point moves outwards per unit of travel.
+    Half the track times the outward displacement of the contact point per unit of travel.
     """
     if corner.table is None:
         return 0.0
     slope = kinematics(corner, np.zeros(1)).slope[:, 0]
-    # The contact point hangs below the wheel centre and swings with camber (about body x).
+    # The contact point is below the wheel centre and moves with camber (about body x).
     outwards = corner.side * float(slope[0] + corner.height * slope[3])
     return abs(corner.position[1]) * outwards
 

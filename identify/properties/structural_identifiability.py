@@ -1,4 +1,4 @@
-"""Structural identifiability of a car: its tree, and its base parameters for a motion that excites everything."""
+"""Structural identifiability of a car: its joint tree, and its base parameters for a motion that excites everything."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _BRANCH = (
     ("wheel rotation", "turns", "y", ""),
     ("tyre deflection", "slides", "z", ""),
 )
-# Centre and half width of what a lively drive holds, for values, rates and accelerations of channels.
+# Centre and half width of the channels' values, rates and accelerations in a lively drive.
 _RANGES: Mapping[str, tuple[tuple[float, float], ...]] = {
     "imu.accel": ((0.0, 6.0),), "imu.rate": ((0.0, 0.8), (0.0, 4.0)), "imu.attitude": ((0.0, 0.1),),
     "laser.ground": ((0.6, 0.02), (0.0, 0.5)), "laser.hub": ((0.3, 0.06), (0.0, 1.0), (0.0, 20.0)),
@@ -48,27 +48,27 @@ _RANGES: Mapping[str, tuple[tuple[float, float], ...]] = {
     "correvit.speed": ((20.0, 10.0),),
 }  # fmt: skip
 _INSTANTS = 200
-"""Independent instants: with 18 rows some thirty times more equations than parameters."""
+"""Number of independent instants: with 18 rows some thirty times more equations than parameters."""
 
 
 class Fixed(Enum):
-    """Why a joint has no position that is measured."""
+    """Reason why a joint's position is not measured."""
 
     FREE = auto()
     """No row is about the ground's axes: the position is not needed."""
     NO_KINGPIN = auto()
-    """Neither caster nor kingpin inclination: it stays 0."""
+    """Neither caster nor kingpin inclination: the position stays 0."""
     NO_TABLE = auto()
-    """No bench table: it stays at design."""
+    """No bench table: the position stays at design."""
 
 
 @dataclass(frozen=True)
 class JointPosition:
-    """What gives a joint's position.
+    """Source of a joint's position.
 
     Attributes
     ----------
-    channels : measured.
+    channels : channels it is measured by.
     table : column of the bench table that it follows, alone or (beside channels) as the slope by travel.
     geometry : whether caster and kingpin inclination enter.
     wheel : for a wheel's rotation, whether the wheel is driven, and where its brakes are.
@@ -84,23 +84,23 @@ class JointPosition:
 
 @dataclass(frozen=True)
 class RowsNotFormed:
-    """No row depends on a parameter; `kind` : ``spin`` or ``tyre`` where it is that row which is not formed."""
+    """No row depends on the parameter; `kind` : ``spin`` or ``tyre`` where that row is the one not formed."""
 
     kind: str
 
 
 @dataclass(frozen=True)
 class HeldTogether:
-    """Every row holds a parameter only together with others, and it is counted there; `names` : of these."""
+    """Every row holds the parameter only in combination with others; `names` are those that hold its value."""
 
     names: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class TreeJoint:
-    """One joint of the car: its number, the body it hangs on, what it does along or about which axis.
+    """One joint of the car's tree: number, antecedent, kind and axis of motion.
 
-    `follows` : what gives its position; `body` is what it carries, if it has mass.
+    `follows` : the source of its position; `body` : the body it carries, if that has mass.
     """
 
     number: int
@@ -115,10 +115,10 @@ class TreeJoint:
 
 @dataclass(frozen=True)
 class Structure:
-    """Base parameters of a model's rows, whatever the run.
+    """Base parameters of a model's rows for a motion that excites everything.
 
-    `base` groups the parameters `names`; `units` are theirs; `effects` the keys of the effects they belong to; `rows`
-    were formed, `left_out` says why others were not.
+    `base` groups the parameters `names`; `units` are theirs; `effects` the keys of their effects; `rows` are those
+    formed, `left_out` has the reason for each of the others.
     """
 
     names: tuple[str, ...]
@@ -129,12 +129,12 @@ class Structure:
     left_out: Mapping[str, RowAbsence]
 
     def group(self, i: int) -> str:
-        """Parameter `i` with what is grouped into it; nothing when it is no base parameter."""
+        """Parameter `i` with those grouped into it; empty when it is no base parameter."""
         place = np.flatnonzero(self.base.independent == i)
         return self.base.describe(int(place[0])) if place.size else ""
 
     def why(self, i: int) -> RowsNotFormed | HeldTogether | None:
-        """Why parameter `i` has no value of its own; None when it has one, alone or with others."""
+        """Why parameter `i` has no value of its own; None where it has one, alone or as the head of a group."""
         if i in self.base.independent:
             return None
         if i in self.base.absent:
@@ -147,7 +147,7 @@ class Structure:
 
 
 def car_tree(vehicle: Vehicle) -> list[TreeJoint]:
-    """The 42 joints of the paper's car, and what each follows on this vehicle."""
+    """The 42 joints of the paper's car, with the source of each position on this vehicle."""
     chain = car_chain().chain
     bodies = {
         CHASSIS: "chassis",
@@ -176,14 +176,14 @@ def structure(
     rig: Rig | None = None,
     seed: int = 0,
 ) -> Structure:
-    """Base parameters of a model on a car, from instants with positions, rates and accelerations free of each other.
+    """The base parameters of a model on a car, from instants with independent positions, rates and accelerations.
 
     Parameters
     ----------
     reference : ``contact`` or ``hub``.
     effects : the model's physics.
-    brakes : ``off``, or what a run says of them; spin rows need ``off``.
-    rig : where instruments stand and what axes they have; by default all in body or carrier axes.
+    brakes : state of the brakes as runs have it; spin rows need ``off``.
+    rig : mounting of the instruments; by default all in body or carrier axes.
     """
     recording = _free_instants(vehicle, rig or Rig("generic", reference, {}, (), ""), reference, brakes, seed)
     motion = build_motion(recording)

@@ -1,7 +1,7 @@
-"""Values of the whole vehicle: mass, centre of gravity, inertia about it, at design ride height.
+"""Mass, centre of gravity and central inertia of the whole vehicle at design ride height.
 
-They are smooth functions of the bodies' parameters; whether the runs determine them, and how well, follows from the
-grouping and covariance of the fit.
+They are smooth functions of the bodies' parameters; their intervals, and whether the runs determine them, follow from
+the grouping and covariance of the fit.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)
 
 @dataclass(frozen=True)
 class WholeVehicle:
-    """Whole-vehicle values, all bodies the loads act on (inboard of the transducers for ``hub`` loads).
+    """Mass properties of all bodies that the measured loads act on (inboard of the transducers for ``hub`` loads).
 
     `values` (10,) in the order of `NAMES`: mass, centre of gravity from the body origin in body axes, inertia tensor
     about the centre of gravity (elements of the tensor: products with the sign of −∫xy). `interval` (10,) half of the
@@ -44,7 +44,7 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
         return None
     to_sum = summation(fitted, vehicle)
     summed = to_sum @ fitted.theta
-    if not summed[9]:  # nothing of the mass is known: there is no centre of gravity to speak of
+    if not summed[9]:  # the mass is not determined, and so is no centre of gravity
         return WholeVehicle(np.zeros(10), np.zeros(10), np.zeros(10), (False,) * 10)
     values = _central(summed)
     slope = _slopes(_central, summed) @ to_sum
@@ -55,20 +55,20 @@ def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
     determined = np.abs(grouped - slope[:, :physics]).max(axis=1) < 1e-5 * scale
     spread = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance, slope)))
     sheet = np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slope, fitted.covariance_sheet, slope)))
-    # Grouping alone lets pass what stands on round-off only: an interval many times the value says nothing.
+    # Grouping alone accepts what rests on round-off: an interval many times the value is no determination.
     size = np.array([values[0], *[_length(vehicle)] * 3, *[values[0] * _length(vehicle) ** 2] * 6])
     determined &= np.isfinite(values) & (1.96 * spread < np.abs(size))
     return WholeVehicle(values, 1.96 * spread, 1.96 * np.hypot(spread, sheet), tuple(bool(d) for d in determined))
 
 
 def _length(vehicle: Vehicle) -> float:
-    """Length of the car over its wheel centres [m]: no interval as wide as it says where a centre of gravity is."""
+    """Length of the car over its wheel centres [m]: an interval as wide does not locate a centre of gravity."""
     x = [corner.position[0] for corner in vehicle.corners.values()]
     return float(np.ptp(x))
 
 
 def summation(fitted: Fit, vehicle: Vehicle) -> Array:
-    """(10, p): from the model's parameters to those of all bodies as one, about the body origin."""
+    """(10, p): map from the model's parameters to those of all bodies as one, about the body origin."""
     out = np.zeros((10, len(fitted.theta)))
     start = 0
     for effect in fitted.model.physics:
@@ -91,7 +91,7 @@ def summation(fitted: Fit, vehicle: Vehicle) -> Array:
 
 
 def _central(summed: Array) -> Array:
-    """Mass, centre of gravity and central inertia from parameters about the origin."""
+    """Mass, centre of gravity and central inertia from the ten parameters about the origin."""
     mass = summed[9]
     cog = summed[6:9] / mass
     central = move_parameters(np.array([*summed[:6], *summed[6:9], mass]), np.eye(3), -cog)
@@ -100,7 +100,7 @@ def _central(summed: Array) -> Array:
 
 
 def _slopes(function: Callable[[Array], Array], at: Array) -> Array:
-    """Central differences of a smooth function, (outputs, inputs)."""
+    """Jacobian of a smooth function by central differences, (outputs, inputs)."""
     columns: list[Array] = []
     for k in range(at.size):
         step = np.zeros(at.size)

@@ -28,7 +28,7 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     if filters.pre_cutoff is not None:
         sos = two_pass_sos(filters.pre_cutoff, filters.rate, filters.order)
         gain = np.abs(sosfreqz(sos, worN=frequency, fs=filters.rate)[1]) ** 2
-    # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
+    # Drawn in the frequency domain, where the filter is a product and stopped frequencies need no draw.
     last = int(np.flatnonzero(gain > 1e-6)[-1]) + 1
     spectrum = np.zeros((sum(widths), frequency.size), complex)
     drawn = rng.standard_normal((2, sum(widths), last))

@@ -1,7 +1,7 @@
-"""Noise level of each channel, measured in the runs themselves, and whether the noise is white.
+"""Noise level of each channel, measured in the runs themselves, and a test whether the noise is white.
 
 Instruments sample many times faster than the car moves: the upper part of a channel's spectrum holds noise alone. White
-noise has the same density everywhere, so that part gives σ; a lower part beside it shows whether the noise is white.
+noise has the same density at all frequencies, so that this part gives σ; comparison with a lower part tests whiteness.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ _UPPER, _LOWER = (0.80, 1.00), (0.55, 0.75)
 """Bands of the spectrum as parts of half the sample rate: for σ, and for comparison with it."""
 
 _ALIKE = 2.24
-"""Variance inflation of a band's mean, because the window correlates neighbouring bins: Σ |c_k|² of the coefficients
-of its square, over those of twelve bins."""
+"""Variance inflation of a band's mean, because the window correlates neighbouring bins.
+
+Σ |c_k|² of the coefficients of its square, over those of twelve bins."""
 
 _FLAT = 1.25
 """Largest ratio of σ in the two bands, either way, that counts as white noise."""
@@ -37,7 +38,7 @@ _NEAR = 0.10
 
 
 class NoiseVerdict(Enum):
-    """Measured noise against the sensor sheet's; the values are those of the check's result."""
+    """Comparison of measured noise with the sensor sheet's; the values are those of the check's result."""
 
     AS_THE_SHEET = "as the sheet"
     LARGER = "larger"
@@ -52,14 +53,14 @@ class NoiseLevel:
 
     Attributes
     ----------
-    sensor, family : of the rig and the vocabulary.
+    sensor, family : names in the rig and in the vocabulary of channels.
     sigma : measured 1 σ at the channels' own rate, root mean square over them, SI; None where it cannot be measured.
     half : half of its 95 % interval.
     sheet : the rig's σ.
     columns : measured σ by column (``wheel.fl.force.x``).
     flatness : σ of the upper band ÷ σ of the lower one, in the run where the lower one is quietest: 1 for white noise;
         None where the lower one holds motion.
-    slow : sample rate that is too low to separate noise from motion [Hz], where there is no sigma for that.
+    slow : sample rate, where it is too low to separate noise from motion [Hz]; None where it is not.
     """
 
     sensor: str
@@ -73,12 +74,12 @@ class NoiseLevel:
 
     @property
     def white(self) -> bool:
-        """Whether the noise is white, so that neighbouring samples may be taken as independent."""
+        """Whether the noise is white, so that neighbouring samples are independent."""
         return self.flatness is None or 1.0 / _FLAT < self.flatness < _FLAT
 
     @property
     def verdict(self) -> NoiseVerdict:
-        """The noise against the sheet's."""
+        """The measured noise compared with the sheet's."""
         if self.sigma is None:
             return NoiseVerdict.UNKNOWN
         if not self.white:
@@ -90,13 +91,13 @@ class NoiseLevel:
 
     @property
     def odd_ones(self) -> dict[str, float]:
-        """Columns whose σ is twice their family's median, or half of it."""
+        """Columns whose σ is above twice their family's median, or below half of it."""
         middle = float(np.median(list(self.columns.values()))) if self.columns else 0.0
         return {name: s for name, s in self.columns.items() if not 0.5 * middle <= s <= 2.0 * middle}
 
 
 def measured_noise(runs: Sequence[Run], rig: Rig) -> list[NoiseLevel]:
-    """Noise levels of every channel family of every sensor in these runs, in the rig's order."""
+    """Noise levels of every channel family of every sensor in runs, in the rig's order."""
     out: list[NoiseLevel] = []
     for sensor in rig.sensors:
         families = dict.fromkeys(CHANNELS[channel].family for channel in sensor.channels)
@@ -127,14 +128,14 @@ def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signa
             columns[name] = float(np.sqrt(variance))
             errors.append(error)
             beside = [_middle(part[:, k])[0] for part in lower]
-            quiet = int(np.argmin(beside))  # a rough road reaches into the lower band of a ground laser
+            quiet = int(np.argmin(beside))  # a rough road enters the lower band of a ground laser
             if _LOWER[0] * 0.5 * rate >= MOTION and beside[quiet] > 0.0:
                 ratios.append(float(np.sqrt(_middle(upper[quiet][:, k])[0] / beside[quiet])))
     if not columns:
         return NoiseLevel(sensor, family, None, 0.0, sheet, {}, None, slow)
     variances = np.square(list(columns.values()))
     sigma = float(np.sqrt(np.mean(variances)))
-    # Columns are independent: the error of their mean variance, as one of σ.
+    # Columns are independent: standard error of their mean variance, converted to one of σ.
     error = float(np.sqrt(np.sum(np.square(errors)))) / len(errors)
     half = 1.96 * 0.5 * error / sigma if sigma > 0.0 else 0.0
     flatness = float(np.median(ratios)) if ratios else None
@@ -150,7 +151,7 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
     if CHANNELS[channel].unit == "rad":
         values = np.unwrap(values, axis=0)
     parts = sliding_window_view(values, _SEGMENT, axis=0)[::_SEGMENT]
-    # The window keeps what moves slowly out of the upper part; ramps (wheel angles) are removed first.
+    # The window keeps slow motion out of the upper part; ramps (wheel angles) are removed first.
     x = np.linspace(-1.0, 1.0, _SEGMENT)
     basis = np.linalg.qr(np.stack([np.ones(_SEGMENT), x, x**2], axis=1))[0]
     level = parts - (parts @ basis) @ basis.T
@@ -162,7 +163,7 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
 
 
 def _middle(variances: Array) -> tuple[float, float]:
-    """Median over the segments, so that a kerb does not count, made the mean of a χ² variable; and its 1 σ."""
+    """Median over the segments, robust to kerbs, scaled to the mean of a χ² variable; and its 1 σ."""
     bins = (_UPPER[1] - _UPPER[0]) * 0.5 * _SEGMENT
     freedom = 2.0 * bins / _ALIKE
     middle = float(np.median(variances)) / (1.0 - 2.0 / (9.0 * freedom)) ** 3

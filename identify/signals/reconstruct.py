@@ -1,7 +1,7 @@
 """Channels of a run on one time grid: latencies removed, pre-filtered, differentiated; before any geometry.
 
-Nothing is twice integrated or differentiated that is measured directly: the inertial unit gives specific force and
-rates, of which only the angular acceleration is a derivative.
+No quantity that is measured directly is obtained by integration or differentiation: the inertial unit gives specific
+force and rates, of which only the angular acceleration is a derivative.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 _GAP = 0.020
 """Longest gap in the samples that is interpolated without flagging an interval [s]."""
 _LEAST_USABLE = 30
-"""Usable samples below which a channel is left out."""
+"""Least number of usable samples of a channel."""
 
 
 class RunNote:
-    """Something about how a run was read that a reader of its results must know."""
+    """A note on how a run was read, for the reader of its results."""
 
 
 @dataclass(frozen=True)
 class FewSamples(RunNote):
-    """A channel left out: it has too few `samples` for the filters."""
+    """A channel is left out: it has too few `samples` for the filters."""
 
     channel: str
     samples: int
@@ -41,7 +41,7 @@ class FewSamples(RunNote):
 
 @dataclass(frozen=True)
 class FewUsableSamples(RunNote):
-    """A channel left out: it has fewer usable samples than `least`."""
+    """A channel is left out: it has fewer usable samples than `least`."""
 
     channel: str
     least: int
@@ -49,7 +49,7 @@ class FewUsableSamples(RunNote):
 
 @dataclass(frozen=True)
 class Gaps(RunNote):
-    """Intervals of a channel without usable samples, (from, to) [s]."""
+    """Intervals (from, to) [s] in which a channel has no usable samples."""
 
     channel: str
     intervals: tuple[tuple[float, float], ...]
@@ -65,13 +65,13 @@ class Signals:
 
     @classmethod
     def differentiated(cls, value: Mapping[str, Array], rate: float) -> Signals:
-        """Signals with derivatives by central differences at `rate` [Hz]; second ones only for positions and angles."""
+        """Signals with derivatives by central differences at `rate` [Hz]; second ones for positions and angles only."""
         first = {name: derivative(array, rate) for name, array in value.items() if _derived(name) >= 1}
         second = {name: derivative(first[name], rate) for name in first if _derived(name) == 2}
         return cls(value, first, second)
 
     def changed(self, value: Mapping[str, Array], rate: float) -> Signals:
-        """These signals with some channels replaced, their derivatives taken anew at `rate` [Hz]."""
+        """These signals with some channels replaced and differentiated at `rate` [Hz]."""
         new = Signals.differentiated(value, rate)
         return Signals({**self.value, **new.value}, {**self.rate, **new.rate}, {**self.accel, **new.accel})
 
@@ -98,16 +98,16 @@ def _derived(channel: str) -> int:
 
 @dataclass(frozen=True)
 class Recording:
-    """A run on one time grid before any geometry; a `Motion` is built from it sample by sample.
+    """A run on one time grid, before any geometry; a `Motion` is computed from it sample by sample.
 
     Attributes
     ----------
     run : name of the run; `reference`, `brakes` : as declared by run and rig.
     t : (N,) s.
     signals : channels and derivatives.
-    usable : (N,) by channel: outside flagged gaps and the filter transients around them.
+    usable : channel → (N,) whether a sample is outside flagged gaps and the filter transients around them.
     rates : each channel's own sample rate [Hz].
-    start : time of the run's first sample [s]; that of `t` too, but in a piece of a long run.
+    start : time of the run's first sample [s]; `t` begins later in a piece of a long run.
 
     Examples
     --------
@@ -142,8 +142,8 @@ class Recording:
 def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: Array | None = None) -> Recording:
     """A recording of a run: latencies removed, every channel pre-filtered at its own rate, all on one grid.
 
-    The grid is the one that all channels span, or `on` (N,) s, as another recording of the same run has it: what of it
-    lies outside a channel's span must be within the filters' edge.
+    The grid covers the time that all channels have, or is `on` (N,) [s], that of another recording of the same run,
+    which may exceed a channel's time by the filters' edge.
 
     Raises RunError when the run is too short for the filters.
     """
@@ -209,7 +209,7 @@ def _fill(signal: Signal) -> tuple[Array | None, list[tuple[float, float]]]:
     if not np.all(good):
         columns = [np.asarray(np.interp(signal.t, t, column[good]), float) for column in signal.values.T]
         values = np.stack(columns, axis=1)
-    # Lost samples leave no rows: a hole shows as a long step between usable stamps, whatever its cause.
+    # Lost samples leave no rows: a gap shows as a long step between usable stamps, whatever its cause.
     threshold = max(_GAP, 3.0 * float(np.median(np.diff(t))))
     edges = np.concatenate(([signal.t[0] - 1e-9], t, [signal.t[-1] + 1e-9]))
     wide = np.flatnonzero(np.diff(edges) > threshold)

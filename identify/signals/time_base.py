@@ -1,9 +1,8 @@
 """Latencies of instruments as first-order changes of their channels, relative to one instrument, the time base.
 
-The equations of motion do not depend on absolute time: a latency that all instruments share leaves the residual as it
-is. Regressor columns built from measured rates do not cancel exactly, though: their noise remains, and would make up
-nearly all of the column of the common latency, which the runs hardly excite. So one instrument is the time base, and
-its latency is written as all others being early.
+The equations of motion do not depend on absolute time: a latency that all instruments share does not change the
+residual. Its column would consist of little but noise, because columns built from measured rates do not cancel
+exactly. So one instrument is the time base, and its latency is expressed as the opposite latency of all others.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ def is_load(channel: str) -> bool:
 
 
 def base_channel(channels: Iterable[str]) -> str:
-    """A channel of the time base: the first load, else the first of the channels."""
+    """A channel of the time base: the first load, else the first channel."""
     names = list(channels)
     return next(filter(is_load, names), names[0])
 
@@ -29,7 +28,7 @@ def base_channel(channels: Iterable[str]) -> str:
 def late(members: Collection[str], recording: Recording) -> dict[str, Array]:
     """Change of channels per second of latency of the channels `members`, to first order: channel → (k, N) [unit/s].
 
-    −ẋ of each of them that the run has; of the time base ẋ of all others.
+    −ẋ of each of them that the run has; for the time base ẋ of all others.
     """
     values, rate = recording.signals.value, recording.filters.rate
     early = base_channel(values) in members

@@ -1,1 +1,1 @@
-"""Where and how a fitted model fails: noise floor, residual scores, whiteness, maps of the residual."""
+"""Validation of a fitted model: noise floor, residual scores, whiteness, dependence of the residual on states."""

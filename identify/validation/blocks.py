@@ -1,4 +1,4 @@
-"""Blocks of about two seconds that count as one observation each, as a residual is correlated within them."""
+"""Blocks of about two seconds of a row: independent observations for cluster-robust intervals and cross-validation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from lacet.identify.regression.uncertainty import BLOCK
 
 
 def block_numbers(runs: Sequence[PreparedRun], row: Row) -> NDArray[np.intp]:
-    """(n,) block of every sample of a row, all runs that have it one after the other; blocks do not reach over runs."""
+    """Block number (n,) of every sample of a row, over all runs that have it, one after the other.
+
+    A residual is correlated within `BLOCK` [s]. No block reaches over two runs.
+    """
     parts: list[NDArray[np.intp]] = []
     first = 0
     for run in runs:

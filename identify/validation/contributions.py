@@ -1,4 +1,4 @@
-"""Contribution of each effect of a model to a prediction: the terms of the sum."""
+"""Contributions of a model's effects to the predicted side of each row: the terms of the sum W θ."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from lacet.identify.validation.score import Comparison
 
 @dataclass(frozen=True)
 class Shares:
-    """The parts of one run's prediction, after filter and decimation.
+    """The terms of one run's prediction, by row and effect, after filter and decimation.
 
     `effects` row → effect → (n,) of each effect that acts on the row [N or N·m]; `zeros` row → (n,) of the run's sensor
-    zeros. They add up to `Comparison.modelled`. A sensor fault of the model has no part: it is removed from the
-    measurement before.
+    zeros. They add up to `Comparison.modelled`. A sensor fault of the model has no term: it is removed from the
+    measurement beforehand.
     """
 
     effects: Mapping[str, Mapping[str, Array]]
@@ -26,7 +26,7 @@ class Shares:
 
 
 def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
-    """The terms of a run's prediction, effect by effect; `comparison` is that of this fit and run."""
+    """The terms of a run's prediction, effect by effect; `comparison` is that of the same fit and run."""
     run = corrected_run(run, fitted)
     run.prepare(fitted.model.physics)
     zeros, values = comparison.zeros

@@ -1,13 +1,13 @@
 """Explainable residual: the part of a model's residual that smooth functions of the measured states predict.
 
-The residual of each row is predicted, in blocks of two seconds that the prediction was not made from, by smooth
-functions of the row's states; then by those and the states' history. The part predicted is explainable: an effect
-that is not in the model, whether anybody has listed it or not. The same is done to simulated residuals of a model
-that lacks nothing, so that chance is known.
+The residual of each row is predicted by a ridge regression on smooth functions of the row's states, cross-validated in
+blocks of two seconds; then on those and the states' history. What is predicted comes from an effect that the model
+lacks, whether the catalogue has it or not. The same regression on simulated residuals of a model that lacks nothing
+gives the null distribution.
 
-What it cannot see: a force that depends on something neither measured nor driven by what is measured (a gust), a step
-in time, a law rougher than its broken lines, what acts in one block only. A hidden state (a mass on a mount, a liquid,
-a spring behind a damper) is no function of the present states: it shows as `history`.
+Not detected: a force that depends on something neither measured nor driven by what is measured (a gust), a step in
+time, a law rougher than the broken lines used here, an event in one block only. A hidden state (a mass on a mount, a
+liquid, a spring behind a damper) is no function of the present states: it shows as `history`.
 """
 
 from __future__ import annotations
@@ -29,28 +29,29 @@ from lacet.identify.validation.states import ClearStates
 
 SIGNIFICANCE = 0.05
 MATTERS = 0.1
-"""Part of the excess over the floor from which history counts."""
+"""Part of the excess over the floor above which a dependence on history is reported."""
 _LEAST_PART = 0.02
-"""Least 95 % level of chance that rows are compared by: a row that chance never predicts counts as one at 2 %."""
+"""Lower bound of the 95 % level of chance by which rows are made comparable, as a part of the row's squares."""
 
 
 @dataclass(frozen=True)
 class ExplainableResidual:
-    """The explainable residual of one row, all runs together.
+    """The explainable residual of one row, over all runs.
 
     Attributes
     ----------
-    row, unit : of what.
-    rms, floor : of the residual, and what noise and the sensor sheet's tolerances leave after the same fit [unit].
-    part : of the residual's squares, what smooth functions of the present states predict, cross-validated; `low`,
-        `high` its 95 % interval by blocks; `usual` what chance stays below in 95 % of the simulated runs.
-    p : probability that chance predicts as much; `p_all` that it does in any row.
-    part_rms : the same as a force [unit].
-    history : of the residual's squares, what the states' history predicts beyond that; `history_usual`, `history_p`,
-        `history_p_all`, `history_rms` as above.
-    of_excess : part ÷ what the squares have above the floor's; NaN where they have nothing above it.
-    history_of_excess : the same for the history.
-    states : number of states that were clear of noise.
+    row, unit : the row and its unit, N or N·m.
+    rms, floor : RMS of the residual, and RMS that noise and the sensor sheet's tolerances leave after the same fit
+        [unit].
+    part : part of the residual's squares that smooth functions of the present states predict, cross-validated; `low`,
+        `high` its 95 % interval by blocks; `usual` the 95 % quantile of the same part in simulated runs.
+    p : probability that chance predicts as much in this row; `p_all` family-wise, in any row.
+    part_rms : RMS of the part predicted [unit].
+    history : part of the residual's squares that the states' history predicts in addition; `history_usual`,
+        `history_p`, `history_p_all`, `history_rms` as above.
+    of_excess : `part` relative to the part of the squares above the floor; NaN where nothing is above it.
+    history_of_excess : the same for `history`.
+    states : number of states with little enough noise to be used.
     """
 
     row: Row
@@ -75,12 +76,12 @@ class ExplainableResidual:
 
     @property
     def something(self) -> bool:
-        """Whether smooth functions of the states explain more than chance does in any row."""
+        """Whether smooth functions of the states explain more than chance does in any row (family-wise p ≤ 0.05)."""
         return self.p_all <= SIGNIFICANCE
 
     @property
     def depends_on_history(self) -> bool:
-        """Whether the states' history explains more than chance, and enough of the excess to matter."""
+        """Whether the states' history explains more than chance, and at least `MATTERS` of the excess."""
         return self.history_p_all <= SIGNIFICANCE and self.history_of_excess >= MATTERS
 
 
@@ -90,9 +91,9 @@ def explainable_residual(
 ) -> dict[str, ExplainableResidual]:  # fmt: skip
     """The explainable residual of each row, on the runs a model was fitted to.
 
-    `floor` : simulated draws (19 at least for p = 0.05); `clear`, `draws` : made already for this fit
-    (`validation.states`, `validation.projected_noise`). Rows of fewer than two blocks for each of the folds are left
-    out: nothing can be said of them. `progress` receives how many rows are done.
+    `floor` : simulated draws, at least 19 for p = 0.05; `clear`, `draws` : those of this fit where they are computed
+    already (`validation.states`, `validation.projected_noise`). Rows with fewer than two blocks for each fold are left
+    out. `progress` receives the number of rows done.
     """
     clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
@@ -129,11 +130,12 @@ def explainable_residual(
 
 
 def _family_wise(predicted: Mapping[Row, Array], wholes: Mapping[Row, Array]) -> dict[Row, tuple[float, float]]:
-    """Row → probability of its first value among its draws, and among the largest over all rows of each draw.
+    """Row → p of its first value among its own draws, and family-wise among the largest of all rows in each draw.
 
-    Rows are compared by the squares that are predicted, in units of their draws' own 95 % level, so that a row whose
-    chance is wide does not drown others. Squares and not parts: a draw with a late sensor leaves little, most of which
-    is predicted. `wholes` : row → all squares, the draws' of which bound that unit from below.
+    Rows are compared by the squares predicted, each in units of its draws' own 95 % level (max-score statistic), so
+    that a row with a wide null distribution does not hide the others. Squares and not parts: a draw with a late sensor
+    leaves a small residual, most of which is predicted. `wholes` : row → total squares, which bound that unit from
+    below.
     """
     if not predicted:
         return {}
@@ -174,7 +176,7 @@ def _of_row(
 
 
 def _spread(whole: Array, remaining: Array) -> float:
-    """1 σ of 1 − Σ remaining ÷ Σ whole, blocks drawn at random."""
+    """1 σ of 1 − Σ remaining ÷ Σ whole, by linearisation of the ratio over blocks."""
     ratio = float(remaining.sum() / whole.sum())
     count = whole.size
     return float(np.sqrt(count / (count - 1.0) * np.sum((remaining - ratio * whole) ** 2)) / whole.sum())

@@ -1,4 +1,4 @@
-"""Where a fitted model fails: rows, phases of driving, states the residual follows, and the explainable residual."""
+"""Failure analysis of a fitted model: rows and manoeuvre phases it fails in, states that its residual depends on."""
 
 from __future__ import annotations
 
@@ -19,23 +19,25 @@ from lacet.identify.validation.spectra import RowSpectrum, row_spectrum
 from lacet.identify.validation.states import ClearStates
 
 SHOWN_STATES = 6
-"""States beside which a row's residual is shown unless every one is asked for."""
+"""Number of states that a row's residual is shown against unless every state is asked for."""
 
 
 @dataclass(frozen=True)
 class FailureAnalysis:
-    """Where a fitted model fails, as values.
+    """Failure analysis of a fitted model, as values.
 
     Attributes
     ----------
-    fitted : the fit that is analysed.
-    parts, phases : comparisons with the runs asked for, those used first, and their phases of driving.
-    ratios : row → RMS of residual ÷ noise floor over the runs used asked for (over all, where none of them was used).
-    worst : rows that fail, farthest from their floor first, or the farthest alone when none does.
-    in_phase : phase → row → residual ÷ floor, over `parts`.
-    explainable, follows, spectra, surfaces : explainable residual, states followed, spectra of the worst rows and
-        restoring-force surfaces, from all runs used.
-    clear : the states that are clear of noise.
+    fitted : the fit analysed.
+    parts, phases : comparisons with the runs asked for, runs used by the fit first, and their manoeuvre phases.
+    ratios : row → RMS of residual ÷ noise floor over the runs asked for that the fit used; over all where it used none.
+    worst : rows that fail, largest ratio first; the row of the largest ratio alone when none fails.
+    in_phase : manoeuvre phase → row → residual ÷ floor, over `parts`.
+    explainable : explainable residual of each row, from all runs of the fit; so are the next three.
+    follows : row → the states its residual depends on.
+    spectra : spectra of the rows in `worst`.
+    surfaces : corner → restoring-force surface.
+    clear : the states with little enough noise to be used, blurred.
     """
 
     fitted: Fit
@@ -56,7 +58,7 @@ class FailureAnalysis:
         return any(fails(ratio) for ratio in self.ratios.values())
 
     def against(self, row: Row, every: bool = False) -> dict[str, Against]:
-        """A row's residual against the states it follows most, or against every state."""
+        """A row's residual against the states that predict most of it, or against every state."""
         names = None if every else [f.state for f in self.follows.get(row, [])][:SHOWN_STATES]
         return against_states(self.fitted.runs, self.fitted.residual, row, names, None if every else self.clear)
 
@@ -65,13 +67,14 @@ def analyse_failure(
     fitted: Fit, floor: NoiseFloor, parts: Sequence[Comparison], phases: Sequence[Phases], row: Row | None = None,
     progress: Progress = silent,
 ) -> FailureAnalysis:  # fmt: skip
-    """Analyse where a fit fails.
+    """Analyse where and on what states a fitted model fails.
 
     Parameters
     ----------
     floor : noise floor of the fit on its own runs.
-    parts, phases : the fit compared with the runs asked for, and their phases of driving.
+    parts, phases : comparisons of the fit with the runs asked for, and their manoeuvre phases.
     row : the one row to analyse; default: every row that fails.
+    progress : receives each stage.
     """
     ratios = _ratios(parts, fitted.rows)
     order = sorted((name for name in fitted.rows if name in ratios), key=lambda name: -ratios[name])
@@ -94,7 +97,7 @@ def analyse_failure(
 
 
 def _ratios(parts: Sequence[Comparison], rows: Sequence[Row]) -> dict[str, float]:
-    """Row → RMS of residual ÷ floor over the runs used, over those held out where no other was asked for."""
+    """Row → RMS of residual ÷ floor over the runs used; over the runs held out where `parts` has no other."""
     chosen = [part for part in parts if part.used] or list(parts)
     out: dict[str, float] = {}
     for row in rows:

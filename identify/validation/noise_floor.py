@@ -1,4 +1,4 @@
-"""The noise floor: what the sensor sheet alone does to the residual, simulated through the whole pipeline."""
+"""Noise floor: the residual that sensor noise alone causes, by Monte Carlo through filters, kinematics and rows."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 
 DEFAULT_DRAWS = 199
-"""Simulated draws of the noise floor behind a ranking: no p is below 1 ÷ 200."""
+"""Simulated draws behind a ranking; the smallest possible p is 1 ÷ 200."""
 LEAST_DRAWS = 19
-"""Simulated draws below which no p can be as low as 0.05."""
+"""Least number of simulated draws with which a p of 0.05 can be reached."""
 SCORE_DRAWS = 20
-"""Simulated draws behind the floor of a score: its RMS is then known to about 1 %."""
+"""Simulated draws behind the floor of a score; its RMS is then known to about 1 %."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class NoiseFloor:
     Attributes
     ----------
     draws : for each run, row → (D, n) residual after filter and decimation, from the channels' noise alone.
-    by_run : for each run, row → its RMS [N or N·m].
+    by_run : for each run, row → RMS of its draws [N or N·m].
     sigma : row → RMS over all runs: the weights of the ranking.
     """
 
@@ -39,7 +39,7 @@ class NoiseFloor:
 
     @classmethod
     def of(cls, draws: Sequence[Mapping[str, Array]]) -> NoiseFloor:
-        """A floor from its draws, for each run row → (D, n)."""
+        """The noise floor of given draws, for each run row → (D, n)."""
         rows = dict.fromkeys(row for part in draws for row in part)
         every = {row: np.concatenate([part[row].ravel() for part in draws if row in part]) for row in rows}
         return cls(
@@ -54,16 +54,16 @@ class NoiseFloor:
         return next(iter(self.draws[0].values())).shape[0]
 
     def redrawn(self, fitted: Fit, physics: Array | None = None) -> NoiseFloor:
-        """The noise floor of another fit, with as many draws; at other values `physics` (p,) of its physics."""
+        """The noise floor of another fit, with as many draws; `physics` (p,): values of its physics, if not its own."""
         return floor_of(fitted, self.count) if physics is None else floor_at(fitted, physics, self.count)
 
     def of_one_unit(self, rows: Sequence[str]) -> list[Row]:
-        """Those rows, by their texts, that have the unit of the first."""
+        """The rows of `rows` (given as text) that have the unit of the first."""
         known = [Row.parse(row) for row in rows]
         return [row for row in known if row.unit == known[0].unit]
 
     def without_draws(self) -> NoiseFloor:
-        """The same levels alone."""
+        """The floor's levels without its draws, for storage."""
         return replace(self, draws=tuple({row: a[:0] for row, a in part.items()} for part in self.draws))
 
 
@@ -71,7 +71,7 @@ def simulate_floor(
     runs: Sequence[PreparedRun], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
     progress: Progress = silent,
 ) -> NoiseFloor:  # fmt: skip
-    """Draw the residual's noise `draws` times on every run."""
+    """The noise floor of runs from the sensitivities of their residuals to the channels, `draws` times drawn."""
     out: list[dict[str, Array]] = []
     done, total = 0, draws * len(runs)
     for number, (run, sensitivity) in enumerate(zip(runs, sensitivities, strict=True)):
@@ -87,11 +87,11 @@ def simulate_floor(
 
 
 def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
-    """The noise floor of a fit's runs at other values `physics` (p,) of the parameters of its physics."""
+    """The noise floor of a fit's runs at other values `physics` (p,) of its physics' parameters."""
     sensitivities = [Sensitivity.of(run.recording, fitted.model.physics, physics) for run in fitted.runs]
     return simulate_floor(fitted.runs, sensitivities, draws, seed, progress)
 
 
 def floor_of(fitted: Fit, draws: int = DEFAULT_DRAWS, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
-    """The noise floor of a fit, on its own runs."""
+    """The noise floor of a fit on its own runs."""
     return simulate_floor(fitted.runs, fitted.sensitivities, draws, seed, progress)

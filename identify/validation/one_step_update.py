@@ -1,10 +1,10 @@
-"""One-step update of a fit by an effect: the parameters fitted anew around it on the equations of the present fit.
+"""One-step update of a fit: the estimate with one more effect, from the linearised equations of the present fit.
 
-The equations of the present fit are kept; the effect's columns are put beside them, and the weights go to their fixed
-point again: a tenth of a second. A true fit does two things more: it removes the bias that noise in the new columns
-brings, and linearises sensor zeros at the new parameters. On the runs used the residual differs from the true fit's by
-at most `CLOSE` of what the row leaves now (RMS, tested). On runs held out an effect whose columns are mostly noise, or
-that the runs hardly determine, can be farther off: a cubic spring that is not there by a third.
+The equations of the present fit are kept, the effect's columns are added, and the row weights are iterated to their
+fixed point again: a tenth of a second. A true fit also corrects the bias from noise in the new columns and linearises
+the sensor zeros at the new parameters. On the runs used the residual differs from the true fit's by at most `CLOSE` of
+the row's present residual (RMS, tested). On runs held out the difference is larger for an effect whose columns are
+mostly noise or that the runs hardly determine: a third for a cubic spring that is absent in truth.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.score import Comparison, profile_zeros
 
 CLOSE = 0.05
-"""RMS of preview − true fit ÷ RMS of the present residual, on the runs used."""
+"""Bound of the difference between one-step update and true fit, RMS ÷ RMS of the present residual, on the runs used."""
 
 
 @dataclass(frozen=True)
 class Preview:
-    """A fit with one more effect.
+    """Estimate of a fit with one more effect.
 
-    `physics` (p,) the model's parameters fitted anew; `faults` (f,) what is added to those of its sensor faults;
-    `values` (k,) the effect's own [SI].
+    `physics` (p,) updated parameters of the model's physics; `faults` (f,) increments of its sensor faults; `values`
+    (k,) the added effect's own parameters [SI].
     """
 
     fitted: Fit
@@ -42,7 +42,7 @@ class Preview:
     values: Array
 
     def residual(self, run: PreparedRun, comparison: Comparison) -> dict[str, Array]:
-        """Row → (n,) measured minus modelled with the effect, on the run of `comparison`, its zeros profiled anew."""
+        """Row → (n,) measured minus modelled with the effect, on the run of `comparison`; its zeros are fitted anew."""
         zeros = comparison.zeros[0]
         floor = {row: score.floor for row, score in comparison.scores.items()}
         model = self.fitted.model
@@ -61,7 +61,7 @@ class Preview:
 
 
 def preview(fitted: Fit, effect: Effect) -> Preview:
-    """Fit a model with one more effect, at its present shape constants."""
+    """The one-step update of a fit by one more effect, at the effect's present shape constants."""
     k, p = len(effect.parameters), fitted.equations.p
     runs: list[RunEquations | None] = [None] * len(fitted.runs)
     for piece in fitted.assembly.pieces():
@@ -77,7 +77,7 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
     known = block_diag(fitted.equations.known, np.diag([1.0 / q.prior for q in effect.parameters]))
     equations = Equations([run for run in runs if run is not None], known, fitted.equations.rows)
     x, _ = equations.iterate(fitted.sigma, {row: 1e-6 * s for row, s in fitted.sigma.items()})
-    # The bias that noise brings stays what it was: it hangs on the columns, which are the same but for the new ones.
+    # The bias correction is kept: it depends on the columns, which are unchanged but for the new ones.
     x[:p] += fitted.correction[fitted.place]
     physics = np.zeros(len(fitted.physics))
     keep = fitted.base.independent

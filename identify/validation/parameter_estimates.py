@@ -1,4 +1,4 @@
-"""Parameter estimates of a fit: value, unit, interval, and the reason where the runs do not identify one."""
+"""Parameter estimates of a fit: value, unit, 95 % interval, and the reason where a parameter is not identified."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from lacet.identify.regression.wls import Fit
 
 @dataclass(frozen=True)
 class HardlyKnown:
-    """The runs leave ± `half` [`unit`] (95 %), hardly less than is plausible at all; `shown_by` : a run that does."""
+    """The 95 % interval ± `half` [`unit`] is hardly narrower than the plausible range.
+
+    `shown_by` : a run that narrows it.
+    """
 
     half: float
     unit: str
@@ -23,7 +26,7 @@ class HardlyKnown:
 
 @dataclass(frozen=True)
 class WiderThanValue:
-    """The 95 % interval, ± `half` [`unit`], is wider than the value; `shown_by` : which run shows it."""
+    """The 95 % interval ± `half` [`unit`] is wider than the value; `shown_by` : a run that narrows it."""
 
     half: float
     unit: str
@@ -32,7 +35,7 @@ class WiderThanValue:
 
 @dataclass(frozen=True)
 class NoDependence:
-    """Nothing that the runs measure depends on the parameter; `shown_by` : which run shows it."""
+    """No measured quantity of the runs depends on the parameter; `shown_by` : a run that makes it do so."""
 
     shown_by: str
 
@@ -43,7 +46,7 @@ class RowsAbsent:
 
     Attributes
     ----------
-    row : the first of them; `others` : whether there are more.
+    row : the first of those rows; `others` : whether there are more.
     absence : why it is absent; None where it has no usable sample.
     """
 
@@ -54,24 +57,24 @@ class RowsAbsent:
 
 @dataclass(frozen=True)
 class CountedWith:
-    """The parameter acts only together with others and is counted there; `names` : of the parameters that hold it."""
+    """The parameter acts only in combination with others; `names` are those that hold the combination's value."""
 
     names: tuple[str, ...]
 
 
 Unidentified = HardlyKnown | WiderThanValue | NoDependence | RowsAbsent | CountedWith
-"""Why a parameter is not identified."""
+"""Reason why a parameter is not identified."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter.
+    """The estimate of one parameter.
 
     `half` is half of the 95 % interval from residuals correlated in time and across rows (noise and zeros);
     `half_sheet` the same with what the sensor sheet's gains and latencies may add; `half_bootstrap` from blocks of the
     runs drawn again, NaN where none were; `sxr` the paper's relative standard deviation, 100 σ/|value| as if residuals
-    were independent [%]; `group` the combination the value stands for; `why` is the reason where it is not
-    `identifiable`, else None.
+    were independent [%]; `group` the combination the value stands for; `why` the reason where it is not `identifiable`,
+    else None.
     """
 
     name: str
@@ -87,7 +90,7 @@ class Estimate:
 
     @property
     def identifiable(self) -> bool:
-        """Whether the runs determine it, alone or as the head of a group."""
+        """Whether the runs determine the parameter, alone or as the head of a group."""
         return self.why is None
 
 
@@ -101,13 +104,13 @@ _SHOWN_BY = {
     "MZ6": f"{_PITCH}, or sinus steering (roll)",
     "M6": "bumps (heave)",
 }
-"""Runs that show a parameter of the chassis, where they are others than those of its effect (`Effect.shown_by`)."""
+"""Runs that excite a parameter of the chassis, where they differ from those of its effect (`Effect.shown_by`)."""
 _WIDE = 0.5
-"""A parameter whose 1 σ is still this part of the prior's is not identified: the runs add next to nothing."""
+"""Posterior σ ÷ prior σ from which a parameter is not identified: the runs add next to nothing."""
 
 
 def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
-    """Every parameter of a fit's model, those that cannot be identified included.
+    """The estimates of all parameters of a fit's model, those that are not identified included.
 
     `drawn` : (draws, p) from `Fit.bootstrap`.
     """
@@ -150,12 +153,12 @@ def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
 
 
 def shown_by(name: str, effect: Effect) -> str:
-    """Which run shows a parameter of an effect."""
+    """The run that excites a parameter of an effect, in words."""
     return _SHOWN_BY.get(name, effect.shown_by)
 
 
 def _grouped(fitted: Fit, i: int, effect: Effect) -> Unidentified:
-    """Why a parameter has no value of its own."""
+    """Reason why a parameter of a group has no value of its own."""
     name = fitted.model.names[i]
     if i in fitted.base.absent:
         return _rows_absent(fitted, effect) or NoDependence(shown_by(name, effect))
@@ -180,7 +183,7 @@ def _rows_absent(fitted: Fit, effect: Effect) -> RowsAbsent | None:
 
 
 def _natural(fitted: Fit, name: str) -> float:
-    """Size below which a body's product of inertia or first moment is as good as zero."""
+    """Size below which a body's product of inertia or first moment counts as zero."""
     kind, number = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
     names = fitted.model.names
     if kind in ("XY", "XZ", "YZ"):

@@ -1,9 +1,9 @@
 """Plausibility of a run before it is fitted: units and signs of its channels, and exchanged wheels.
 
-A table in degrees, in g or in kilonewtons, or with an axis turned round, is fitted without complaint; the model then
-fails everywhere, and no effect explains it. What is asked here holds for every car: gravity is 9.81 m/s², wheels roll,
-attitude is the sum of its rates, forces are mass times acceleration. Only what is plain counts: more than twice too
-much or too little, or the wrong way round.
+A table in degrees, in g or in kilonewtons, or with a reversed axis, is fitted without complaint; the model then fails
+in every row, and no effect explains it. The checks hold for every car: gravity is 9.81 m/s², wheels roll, attitude is
+the integral of its rates, forces are mass times acceleration. Only gross faults are reported: a factor above two, or
+the wrong sign.
 """
 
 from __future__ import annotations
@@ -28,30 +28,31 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import decimate
 
 _CLEAR = 0.5
-"""Another assignment of wheels to corners must leave less than this part of the misfit to be believed."""
+"""Part of the misfit that another assignment of wheels to corners may leave at most to be reported."""
 _FOLLOWS = 0.25
-"""Part of a wheel's load variance that its tyre deflection may leave for the check to say anything."""
+"""Part of a wheel load's variance unexplained by its tyre deflection, above which exchanged wheels are not looked for.
+"""
 _DEGREE: Final = math.pi / 180.0
 _TWICE: Final = 2.0
 """Factor, too large or too small, from which a value is implausible."""
 _ALIKE: Final = 0.8
 """Correlation from which two signals count as the same quantity."""
 _ROLLS: Final = 2.0
-"""Speed from which wheels are compared with the road [m/s]."""
+"""Speed from which wheel speeds are compared with the road speed [m/s]."""
 _FAR: Final = 3.0
 """Distance beyond the range of any laser [m]."""
 _LIGHT: Final = 2.0
-"""Mass over wheelbase cubed of the lightest car [kg/m³]: 30 to 200 from models to lorries."""
+"""Mass ÷ wheelbase³ below that of any car [kg/m³]; scale models to lorries have 30 to 200."""
 _CORNERS: Final = 0.5
-"""Lateral acceleration from which the lean of the body is compared with it [m/s², 1 σ]."""
+"""Lateral acceleration from which the roll of the body is compared with it [m/s², 1 σ]."""
 _STEP: Final = 0.2
-"""Time over which an attitude is compared with its rate [s]."""
+"""Time step over which an attitude is compared with the integral of its rate [s]."""
 _LEAST: Final = 30
-"""Samples that a check needs."""
+"""Least number of samples of a check."""
 
 
 class Symptom(Enum):
-    """What is implausible in a run; `lacet.services.render.plausibility` has the sentence of each."""
+    """A kind of implausible channel; `lacet.services.render.plausibility` has the sentence of each."""
 
     GRAVITY_SIZE = auto()
     GRAVITY_DIRECTION = auto()
@@ -75,16 +76,16 @@ class Symptom(Enum):
 
 @dataclass(frozen=True)
 class Doubt:
-    """A channel whose unit, sign or axes cannot be right.
+    """An implausible channel: its unit, sign or axes cannot be right.
 
     Attributes
     ----------
-    symptom : which check failed.
-    subject : the channels, or the angle and axis, the axis or the axle that it concerns.
-    value : what was found, in the SI unit of the channel, or as a ratio of two quantities that should be alike.
-    other : what it was compared with.
+    symptom : the check that failed.
+    subject : the channels, or the angle and axis, the axis or the axle concerned.
+    value : the value found, in the SI unit of the channel, or as a ratio of two quantities that should be equal.
+    other : the value it was compared with.
     guess : the unit that explains the value; empty where none does.
-    in_body_axes : whether the sensor's rates were turned into the axes of the body first.
+    in_body_axes : whether the sensor's rates were rotated into the body's axes beforehand.
     """
 
     symptom: Symptom
@@ -99,9 +100,9 @@ _Check = Callable[[PreparedRun], Iterator[Doubt]]
 
 
 def doubtful_channels(run: PreparedRun) -> list[Doubt]:
-    """Channels whose unit, sign or axes cannot be right; empty when all is well.
+    """Channels whose unit, sign or axes cannot be right; empty where every check passes.
 
-    Where a channel by itself is wrong, what follows from it in others is left out: it goes with its cause.
+    Checks that compare channels run only where each channel by itself passes, so that a fault is not reported twice.
     Source: the conventions of ``docs/channels.md``.
     """
     for checks in _CHECKS:
@@ -112,7 +113,7 @@ def doubtful_channels(run: PreparedRun) -> list[Doubt]:
 
 
 def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
-    """Wheels whose loads follow the tyre deflection of another corner, as wheel → corner; empty when all is well.
+    """Wheels whose loads follow the tyre deflection of another corner, as wheel → corner; empty where there are none.
 
     A tyre's load follows its own deflection closely, whatever the car and the manoeuvre; where the loads of two wheels
     fit each other's deflections much better than their own, their wires were exchanged.
@@ -134,7 +135,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
         for j, deflection in enumerate(deflections):
             centred: Array = np.asarray(deflection - np.mean(deflection), float)
             if not np.any(centred) or not float(np.var(load)):
-                continue  # a dead sensor follows nothing
+                continue  # a dead sensor has no correlation
             slope = float(centred @ load / (centred @ centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
@@ -150,7 +151,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     return moved
 
 
-# -- a channel by itself ----------------------------------------------------------------------------------------------
+# -- checks of one channel --------------------------------------------------------------------------------------------
 
 
 def _gravity(run: PreparedRun) -> Iterator[Doubt]:
@@ -213,14 +214,14 @@ def _rolling(run: PreparedRun) -> Iterator[Doubt]:
     wrong = {name: rim for name, rim in rims.items() if not _near(rim / over)} if abs(over) > _ROLLS else {}
     rim = float(np.median(list(wrong.values()) or [0.0]))
     of_speed = _guess(over / rim, {3.6: "km/h", 2.237: "mph"}) if rim else ""
-    if of_speed and len(wrong) == len(rims):  # all wheels cannot be wrong by just this
+    if of_speed and len(wrong) == len(rims):  # where all wheels disagree alike, the road speed is at fault
         yield Doubt(Symptom.SPEED_SIZE, value=over, other=rim, guess=of_speed)
     elif wrong:
         guess = _guess(rim / over, {60 / math.tau: "1/min", 1 / math.tau: "revolutions a second", 1 / _DEGREE: "°/s"})
         yield Doubt(Symptom.WHEEL_SPEED_SIZE, tuple(wrong), rim, over, guess)
 
 
-# -- one channel against another --------------------------------------------------------------------------------------
+# -- checks of one channel against another ----------------------------------------------------------------------------
 
 
 def _turning(run: PreparedRun) -> Iterator[Doubt]:
@@ -295,7 +296,7 @@ def _steering(run: PreparedRun) -> Iterator[Doubt]:
     slope, alike = _slope(by_steer[keep], run.motion.body.omega[2][keep])
     if alike < -_ALIKE:
         yield Doubt(Symptom.STEER_SIGN)
-    elif alike > _ALIKE and slope < 2 * _DEGREE:  # a car that understeers turns less, but never so much less
+    elif alike > _ALIKE and slope < 2 * _DEGREE:  # far below what understeer explains
         yield Doubt(Symptom.STEER_SIZE, value=slope, guess="degrees")
 
 
@@ -307,7 +308,7 @@ _CHECKS: tuple[Sequence[_Check], ...] = (
 )
 
 
-# -- what they share --------------------------------------------------------------------------------------------------
+# -- shared by the checks ---------------------------------------------------------------------------------------------
 
 
 def _present(run: PreparedRun, pattern: str, corners: Sequence[str]) -> list[str]:
@@ -326,7 +327,7 @@ def _mean(series: Array, keep: NDArray[np.bool_]) -> float:
 
 
 def _accel(run: PreparedRun) -> Array | None:
-    """Specific force at the sensor in body axes; not at the body's origin, for which the rates must be right."""
+    """Specific force at the sensor in body axes; not moved to the body's origin, which would need correct rates."""
     values = run.recording.signals.value.get("imu.accel")
     if values is None:
         return None
@@ -340,7 +341,7 @@ def _wheelbase(run: PreparedRun) -> float:
 
 
 def _large(run: PreparedRun, names: Sequence[str], most: float) -> Iterator[tuple[tuple[str, ...], float]]:
-    """Channels whose values are mostly larger than `most`, those of a family together, and how large they are."""
+    """Families of channels whose values mostly exceed `most`, and their size."""
     found: defaultdict[str, dict[str, float]] = defaultdict(dict)
     for name in names:
         values = np.abs(run.recording.signals.value[name][:, _usable(run, name)])
@@ -351,7 +352,7 @@ def _large(run: PreparedRun, names: Sequence[str], most: float) -> Iterator[tupl
 
 
 def _near(ratio: float) -> bool:
-    """Whether two numbers that should be alike are."""
+    """Whether a ratio is within a factor of two of 1."""
     return 1 / _TWICE < ratio < _TWICE
 
 
@@ -365,6 +366,6 @@ def _slope(x: Array, y: Array) -> tuple[float, float]:
 
 
 def _guess(ratio: float, units: Mapping[float, str]) -> str:
-    """The unit that explains a ratio; nothing where none does."""
+    """The unit that explains a ratio; empty where none does."""
     near = [unit for factor, unit in units.items() if 0.75 < ratio / factor < 1.33]
     return near[0] if near else ""

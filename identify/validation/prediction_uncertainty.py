@@ -1,8 +1,8 @@
-"""What runs leave open about a model's parameters, and what that means for a prediction.
+"""Uncertainty of a prediction from the parameters of a fit, those included that the runs used do not determine.
 
 A parameter that the runs do not excite has a value all the same: the prior's, a share of a group, or one fitted to the
-noise in its own column. The covariance here holds all three, so that a prediction or a derived value that leans on such
-a parameter shows it, and the parameter can be named.
+noise in its own column. The covariance here holds all three, so that a prediction or a derived value that depends on
+such a parameter shows it, and the parameter can be named.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ENOUGH = 0.5
 class OpenParameters:
     """Parameters that the runs used do not determine well enough for a prediction or a derived value.
 
-    `names` is empty where many are each known a little too little; `shown_by` : the runs that show them, each once.
+    `names` is empty where no single parameter is decisive; `shown_by` : the runs that excite them, each once.
     """
 
     names: tuple[str, ...]
@@ -36,14 +36,14 @@ class OpenParameters:
 
 @dataclass(frozen=True)
 class Knowledge:
-    """All that is known of the physics' parameters after a fit.
+    """Joint uncertainty of the physics' parameters after a fit.
 
     Attributes
     ----------
     names : (p,) parameters of the physics.
-    shown_by : (p,) which run shows each.
-    covariance : (p, p) of their values: the fit's (as wide as the prior where columns are mostly noise), and what
-        grouping shares out.
+    shown_by : (p,) the run that excites each.
+    covariance : (p, p) of their values: the fit's (as wide as the prior where columns are mostly noise), plus that of
+        the distribution of a group's value over its members.
     """
 
     names: tuple[str, ...]
@@ -52,7 +52,7 @@ class Knowledge:
 
     @classmethod
     def of(cls, fitted: Fit) -> Knowledge:
-        """The parameter knowledge of a fit, from the runs it used."""
+        """The uncertainty of a fit's parameters, from the runs it used."""
         parameters = [q for effect in fitted.model.physics for q in effect.parameters]
         runs = [shown_by(q.name, effect) for effect in fitted.model.physics for q in effect.parameters]
         p = len(parameters)
@@ -62,14 +62,14 @@ class Knowledge:
         return cls(tuple(q.name for q in parameters), tuple(runs), covariance)
 
     def spread(self, slopes: Array) -> Array:
-        """(k,) 1 σ of values with these slopes by the parameters, (k, p)."""
+        """(k,) 1 σ of linear functions of the parameters with these slopes, (k, p)."""
         return np.sqrt(np.maximum(0.0, np.einsum("ij,jk,ik->i", slopes, self.covariance, slopes)))
 
     def responsible(self, gram: Array, enough: float, most: int = 3) -> tuple[int, ...]:
-        """Parameters that make tr(gram · covariance) large, (p, p): knowing them would bring it down to `enough`.
+        """Parameters that make tr(gram · covariance) large, gram (p, p): knowledge of them would lower it to `enough`.
 
-        One after the other, each time the one that would take most away, of those whose own column (or slope) matters:
-        a static load can be as uncertain as the mass it was confused with and still move nothing.
+        Greedy: at each step the parameter whose knowledge lowers the trace most, among those whose own column (or
+        slope) matters: a static load can be as uncertain as the mass it was confused with and still have no influence.
         """
         covariance = self.covariance
         found: list[int] = []
@@ -90,9 +90,9 @@ class Knowledge:
     def prediction(
         self, effects: Sequence[PhysicalEffect], run: PreparedRun, zeros: Zeros, floor: Mapping[str, float]
     ) -> dict[str, tuple[float, OpenParameters | None]]:
-        """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and what makes it large (None when it is not).
+        """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and the parameters that make it large, or None.
 
-        What the run's own zeros absorb does not concern the car and does not count.
+        What the run's own sensor zeros absorb is projected out: it does not concern the car.
         """
         weight = {row: 1.0 / floor[row] if floor[row] else 0.0 for row in run.rows}
         W = {row: weight[row] * run.matrix(effects, row) for row in run.rows}
@@ -110,18 +110,18 @@ class Knowledge:
         return out
 
     def open_parameters(self, which: tuple[int, ...]) -> OpenParameters:
-        """Some of the parameters and the runs that show them."""
+        """The parameters at these places and the runs that excite them."""
         runs = dict.fromkeys(self.shown_by[i] for i in which)
         return OpenParameters(tuple(self.names[i] for i in which), tuple(runs))
 
 
 def is_used(fitted: Fit, run: PreparedRun) -> bool:
-    """Whether a run is one of those a fit was made from."""
+    """Whether a run is among those that a fit used."""
     return any(one.recording.t is run.recording.t for one in fitted.runs)
 
 
 def _shared(fitted: Fit, prior: Array) -> Array:
-    """(p, p) covariance of how a group shares its value among its members, and of what has no effect at all."""
+    """(p, p) prior covariance of how groups distribute their values over members, and of parameters without column."""
     base = fitted.base
     p = len(prior)
     out = np.zeros((p, p))

@@ -1,8 +1,8 @@
-"""Simulated residuals after the projection of a fit: without the part its parameters and each run's zeros explain.
+"""Simulated residuals of a model that lacks nothing, after the projection of the fit onto its regressors.
 
-The noise floor's draws are what the channels' noise does to Y − W θ. A residual is less: the fit has followed the
-noise with all its parameters. And it can be more without anything being missing in the model: gains and latencies are
-known to the sensor sheet's tolerance only. Both are done here to every draw, so that a residual can be compared.
+The noise floor's draws are the channels' noise in Y − W θ. The residual of a fit differs: it is smaller by the part
+of the noise that the parameters and each run's zeros absorb, and larger by sensor gains and latencies, which are known
+to the sensor sheet's tolerance only. Both are applied to every draw, so that it can be compared with a residual.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 Draws = tuple[Mapping[str, Array], ...]
-"""For each run, row → (D, n) [N or N·m]."""
+"""Simulated residuals: for each run, row → (D, n) [N or N·m]."""
 
 
 def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int = 0) -> Draws:
     """The draws of a fit's noise floor after the same weighted fit.
 
-    `sheet` : with each of the sensor sheet's gains and latencies drawn too, one value for all runs of a draw.
+    `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
     parts = [{row: [series] for row, series in part.items()} for part in floor.draws]
     pieces = [list[Piece]() for _ in fitted.runs]
@@ -63,7 +63,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
 def _noise(
     fitted: Fit, pieces: list[Piece], part: Mapping[str, list[Array]], count: int, sheet: bool, seed: int
 ) -> list[dict[str, Array]]:
-    """For each piece of a run, row → (D, n): its part of the floor's draws, with the sheet's tolerances drawn."""
+    """Noise of each piece of a run, row → (D, n): its part of the floor's draws, with the sheet's tolerances drawn."""
     out: list[dict[str, Array]] = []
     start = dict.fromkeys(part, 0)
     for piece in pieces:
@@ -73,7 +73,7 @@ def _noise(
             start[row] += len(block)
         if sheet and piece.sensitivity is not None:
             for name, response in fitted.assembly.sheet_responses(piece).items():
-                # By the entry's name, so that a run without one sensor still draws the others' values alike.
+                # Seeded by the entry's name, so that a run without one sensor draws the same values of the others.
                 sizes = np.random.default_rng([seed, 7, *"/".join(map(str, name)).encode()]).standard_normal(count)
                 for row, series in response.items():
                     if row in here:

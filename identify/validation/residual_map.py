@@ -1,4 +1,4 @@
-"""Where, when and against what a model fails: its residual by row and time, by manoeuvre phase, and by state."""
+"""Residual of a model by row and time, by manoeuvre phase, and as a function of a state."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from lacet.identify.validation.smooth_regressors import FOLDS, ColumnMaker, Colu
 from lacet.identify.validation.states import ClearStates, filtered, states_of
 
 BIN = 0.5
-"""Length of a bin of the map [s]."""
+"""Length of a time bin of the map [s]."""
 
 
 @dataclass(frozen=True)
 class ResidualMap:
-    """Residual RMS ÷ noise floor of one run: `ratio` (rows, bins), NaN where a row has no sample; `edges` [s]."""
+    """Residual RMS ÷ noise floor of one run: `ratio` (rows, bins), NaN without a sample; `edges` of the bins [s]."""
 
     name: str
     rows: tuple[str, ...]
@@ -37,7 +37,7 @@ class ResidualMap:
 
 
 def residual_map(part: Comparison, bin_s: float = BIN) -> ResidualMap:
-    """Row × time in units of each row's floor on this run."""
+    """The residual map of one run, in units of each row's floor on this run."""
     rows = tuple(part.measured)
     start = min(float(t[0]) for t in part.t.values())
     stop = max(float(t[-1]) for t in part.t.values())
@@ -55,7 +55,7 @@ def residual_map(part: Comparison, bin_s: float = BIN) -> ResidualMap:
 
 @dataclass(frozen=True)
 class InPhase:
-    """A row in one manoeuvre phase over several runs: residual `rms` [unit], `ratio` to the floor, `seconds` of it."""
+    """Residual of a row in one manoeuvre phase over runs: `rms` [unit], `ratio` to the floor, `seconds` of it."""
 
     rms: float
     ratio: float
@@ -63,10 +63,10 @@ class InPhase:
 
 
 def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str, dict[str, InPhase]]:
-    """Phase → row → residual, over runs with their phases; phases in the order of reports.
+    """Manoeuvre phase → row → residual, over runs with their phases, in the order of reports.
 
-    The floor is that of the row on each run: what a phase has above it is the model's failing or the sensors', not
-    their usual noise.
+    The floor is that of the whole run: an excess in one phase is due to the model or the sensors' errors, not to their
+    usual noise.
     """
     sums: dict[tuple[int, str], list[float]] = {}
     for part, split in zip(parts, phases, strict=True):
@@ -91,7 +91,7 @@ def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str,
 
 @dataclass(frozen=True)
 class Conditional:
-    """Mean residual of a row given a state.
+    """Conditional mean of a row's residual given a state, in bins.
 
     `centre` (B,) mean of the state in each bin [`unit`]; `mean` (B,) of the residual; `low`, `high` (B,) its 95 % band,
     NaN where fewer than three blocks of two seconds meet a bin; `count` (B,) samples.
@@ -109,10 +109,10 @@ class Conditional:
 def conditional_mean(
     state: Array, residual: Array, blocks: NDArray[np.intp], name: str = "", unit: str = "", bins: int = 14
 ) -> Conditional:
-    """Mean of a residual in bins of a state that hold as many samples each.
+    """Mean of a residual in bins of a state with equal numbers of samples.
 
-    Residuals of one block of two seconds are correlated: the band takes what each block brings to a bin as one
-    observation (cluster-robust), and Student's t for as many blocks as weigh in the bin.
+    Residuals are correlated within a block of two seconds: the 95 % band is cluster-robust, with a block's sum in a bin
+    as one observation, and uses Student's t with the effective number of blocks.
     """
     edges = np.unique(np.quantile(state, np.linspace(0.0, 1.0, max(2, min(bins, state.size // 8)) + 1)))
     place = np.clip(np.searchsorted(edges, state, side="right") - 1, 0, max(0, edges.size - 2))
@@ -128,7 +128,7 @@ def conditional_mean(
     met = np.bincount(cell, minlength=shape[0] * shape[1]).reshape(shape)
     weights = met / count[:, None]
     effective = 1.0 / np.sum(weights**2, axis=1)
-    # What a block brings shrinks with its own share in the mean: divided by 1 − share, the variance is not too small.
+    # A block's deviation shrinks with its own share in the mean: divided by 1 − share (CR3, as in a jackknife).
     lever = sums / np.maximum(1.0 - weights, 0.25)
     spread = np.sqrt(np.sum(lever**2, axis=1)) / count
     enough = (np.count_nonzero(met, axis=1) >= 3) & (effective > 2.0)
@@ -139,11 +139,11 @@ def conditional_mean(
 
 @dataclass(frozen=True)
 class Follows:
-    """How far a row's residual follows one state.
+    """Dependence of a row's residual on one state.
 
-    `part` of its squares that a smooth function of this state predicts, cross-validated in blocks, once the model's own
-    springs, dampers and masses may change with it: a fit that lacks an effect has biased them to absorb part of it.
-    `p` that chance does as well in this or any other state of the row; `rms` the same as a force [`row_unit`].
+    `part` of its squares that a smooth function of this state predicts, cross-validated in blocks, beside the model's
+    own lines (springs, dampers, masses), which a fit that lacks an effect has biased. `p` family-wise over the states
+    of the row; `rms` of the part predicted [`row_unit`].
     """
 
     state: str
@@ -159,10 +159,11 @@ def followed_states(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None,
     draws: Draws | None = None, progress: Progress = silent,
 ) -> dict[str, list[Follows]]:  # fmt: skip
-    """For each row, its states, those first that predict most of its residual.
+    """For each row, its states, in descending order of the part of the residual that each predicts.
 
-    `clear`, `draws` : made already (`validation.states`, `validation.projected_noise`). Rows too short for
-    cross-validation are left out. `progress` receives how many rows are done.
+    `clear`, `draws` : those of this fit where they are computed already (`validation.states`,
+    `validation.projected_noise`). Rows too short for cross-validation are left out. `progress` receives the number of
+    rows done.
     """
     clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
@@ -199,17 +200,18 @@ def followed_states(
 
 
 def _beside(columns: Columns, k: int) -> NDArray[np.intp]:
-    """Places of the model's own lines, then of the smooth functions of a state."""
+    """Places of the columns of the model's own lines, then of the smooth functions of a state."""
     own = np.flatnonzero(columns.of == k)
     return np.concatenate([columns.lines[~np.isin(columns.lines, own)], own])
 
 
 @dataclass(frozen=True)
 class Against:
-    """A row's residual against a state at the same instants, all runs together.
+    """A row's residual and a state at the same instants, all runs together.
 
-    `values` (n,) of the state [`mean.unit`]; `residual` (n,) [`row_unit`]; `mean` its conditional mean. Where it is
-    `put_back`, what the model's own springs, dampers and masses absorbed of it is added to the residual again.
+    `values` (n,) of the state [`mean.unit`]; `residual` (n,) [`row_unit`]; `mean` its conditional mean. Where
+    `put_back`, the part of the dependence that the model's own springs, dampers and masses absorbed is added to the
+    residual again.
     """
 
     row: Row
@@ -226,8 +228,8 @@ def against_states(
 ) -> dict[str, Against]:  # fmt: skip
     """State → the residual of a row against it.
 
-    By default every state of the row, what the row's left side is made of included: this shows, it proves nothing.
-    With `clear`, what the model absorbed is put back where the state is clear of noise.
+    By default every state of the row, those included that its left side is computed from: such a plot proves nothing.
+    With `clear`, the dependence that the model absorbed is added again where the state has little enough noise.
     """
     having = [i for i, run in enumerate(runs) if row in run.index and row in residual[i]]
     each = [states_of(runs[i].motion, row) for i in having]
@@ -250,7 +252,7 @@ def against_states(
 
 
 def _put_back(residual: Array, columns: Columns, k: int) -> Array:
-    """The residual without the change of the model's own lines that goes with a smooth function of a state."""
+    """The residual without the change of the model's own lines that a smooth function of a state brings about."""
     places = _beside(columns, k)
     lines = int(np.count_nonzero(columns.of[places] != k))
     A = columns.present[:, places]

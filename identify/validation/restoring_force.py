@@ -1,8 +1,8 @@
-"""Restoring-force surfaces: the force of a suspension over travel and travel rate, and what the model misses of it.
+"""Restoring-force surfaces: force of a suspension, and residual of its model, over travel and travel rate.
 
-A spring, a damper and whatever else acts between body and wheel of one corner is a surface over travel and rate; what
-depends on something else (a bar on the other wheel's travel) shows as scatter about it. Source: Masri and Caughey,
-A nonparametric identification technique for nonlinear dynamic problems, J. Appl. Mech. 46 (1979).
+Springs, dampers and whatever else acts between body and wheel of one corner form a surface over travel and rate; a
+force that depends on something else (a bar on the other wheel's travel) shows as scatter about it. Source: Masri and
+Caughey, A nonparametric identification technique for nonlinear dynamic problems, J. Appl. Mech. 46 (1979).
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.states import filtered
 
 LEAST_SAMPLES = 4
-"""A cell with fewer samples is left empty."""
+"""Number of samples below which a cell is left empty."""
 CELLS = 11
 
 
 @dataclass(frozen=True)
 class Surface:
-    """One corner's surface.
+    """The restoring-force surface of one corner, on a grid of travel and travel rate.
 
     Attributes
     ----------
     travel, rate : (T + 1,), (R + 1,) edges of the cells [m], [m/s], compression positive.
     residual : (R, T) mean residual of the suspension row [N]; NaN where there are too few samples.
     force : (R, T) mean force of the suspension: its effects in the model and the residual [N], resisting compression.
-    count : (R, T) samples; `blocks` (R, T) stretches of two seconds they are from: one is no evidence.
-    scatter : RMS of the residual about its cell's mean [N]: what is no function of travel and rate.
+    count : (R, T) samples; `blocks` (R, T) number of two-second blocks they are from: one alone is no evidence.
+    scatter : RMS of the residual about its cell's mean [N]: the part that is no function of travel and rate.
     """
 
     corner: str
@@ -50,7 +50,7 @@ class Surface:
 
 
 def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
-    """Corner → surface, over the runs a model was fitted to; without corners whose suspension row is not measured."""
+    """Corner → surface, over the runs a model was fitted to, for the corners whose suspension row is measured."""
     out: dict[str, Surface] = {}
     for corner in CORNERS:
         row = Row.parse(f"suspension.{corner}")
@@ -68,7 +68,7 @@ def restoring_surfaces(fitted: Fit, cells: int = CELLS) -> dict[str, Surface]:
 def surface(
     corner: str, travel: Array, rate: Array, residual: Array, force: Array, blocks: NDArray[np.intp], cells: int = CELLS
 ) -> Surface:
-    """Means over a grid of cells of equal size that holds all but the outermost 1 % of the samples, (n,) each."""
+    """The restoring-force surface of series (n,) over a grid of equal cells that covers all but the outermost 1 %."""
     edges = [_edges(series, cells) for series in (travel, rate)]
     i, j = (np.searchsorted(e, series, side="right") - 1 for e, series in zip(edges, (travel, rate), strict=True))
     inside = (i >= 0) & (i < cells) & (j >= 0) & (j < cells)
@@ -103,7 +103,7 @@ def _moving(run: PreparedRun, row: Row, corner: str) -> Array:
 
 
 def _modelled(fitted: Fit, run: PreparedRun, row: Row) -> Array:
-    """(n,) force of the effects that act on suspensions alone: springs, dampers, bars, not inertia."""
+    """(n,) force of the effects that act on suspension rows alone: springs, dampers, bars, not inertia."""
     out = np.zeros(len(run.index[row]))
     for effect, part in with_places(fitted.model.physics):
         rows = run.columns(effect)

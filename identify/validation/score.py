@@ -1,4 +1,4 @@
-"""How well a fitted model predicts a run: by row, after that run's own sensor zeros, in units of the noise floor."""
+"""Scores of a model's prediction of a run, row by row, relative to the noise floor; the run's zeros are estimated."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenPara
 from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness
 
 FAILS = 1.2
-"""Residual ÷ noise floor above which a row fails."""
+"""Residual RMS ÷ noise floor above which a row fails."""
 
 
 @dataclass(frozen=True)
 class RowScore:
-    """One row of one run.
+    """Score of one row on one run.
 
-    `rms` of the residual [unit]; `nrmse` % of the measured span; `vaf` % of the measured variance; `floor` RMS that
+    `rms` of the residual [unit]; `nrmse` % of the measured span; `vaf` variance accounted for [%]; `floor` RMS that
     noise alone would leave [unit]; `ratio` residual ÷ floor.
 
-    `colour` is what the residual looks like beside the floor (`validation.whiteness`; None: not compared); `p` is
-    the probability that noise alone stands as far above its floor in any band, `ljung_box` that of the whitened
-    residual's autocorrelation, `peak` the frequency of the largest excess [Hz] (NaN without).
+    `colour` compares the residual's spectrum with the floor's (`validation.whiteness`; None: not compared); `p` is the
+    probability that noise alone is as far above its floor in any band, `ljung_box` that of the whitened residual's
+    autocorrelation, `peak` the frequency of the largest excess [Hz] (NaN without).
 
-    `doubt` is what the runs used leave open in the prediction, 1 σ ÷ floor (0 for a run used); where it explains the
-    error the row cannot be `judged`, and `why` has the parameters and the runs that would show them.
+    `doubt` is the prediction's 1 σ from the uncertainty of the parameters ÷ floor (0 for a run used); where it explains
+    the error the row is not `judged`, and `why` holds the parameters and the runs that would excite them.
     """
 
     row: Row
@@ -55,7 +55,7 @@ class RowScore:
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """A model against one run: measured and modelled rows after filter and decimation, with scores.
+    """A model's prediction of one run: measured and modelled rows after filter and decimation, with their scores.
 
     `t` row → (n,) s; `measured`, `modelled` row → (n,); `modelled` includes the run's sensor zeros, given in `zeros`.
     `used` says whether the model was fitted to this run; `whiteness` row → the residual's colour.
@@ -75,17 +75,17 @@ class Comparison:
         return f"Comparison(run {self.name}, error ÷ floor: {ratios})"
 
     def residual(self, row: str) -> Array:
-        """(n,) measured minus modelled."""
+        """(n,) measured minus modelled of a row."""
         return self.measured[row] - self.modelled[row]
 
 
 def compare(
     fitted: Fit, run: PreparedRun, draws: int = SCORE_DRAWS, seed: int = 1, knowledge: Knowledge | None = None
 ) -> Comparison:
-    """Predict a run with a fitted model and score it.
+    """The prediction of a run by a fitted model, with its scores.
 
-    The run may be one of those used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
-    they belong to the run and not to the car. `knowledge` of the fit spares working it out for each run held out.
+    The run may be one that the fit used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
+    they belong to the run and not to the car. `knowledge` : that of the fit where it is computed already.
     """
     used = is_used(fitted, run)
     run = corrected_run(run, fitted)
@@ -120,16 +120,16 @@ def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:
 
 
 def _judged(score: RowScore, doubt: float, why: OpenParameters | None) -> RowScore:
-    """A row that fails is judged when it fails by more than what the runs used leave open, at two σ."""
+    """The score of a row, not judged where its excess is within two σ of the prediction's uncertainty."""
     within = why is not None and FAILS < score.ratio <= float(np.hypot(FAILS, 2.0 * doubt))
     return replace(score, doubt=doubt, judged=not within, why=why)
 
 
 def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:
-    """(z,) the run's zeros that explain its residual best, under the sheet's prior.
+    """(z,) sensor zeros of a run that explain its residual best, with the sheet's σ as prior.
 
-    A row that the model fails in is weighted by its own error, else the zeros would soak that error up and spoil the
-    rows in which the model is right.
+    A row that the model fails in is weighted by its own error; otherwise the zeros would absorb that error and spoil
+    the rows in which the model is right.
     """
     values = np.zeros(len(zeros.names))
     if not zeros.names:
@@ -145,7 +145,7 @@ def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array],
 
 
 def score_row(row: Row, measured: Array, residual: Array, floor: float) -> RowScore:
-    """Score a residual."""
+    """The score of a residual, without whiteness and prediction uncertainty."""
     rms = float(np.sqrt(np.mean(residual**2)))
     span, variance = float(np.ptp(measured)), float(np.var(measured))
     return RowScore(
@@ -160,7 +160,7 @@ def score_row(row: Row, measured: Array, residual: Array, floor: float) -> RowSc
 
 
 def fails(ratio: float) -> bool:
-    """Whether a residual ÷ noise floor is that of a row that fails."""
+    """Whether a ratio of residual to noise floor is that of a row that fails."""
     return ratio > FAILS
 
 

@@ -1,8 +1,8 @@
-"""Smooth functions of states as columns, and how much of a residual they predict in blocks they were not fitted to.
+"""Smooth functions of states as regressors, and their prediction of a residual in cross-validation.
 
-Columns are made at full rate and filtered as the residual was. Smooth functions: of each state a line and a broken
-line with its knots where the state has been, of velocities also a step with a soft edge (friction), and products of
-two of the nearest states. History: the same states after first-order lags and light resonators, which is all that a
+Columns are computed at full rate and filtered as the residual was. Smooth functions: of each state a line and a broken
+line with knots at its quantiles, of velocities also a step with a soft edge (friction), and products of two of the
+nearest states. History: the same states after first-order lags and lightly damped resonators, which covers what a
 hidden linear mass, spring or damper can add.
 """
 
@@ -28,14 +28,14 @@ SOFT = 0.05
 LAGS = (0.1, 0.3, 1.0, 3.0)
 """Time constants of the lags [s]."""
 RESONATORS = (0.4, 0.63, 1.0, 1.6, 2.5, 4.0)
-"""Natural frequencies of the resonators [Hz]…"""
+"""Natural frequencies of the resonators [Hz]."""
 DAMPING = 0.15
-"""… and their damping ratio: neighbours overlap at half their height."""
+"""Damping ratio of the resonators: neighbours overlap at half their height."""
 FOLDS = 5
 RIDGE = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-"""Ridge ÷ number of samples, for columns of unit size; the best is taken, or no column at all."""
+"""Candidates of ridge ÷ number of samples, for columns of unit size; the best is used, or no column at all."""
 SHARES = (0.1, 1.0)
-"""Weights of history beside the smooth functions of the present that are tried."""
+"""Candidate weights of the history columns beside the smooth functions of the present."""
 _PAIRED = ("travel", "travel rate", "tyre deflection", "travel difference across the axle",
            "rate difference across the axle", "longitudinal acceleration", "lateral acceleration",
            "vertical acceleration", "roll rate", "pitch rate", "yaw rate", "speed", "heave", "heave, rate")  # fmt: skip
@@ -48,16 +48,16 @@ MODEL_STATES: Mapping[str, tuple[str, ...]] = {
     "tyre": ("tyre deflection", "vertical acceleration"),
     "spin": (),
 }  # fmt: skip
-"""Kind of row → states that the base model is linear in, by which a fit absorbs part of a missing effect."""
+"""Kind of row → states in which the base model is linear; a fit biases those terms to absorb a missing effect."""
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Regressor columns of one row over all runs, of zero mean and unit size.
+    """Regressor columns of one row over all runs, of zero mean and unit RMS.
 
-    `present` : (n, m) smooth functions; `of` (m,) the state each is of, −1 for a product; `names` of those states;
-    `lines` (l,) places of the states that the model itself has a line of in this row (spring, damper, inertia);
-    `history` : (n, h).
+    `present` : (n, m) smooth functions; `of` (m,) index of the state of each, −1 for a product; `names` of those
+    states; `lines` (l,) places of the columns that the model itself is linear in (spring, damper, inertia); `history` :
+    (n, h).
     """
 
     names: tuple[str, ...]
@@ -68,7 +68,7 @@ class Columns:
 
 
 class ColumnMaker:
-    """Makes the columns of rows; what rows of one corner share is made once.
+    """Maker of the columns of rows, which keeps those that the rows of one corner share.
 
     `history` : also lagged and resonating states.
     """
@@ -102,7 +102,7 @@ class ColumnMaker:
     def _make(
         self, row: Row, names: tuple[str, ...], having: tuple[int, ...]
     ) -> tuple[NDArray[np.intp], list[Array], int]:
-        """The state of each column, for each run the columns on its comb, and the number of those of the present."""
+        """Each column's state, for each run its decimated columns, and the number of columns of the present."""
         found = [self.clear.blurred(i, row, names) for i in having]
         scaled = {name: _scaled([states[name] for states in found]) for name in names}
         near = {name: found[0][name] for name in names}
@@ -116,7 +116,7 @@ class ColumnMaker:
             )
             filters = self.runs[i].recording.filters
             comb = slice(filters.step // 2, None, filters.step)
-            # Some columns at a time: at full rate all of them would not fit in memory for a long run.
+            # In batches: at full rate all columns of a long run would not fit in memory.
             parts = [
                 zero_phase_of(part, filters)[:, comb] for part in np.array_split(series, max(1, len(series) // 32))
             ]
@@ -125,7 +125,7 @@ class ColumnMaker:
 
 
 def _scaled(states: Sequence[State]) -> tuple[Array, list[Array]]:
-    """Knots, and each run's series, in units in which the middle 96 % of the state have length 2 about its median."""
+    """Knots and each run's series, scaled: the middle 96 % of the state have length 2 about its median."""
     everything = np.concatenate([s.series for s in states])
     low, middle, high = np.quantile(everything, (0.02, 0.5, 0.98))
     if states[0].velocity and low < 0.0 < high:
@@ -138,7 +138,7 @@ def _scaled(states: Sequence[State]) -> tuple[Array, list[Array]]:
 def _present(
     states: Mapping[str, State], z: Mapping[str, Array], knots: Mapping[str, Array]
 ) -> tuple[list[int], Array]:
-    """Smooth functions (m, N), and the number of the state each is of."""
+    """Smooth functions (m, N), and the index of the state of each."""
     of: list[int] = []
     out: list[Array] = []
     for number, (name, x) in enumerate(z.items()):
@@ -155,7 +155,7 @@ def _present(
 
 
 def _history(z: Mapping[str, Array], rate: float) -> Array:
-    """Lagged and resonating states (h, N), from rest in the run's first value."""
+    """Lagged and resonating states (h, N), in equilibrium at the run's first value."""
     out: list[Array] = []
     for name in (name for name in _DRIVING if name in z):
         x = z[name]
@@ -175,7 +175,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Array:
 
 
 def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:
-    """Squared residual of every block when it is predicted by a ridge regression on the folds that do not hold it.
+    """Squared residual of every block, predicted by a ridge regression on the folds that do not hold it.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> 
     targets : (n, k).
     blocks : (n,) increasing block numbers.
 
-    Returns (1 + L, B, k): without any column, then for each of the `RIDGE`.
+    Returns (1 + L, B, k): without any column, then for each value of `RIDGE`.
     """
     starts = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
     folds = np.asarray(np.unique(blocks, return_inverse=True)[1], np.intp) % FOLDS
@@ -207,6 +207,6 @@ def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> 
 
 
 def best(losses: Array) -> Array:
-    """(B, k): of the losses (L, B, k) those with the least sum, target by target."""
+    """(B, k): the losses (L, B, k) at the index with the least sum, target by target."""
     place = np.argmin(losses.sum(axis=1), axis=0)
     return np.take_along_axis(losses, place[None, None, :], axis=0)[0]

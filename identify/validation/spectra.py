@@ -1,9 +1,9 @@
-"""Spectrum of a residual against its floor, and its coherence with the states it may follow (Welch).
+"""Spectrum of a residual beside its noise floor's, and its coherence with the states, by Welch's method.
 
 States are blurred (`validation.states`), so that noise which a state and the residual share does not count.
-Coherence finds what is linear in a state, however it is delayed: where a smooth function of the present state explains
-little and coherence is high, the force depends on history. Sources: Welch 1967; Carter, Coherence and time delay
-estimation, Proc. IEEE 75 (1987); Bendat and Piersol, Random Data, chapter 7 (multiple coherence).
+Coherence detects what is linear in a state, however it is delayed: where a smooth function of the present state
+explains little and coherence is high, the force depends on history. Sources: Welch 1967; Carter, Coherence and time
+delay estimation, Proc. IEEE 75 (1987); Bendat and Piersol, Random Data, chapter 7 (multiple coherence).
 """
 
 from __future__ import annotations
@@ -31,18 +31,18 @@ _OVERLAP = 1.0 / 36.0
 
 @dataclass(frozen=True)
 class RowSpectrum:
-    """A row's residual in frequency, over all runs.
+    """Spectrum of a row's residual over all runs, beside its noise floor's.
 
     Attributes
     ----------
     frequency : (F,) Hz, from the first line above zero to the fit's cut-off.
-    residual, floor : (F,) power densities [unit²/Hz]; the floor's is the mean of its draws, `high` (F,) what one draw
-        stays below in 95 % of the cases at each line.
+    residual, floor : (F,) power densities [unit²/Hz]; the floor's is the mean of its draws, `high` (F,) their 95 %
+        quantile at each line.
     coherence : state → (F,) squared coherence with the residual.
-    level : squared coherence that a state unrelated to the residual reaches at any line, for any of the states, with
+    level : significance level of `coherence`: unrelated states exceed it at any line, for any of them, with
         probability `SIGNIFICANCE`.
-    together, together_level : (F,) multiple squared coherence with the `together_of` states, and its level, at any
-        line and however they were chosen.
+    together, together_level : (F,) multiple squared coherence with the `together_of` states, and its significance
+        level over all lines and choices of states.
     segments : effective number of segments averaged.
     """
 
@@ -61,7 +61,7 @@ class RowSpectrum:
 
     @property
     def strongest(self) -> list[tuple[str, float, float]]:
-        """States above the level: name, largest squared coherence and its frequency [Hz], strongest first."""
+        """States above the significance level, strongest first: name, largest squared coherence, its frequency [Hz]."""
         peaks = [(name, float(c.max()), float(self.frequency[int(c.argmax())])) for name, c in self.coherence.items()]
         return sorted([p for p in peaks if p[1] > self.level], key=lambda p: -p[1])
 
@@ -69,7 +69,7 @@ class RowSpectrum:
 def row_spectrum(
     fitted: Fit, floor: NoiseFloor, row: Row, clear: ClearStates | None = None, segment: float = SEGMENT
 ) -> RowSpectrum | None:
-    """Spectrum and coherence of a row; None where no run has three segments without a hole."""
+    """Spectrum and coherence of a row; None where no run has three segments without a gap."""
     clear = clear or ClearStates(fitted.runs)
     names = clear.names(row)
     found: list[NDArray[np.complex128]] = []
@@ -116,7 +116,7 @@ def row_spectrum(
 
 
 def _segments(series: Array, place: NDArray[np.intp], length: int, spacing: float) -> NDArray[np.complex128]:
-    """(S, k, F) Fourier lines of tapered segments that overlap by half and have no hole, scaled to power densities."""
+    """(S, k, F) Fourier lines of Hann-tapered, half-overlapping segments without a gap, scaled to power densities."""
     runs = np.split(np.arange(place.size), np.flatnonzero(np.diff(place) != 1) + 1)
     starts = [int(part[0]) + k for part in runs for k in range(0, part.size - length + 1, length // 2)]
     taper = np.asarray(np.hanning(length + 1)[:-1], float)
@@ -129,7 +129,7 @@ def _segments(series: Array, place: NDArray[np.intp], length: int, spacing: floa
 
 
 def _level(segments: float, states: int, tests: int) -> float:
-    """Squared (multiple) coherence with `states` unrelated ones that chance passes in any of so many tests."""
+    """Squared (multiple) coherence with `states` unrelated ones that chance exceeds in any of so many tests."""
     if segments <= states + 1.0 or not states:
         return 1.0
     each = -np.expm1(np.log1p(-SIGNIFICANCE) / tests)
@@ -137,7 +137,7 @@ def _level(segments: float, states: int, tests: int) -> float:
 
 
 def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) -> list[int]:
-    """Up to `most` states in order, none of which is nearly a linear function of another."""
+    """Up to `most` states in this order, none of which is nearly a linear function of another."""
     chosen: list[int] = []
     for k in order:
         x = states[:, int(k)]
@@ -152,7 +152,7 @@ def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) 
 
 
 def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Array:
-    """(F,) part of the residual's power that is linear in all states together."""
+    """(F,) squared multiple coherence: part of the residual's power that is linear in all states together."""
     if not states.shape[1]:
         nothing: Array = np.zeros(int(own.shape[1]))
         return nothing
@@ -170,7 +170,7 @@ def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Ar
 def spectra(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None
 ) -> dict[str, RowSpectrum]:
-    """Spectrum and coherence of each row that has enough of them."""
+    """Spectrum and coherence of each row that has enough segments."""
     clear = clear or ClearStates(fitted.runs)
     found = {row: row_spectrum(fitted, floor, row, clear) for row in rows or fitted.rows}
     return {row: spectrum for row, spectrum in found.items() if spectrum is not None}

@@ -1,9 +1,9 @@
-"""States of the car that a row's residual can be seen against, as series beside the motion.
+"""States of the car that a row's residual may depend on, as time series beside the motion.
 
-A state is something measured that a missing force could depend on: travel and its rate, the difference across the
+A state is a measured quantity that a missing force could depend on: travel and its rate, the difference across the
 axle, tyre deflection, steer, accelerations, speed. Those of the row's own corner come first, then those of its axle,
-then those of the body. Series are at full rate, as the motion is; whoever compares them with a residual filters them
-as the residual was filtered (`filtered`), functions of them included: the function first, then the filter.
+then those of the body. Series are at full rate, as the motion is; for a comparison with a residual they are filtered
+as the residual is (`filtered`), functions of them too: the function first, then the filter.
 """
 
 from __future__ import annotations
@@ -24,19 +24,20 @@ from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 OWN, AXLE, BODY = 0, 1, 2
-"""How near a state is to a row: at its own corner, across its axle, of the body."""
+"""Distance of a state from a row: at its own corner, across its axle, of the body."""
 LEAST_SPEED = 2.0
-"""Speed below which side slip says nothing [m/s]."""
+"""Speed below which side slip is set to zero [m/s]."""
 NOISY = 0.02
-"""Part of a state's variance that may be its channels' noise; above it a residual, which holds the same noise, would
-seem to follow the state though nothing is missing."""
+"""Largest part of a state's variance that may be its channels' noise.
+
+Above it a residual, which holds the same noise, would depend on the state though nothing is missing."""
 BLUR = 3.0
-"""Noise added to the states ÷ their own."""
+"""Standard deviation of the noise added to the states ÷ that of their own."""
 
 
 @dataclass(frozen=True)
 class State:
-    """A state along a run.
+    """A state of the car along a run.
 
     Attributes
     ----------
@@ -45,8 +46,8 @@ class State:
     near : `OWN`, `AXLE` or `BODY`.
     series : (N,) at full rate.
     velocity : whether its sign is a direction of motion, as friction sees it.
-    in_left_side : whether it is part of what the row measures: the residual is made from it, noise and all, so that it
-        is shown but never counted as something the residual follows.
+    in_left_side : whether the row's left side is computed from it: the residual then holds its noise, so that it is
+        shown but never counted as a dependence.
     """
 
     name: str
@@ -63,7 +64,7 @@ def across(corner: str) -> str:
 
 
 def states_of(motion: Motion, row: Row) -> dict[str, State]:
-    """States that belong to a row, nearest first, by name, without those that never change or were not measured."""
+    """The states that belong to a row, nearest first, by name; without those that are constant or not measured."""
     if row.corner is None:
         found = _body(motion)
     else:
@@ -126,20 +127,20 @@ def _stacked(corners: Sequence[CornerMotion], part: str) -> Array:
 
 
 def filtered(run: PreparedRun, row: Row, series: Array) -> Array:
-    """(…, n): full-rate series (…, N) as the row's residual is: through the parallel filter, at its samples."""
+    """(…, n): full-rate series (…, N) through the parallel filter, at the samples of the row's residual."""
     return run.decimated({row: series})[row]
 
 
 class ClearStates:
-    """The states that the residuals of some runs can be said to follow, blurred.
+    """States with little noise that the residuals of some runs are tested against, with noise added to them.
 
-    A residual holds the channels' noise, and so do the states: where several states together determine what one of them
-    ought to be, its noise is known from them, and the residual would seem to follow the states though nothing is
-    missing. So the states get `BLUR` times their own noise once more, drawn from the sensor sheet for all channels
+    A residual and the states share the channels' noise: where several states together determine what one of them ought
+    to be, its noise is known from them, and the residual would appear to depend on the states though nothing is
+    missing. So `BLUR` times their own noise is added to the states, drawn from the sensor sheet for all channels
     together: of a residual made of noise no more than 1 ÷ (1 + `BLUR`²) can then be predicted.
 
-    Left out: states of only some of the runs, those a row's left side is made of, and those of whose variance more
-    than `NOISY` is noise.
+    Left out: states of only some of the runs, those that a row's left side is computed from, and those of whose
+    variance more than `NOISY` is noise.
     """
 
     def __init__(self, runs: Sequence[PreparedRun], seed: int = 0):
@@ -169,12 +170,12 @@ class ClearStates:
         )
 
     def blurred(self, run: int, row: Row, names: Sequence[str]) -> dict[str, State]:
-        """Some of a row's states on one of the runs, blurred."""
+        """Some of a row's states on one of the runs, with noise added."""
         states = self._states(run, row)
         return {n: replace(states[n][0], series=states[n][0].series + BLUR * states[n][1]) for n in names}
 
     def _states(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
-        """States of a row and one draw of their noise, which is that below the fit's cut-off: no other matters."""
+        """States of a row and one draw of their noise, low-pass filtered as the fit is."""
         key = run, "chassis" if row.kind == "chassis" else row
         if key not in self._known:
             drive = self.runs[run]
@@ -189,7 +190,7 @@ class ClearStates:
 
 
 def _with_noise(recording: Recording, seed: Sequence[int]) -> Motion:
-    """The motion of a run with the sheet's noise once more."""
+    """The motion of a run with one more draw of the sensor sheet's noise."""
     values = recording.signals.value
     noise = draw_noise(recording, values, np.random.default_rng(seed))
     moved = Signals.differentiated({name: values[name] + noise[name] for name in values}, recording.filters.rate)

@@ -1,7 +1,7 @@
-"""Whiteness of a residual: its spectrum and autocorrelation against those of the simulated noise floor.
+"""Whiteness of a residual: its spectrum and autocorrelation compared with those of the simulated noise floor.
 
-The floor is filtered and comes from many sensors, so it is not white itself; a test for whiteness alone would call
-every residual coloured. Everything here is relative to the floor's own spectrum, known from simulated draws.
+The floor is filtered and comes from many sensors, so it is not white itself; a plain test for whiteness would reject
+every residual. All statistics are relative to the floor's own spectrum, known from simulated draws.
 """
 
 from __future__ import annotations
@@ -16,44 +16,44 @@ from scipy.special import chdtrc, fdtrc, fdtri
 from lacet.identify.multibody.vectors import Array
 
 SIGNIFICANCE = 0.01
-"""Error of one row's verdict: a car has some twenty rows, and one in five runs would be called coloured at 0.05."""
+"""Significance level of one row's test; at 0.05 one of a car's twenty rows would be rejected by chance."""
 LEAST_EXCESS = 1.25
-"""Power in a band ÷ the floor's below which an excess does not matter, however sure it is (12 % in amplitude)."""
+"""Power in a band ÷ the floor's below which an excess is not reported, however significant (12 % in amplitude)."""
 _BINS = 6
 """Least number of Fourier bins in a band."""
 _WIDTH = 2.0**0.5
-"""Ratio of a band's edges where there are bins enough."""
+"""Ratio of a band's upper to its lower edge, where it then has bins enough."""
 _LAGS = 20
 _RHO2 = (4.0 / 9.0, 1.0 / 36.0)
 """Squared correlation of Hann-tapered Fourier coefficients one and two bins apart."""
 
 
 class Colour(Enum):
-    """What a residual looks like beside its noise floor."""
+    """How a residual's spectrum compares with its noise floor's."""
 
     LIKE_NOISE = auto()
     LOUDER = auto()
     """The floor's shape at another level."""
     COLOURED = auto()
-    """Another spectrum than the floor's."""
+    """Another shape than the floor's."""
     TOO_SHORT = auto()
-    """Too few samples to say."""
+    """Too few samples for the test."""
 
 
 @dataclass(frozen=True)
 class Whiteness:
-    """A residual's spectrum and autocorrelation beside the floor's.
+    """Spectrum and autocorrelation of a residual, compared with those of its noise floor.
 
     Attributes
     ----------
     frequency, spectrum, floor : (B,) band centres [Hz], power densities of residual and floor [unit²/Hz].
-    high : (B,) power density that noise alone stays below in every band together, at `SIGNIFICANCE`.
+    high : (B,) power density that noise alone exceeds in any band with probability `SIGNIFICANCE`.
     lag, acf : (L,) [s], autocorrelation of the residual; `acf_low`, `acf_high` the 95 % band of the simulated floor.
     p : probability that noise alone is as far above the floor in any band.
-    ljung_box : probability of the whitened residual's autocorrelation (Ljung and Box, 1978): the spectrum's shape,
-        whatever its level.
-    peak : frequency of the largest excess [Hz], NaN where the residual is like noise.
-    colour : what it looks like beside the floor.
+    ljung_box : p of the whitened residual's autocorrelation (Ljung and Box, 1978): the spectrum's shape, whatever its
+        level.
+    peak : frequency of the largest excess [Hz], NaN where there is none.
+    colour : the verdict.
     """
 
     frequency: Array
@@ -71,15 +71,13 @@ class Whiteness:
 
 
 def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: float) -> Whiteness | None:
-    """Judge a residual against draws of its noise floor.
+    """The comparison of a residual with draws of its noise floor; None with fewer than 32 samples.
 
     Parameters
     ----------
     residual : (n,) [N or N·m].
     draws : (D, n) simulated residuals of a model that lacks nothing.
-    place : (n,) position of each sample on a comb of `spacing` [s]; what is missing on it are holes.
-
-    None when there are too few samples (fewer than 32).
+    place : (n,) position of each sample on a grid of `spacing` [s]; positions without a sample are gaps.
     """
     if residual.size < 32:
         return None
@@ -123,7 +121,7 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
 
 
 def _on_comb(series: Array, place: NDArray[np.intp]) -> Array:
-    """(k, n) samples on their comb, without their mean, zero in the holes."""
+    """(k, n) samples on their regular grid, without their mean, zero in the gaps."""
     start = int(place.min())
     out = np.zeros((series.shape[0], int(place.max()) - start + 1))
     constant = bool(np.all(series == series[:, :1]))
@@ -142,7 +140,7 @@ def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> t
 
 
 def _bands(frequency: Array, length: float) -> list[NDArray[np.intp]]:
-    """Bins of each band: at least `_BINS` of them, growing with frequency."""
+    """Fourier bins of each band: at least `_BINS` of them, more at higher frequencies."""
     least = max(_BINS, round(_BINS * frequency.size / max(1.0, length * float(frequency[-1]))))
     out: list[NDArray[np.intp]] = []
     start = 0
@@ -156,10 +154,10 @@ def _bands(frequency: Array, length: float) -> list[NDArray[np.intp]]:
 
 
 def _freedom(bins: NDArray[np.int64], draws: Array) -> Array:
-    """Degrees of freedom of a band's mean power.
+    """Effective degrees of freedom of a band's mean power.
 
-    Fewer than two a bin: a taper ties neighbours, and a floor that swells and fades with the motion scatters more than
-    steady noise does; how much more is seen from the draws.
+    Fewer than two a bin: a taper correlates neighbouring bins, and a floor whose level varies with the motion scatters
+    more than stationary noise does; by how much is estimated from the draws.
     """
     tied: Array = np.array(
         [1.0 + 2.0 * sum(max(0.0, 1.0 - (k + 1) / m) * r for k, r in enumerate(_RHO2)) for m in bins]
@@ -172,16 +170,16 @@ def _freedom(bins: NDArray[np.int64], draws: Array) -> Array:
 
 
 def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
-    """p of the first series' autocorrelation after whitening with the floor's spectrum; the others are draws of it.
+    """p of the first series' autocorrelation after whitening by the floor's spectrum; the others are the floor's draws.
 
-    Mean and spread of the statistic are those of the draws, each whitened by the others: a floor that swells with the
-    motion is not white however it is filtered.
+    Mean and spread of the statistic are those of the draws, each whitened by the others: a floor whose level varies
+    with the motion is not white after any filter.
     """
     count = len(series) - 1
     total = power[1:].sum(axis=0)
     others = np.vstack([total / count, (total - power[1:]) / (count - 1)]) if count > 1 else np.vstack([total] * 2)
     kernel = np.asarray(np.hanning(9)[1:-1], float)
-    # Smoothed over seven bins, so that the draws' own scatter does not ripple what is whitened.
+    # Smoothed over seven bins, so that the draws' own scatter does not enter the whitened series.
     padded = np.pad(others, ((0, 0), (3, 3)), mode="edge")
     smooth = np.asarray(np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel, float)
     spectrum = np.fft.rfft(series, axis=1)
@@ -199,7 +197,7 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
 
 
 def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:
-    """(k, lags + 1) autocorrelation; pairs with a hole do not count."""
+    """(k, lags + 1) autocorrelation; pairs with a gap do not count."""
     size = 2 * series.shape[1]
     spectrum = np.fft.rfft(series, size, axis=1)
     sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, : lags + 1]
