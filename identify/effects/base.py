@@ -15,7 +15,7 @@ import numpy as np
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.motion import CornerMotion, GroundLaserOffset, Motion
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
 
@@ -143,8 +143,8 @@ class Effect(ABC):
         """Variants that differ from run to run, one a run, by the runs' names; none for what belongs to the car."""
         return ()
 
-    def lacks(self, motion: Motion) -> tuple[str, ...]:
-        """Channels that it needs and the run of `motion` lacks."""
+    def lacks(self, motion: Motion) -> tuple[str | GroundLaserOffset, ...]:
+        """What it needs and the run of `motion` lacks: channels, the road under the wheels (`GroundLaserOffset`)."""
         return tuple(channel for channel in self.needs if channel not in motion.channels)
 
     def shapes(self) -> list[Self]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.car.motion import Motion
+from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
@@ -27,6 +27,20 @@ PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
 TOGETHER = 64
 """So many series go through the filter at once."""
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """What an effect needs and a run lacks.
+
+    Attributes
+    ----------
+    run : name of the run.
+    needs : channels that it does not have; the offset of its ground lasers where the road under the wheels is needed.
+    """
+
+    run: str
+    needs: tuple[str | GroundLaserOffset, ...]
 
 
 class PreparedRun:
@@ -194,7 +208,7 @@ class PreparedRun:
         """
         self._noisy = {key: run for key, run in self._noisy.items() if loads and not key[2]}
 
-    def can(self, effect: Effect) -> str:
-        """Why an effect cannot be computed on this run, or an empty string."""
-        absent = effect.lacks(self.motion)
-        return f"{', '.join(absent)} not measured in {self.name}" if absent else ""
+    def lacks(self, effect: Effect) -> Unmeasured | None:
+        """What an effect needs that is not measured in this run; None where it can be computed."""
+        needs = effect.lacks(self.motion)
+        return Unmeasured(self.name, needs) if needs else None

@@ -19,6 +19,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.settings import SELECTION
@@ -357,7 +358,7 @@ class CandidateColumns:
     ----------
     linearisation : the fit and its floor, at the latencies removed from the runs.
     effects : candidates that can be computed on these runs; those of the model are passed over.
-    cannot : key → what the runs lack for another candidate.
+    unmeasured : key → what a run lacks for a candidate that cannot be computed.
     sums : of products of all columns.
     sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
         column's own unit.
@@ -368,7 +369,7 @@ class CandidateColumns:
 
     linearisation: Linearisation
     effects: tuple[Effect, ...]
-    cannot: Mapping[str, str]
+    unmeasured: Mapping[str, Unmeasured]
     sums: CrossProducts
     sheet: Mapping[int, str]
     sigma: Mapping[int, float]
@@ -389,8 +390,8 @@ class CandidateColumns:
         """Go once over the samples; `seed` of simulated zeros and tolerances; priors are stiffened."""
         fitted, floor = linearisation.fitted, linearisation.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
-        cannot = {e.key: why for e in fresh if (why := _cannot(fitted, e))}
-        effects = [effect for effect in fresh if effect.key not in cannot]
+        unmeasured = {e.key: lack for e in fresh if (lack := _unmeasured(fitted, e))}
+        effects = [effect for effect in fresh if effect.key not in unmeasured]
         rng = np.random.default_rng([seed, 6])
         rig = fitted.runs[0].recording.rig
         bounds = {e.key: e.sheet_bound(rig) for e in effects}
@@ -415,11 +416,12 @@ class CandidateColumns:
         known[: len(linearisation.prior_side)] = linearisation.prior_side
         prior_side = np.concatenate([np.zeros(layout.model), (prior_stiffening / one) ** 2 * known[there]])
         drawn = one[:, None] * rng.standard_normal((len(there), floor.count))
-        return cls(linearisation, tuple(effects), cannot, sums, sheet, sigma, nuisance, prior, prior_side, drawn)
+        return cls(linearisation, tuple(effects), unmeasured, sums, sheet, sigma, nuisance, prior, prior_side, drawn)
 
 
-def _cannot(fitted: Fit, effect: Effect) -> str:
-    return next((why for run in fitted.runs if (why := run.can(effect))), "")
+def _unmeasured(fitted: Fit, effect: Effect) -> Unmeasured | None:
+    """What the first run lacks that lacks something for an effect."""
+    return next((lack for run in fitted.runs if (lack := run.lacks(effect))), None)
 
 
 def solved(G: Array, sides: Array) -> Array:

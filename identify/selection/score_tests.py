@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, Trial
 from lacet.identify.selection.lack_of_fit import (
     LackOfFit,
@@ -88,7 +89,7 @@ class Candidate:
     size : √λ of the largest plausible effect beside all nuisance parameters.
     absorbed : effects and tolerances that explain its columns where it cannot be tested, largest share first.
     noise_part : largest part of its columns that is noise, where it cannot be tested for that.
-    lacks : channels or rows that the runs lack, where it cannot be computed.
+    lacks : what it needs that a run lacks, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that cannot be told apart from it on these runs, with their correlation.
     block_gain : (B,) weighted squares it takes away, block by block.
@@ -116,7 +117,7 @@ class Candidate:
     size: float = 0.0
     absorbed: tuple[tuple[str, float], ...] = ()
     noise_part: float = 0.0
-    lacks: str = ""
+    lacks: Unmeasured | None = None
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
@@ -210,8 +211,8 @@ class ScoreTests:
     def try_all(self) -> list[Candidate]:
         """Every candidate: its best shape, whether these runs can show it, and how far the error falls."""
         out = [
-            Candidate(key, {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=why)
-            for key, why in self.columns.cannot.items()
+            Candidate(key, {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=lack)
+            for key, lack in self.columns.unmeasured.items()
         ]
         there = [
             t for t in self.layout.trials if np.all(self.regression.remaining_energy(t.place) > SELECTION.gone_share)

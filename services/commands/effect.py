@@ -13,7 +13,8 @@ from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.workspace.effect_trial import outcome, try_effect
+from lacet.services.render.effect_text import trial_outcome
+from lacet.services.workspace.effect_trial import try_effect
 from lacet.services.workspace.loading import load
 from lacet.services.workspace.study import Study
 from lacet.services.workspace.user_effects import (
@@ -95,7 +96,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
         line.show(f"trying it on {first.name}")
         loaded = load([first], study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
         acts = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
-    print(f"  tried on {first.name}: {outcome(acts)}")
+    print(f"  tried on {first.name}: {trial_outcome(acts)}")
     if not only_try:
         replaced = put(study, cls, stored)
         print(f"\n{'Replaced' if replaced else 'Kept'} in {own_folder(study)}. Rank it: lacet diagnose {study.folder}")

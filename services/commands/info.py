@@ -15,7 +15,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs
 from lacet.services.commands.progress import Line
-from lacet.services.render import tables
+from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
         result["channels"] = _channels()
     if args.effects is not None:
         vehicle = Vehicle.load(args.vehicle or "peugeot-406")
-        result["effects"] = list_effects(vehicle, args.reference or "contact", args.effects)
+        result["effects"] = _effects(vehicle, args.reference or "contact", args.effects)
     if args.rows:
         result["rows"] = _rows(args.reference or "contact")
     if args.model:
@@ -98,6 +98,16 @@ def _channels() -> list[dict[str, Any]]:
     ]
     print(tables.table(["channel", "components", "unit", "axes", "Hz", "noise 1 σ", "about"], lines, text_columns=7))
     return [{"name": c.name, "components": c.components, "unit": c.unit, "axes": c.axes} for c in CHANNELS.values()]
+
+
+def _effects(vehicle: Vehicle, reference: str, name: str) -> list[dict[str, Any]]:
+    found = list_effects(vehicle, reference, name)
+    if name:
+        pieces = [effect_text.family_text(family, found.variants, reference) for family in found.families]
+        print("\n".join([*pieces, *(effect_text.excluded_text(one) for one in found.measured)]))
+    else:
+        print(effect_text.catalogue_text(found.families, found.variants, found.measured, reference))
+    return found.records
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:

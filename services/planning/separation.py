@@ -33,6 +33,7 @@ from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
+from lacet.services.render.effect_text import not_measured
 from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Work
@@ -134,9 +135,9 @@ def recommend(
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         progress(Step(Stage.RUN_INFORMATION, number, len(planned), one.label))
-        lacking = [reason for c in compared if (reason := one.prepared.can(c.effect))]
+        lacking = next((lack for c in compared if (lack := one.prepared.lacks(c.effect))), None)
         if lacking:
-            problems.append(f"left out: {one.label}: {lacking[0]}")
+            problems.append(f"left out: {one.label}: {not_measured(lacking)}")
             continue
         weighted = planned_run(question, one.prepared, diagnosis.noise_ratio)
         runs.append(_judged(question, present, before, one, weighted, chosen, bool(why)))
@@ -178,8 +179,8 @@ def _compared(
         if not effect.parameters:
             raise UsageError(f"{key} has no parameters: the measurements hold it already")
         for run in fitted.runs:
-            if why := run.can(effect):
-                raise UsageError(f"{key} cannot be computed on these runs: {why}")
+            if lacking := run.lacks(effect):
+                raise UsageError(f"{key} cannot be computed on these runs: {not_measured(lacking)}")
         c = by_key.get(key)
         real = c is not None and c.answer in (Answer.MISSING, Answer.UNDECIDED) and bool(c.values)
         if c is not None and real:

@@ -14,6 +14,7 @@ from lacet.identify.selection.score_tests import Answer, Candidate, Pending, Rea
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.symbolic_laws import Formula
 from lacet.services.render import tables
+from lacet.services.render.effect_text import not_measured
 
 
 def says(d: Diagnosis) -> str:
@@ -43,7 +44,7 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
     if c.reason is None:
         return ""
     if c.reason is Reason.NOT_COMPUTABLE or effect is None:
-        return f"Cannot be tested: {c.lacks}."
+        return f"Cannot be tested: {not_measured(c.lacks)}."
     if c.answer is Answer.NOT_TESTABLE:
         return f"Cannot be tested: {_untestable(c)}. What shows it: {effect.shown_by}."
     takes, chance = _takes(c), _chance(c, effect.as_fault is not None, draws)

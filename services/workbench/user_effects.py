@@ -11,10 +11,11 @@ from lacet.identify.effects.language.linearity import FUNCTIONS
 from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.progress import silent
+from lacet.services.render.effect_text import trial_outcome
 from lacet.services.workbench.refusals import Busy
 from lacet.services.workbench.session_cache import WAIT, SessionCache
 from lacet.services.workspace.effect_list import effect_records
-from lacet.services.workspace.effect_trial import outcome, try_effect
+from lacet.services.workspace.effect_trial import try_effect
 from lacet.services.workspace.study import Study
 from lacet.services.workspace.user_effects import line_result, may_have, own_lines, put, with_name
 
@@ -64,7 +65,7 @@ def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[
             tried = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
     except Busy:
         return [], "not tried on a run yet: lacet is at work on something else"
-    return tried, f"tried on {study.paths()[0].name}: {outcome(tried)}"
+    return tried, f"tried on {study.paths()[0].name}: {trial_outcome(tried)}"
 
 
 def catalogue_payload(cache: SessionCache) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.services.render.effect_text import why_not
 
 
 def try_effect(cls: type[PhysicalEffect], run: PreparedRun, vehicle: Vehicle, reference: str) -> list[dict[str, Any]]:
@@ -22,19 +22,8 @@ def try_effect(cls: type[PhysicalEffect], run: PreparedRun, vehicle: Vehicle, re
     part = next(run.pieces())
     out: list[dict[str, Any]] = []
     for effect in cls.variants(vehicle, reference):
-        why = part.can(effect)
-        found = [] if why else [checked_columns(one, part.motion) for one in effect.shapes()]
+        lacking = part.lacks(effect)
+        found = [] if lacking else [checked_columns(one, part.motion) for one in effect.shapes()]
         acts = [row for row in part.rows if any(row in table and np.any(table[row]) for table in found)]
-        if not why and not acts:
-            why = "it never acts in a row that this run has"
-        out.append({"effect": effect.key, "acts_on": acts, "why_not": why})
+        out.append({"effect": effect.key, "acts_on": acts, "why_not": why_not(lacking, acts)})
     return out
-
-
-def outcome(tried: Sequence[Mapping[str, Any]]) -> str:
-    """What `try_effect` found, in a few words."""
-    acts = [item["effect"] for item in tried if not item["why_not"]]
-    cannot = [f"{item['effect']} cannot be tested ({item['why_not']})" for item in tried if item["why_not"]]
-    if not cannot:
-        return "acts, with finite values"
-    return "; ".join([*([f"acts: {', '.join(acts)}"] if acts else []), *cannot])

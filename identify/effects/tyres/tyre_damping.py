@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.motion import CornerMotion, GroundLaserOffset, Motion
 from lacet.identify.car.road import ABOVE
 from lacet.identify.effects.base import Parameter, TyreForce
 from lacet.identify.multibody.vectors import Array
@@ -27,10 +27,10 @@ class TyreDamping(TyreForce):
         """Damping c."""
         return (self.named("c", "N·s/m", 0.0, 2e3, "positive"),)
 
-    def lacks(self, motion: Motion) -> tuple[str, ...]:
+    def lacks(self, motion: Motion) -> tuple[str | GroundLaserOffset, ...]:
         """The road under the tyres, where a laser sees it by Δx / v too early: that is a damper kt Δx / v."""
-        beside = (f"the road under the wheels (lasers stand {1e3 * abs(motion.ahead):.0f} mm from their centres)",)
-        return (*super().lacks(motion), *(beside if abs(motion.ahead) > ABOVE else ()))
+        beside = (GroundLaserOffset(motion.ahead),) if abs(motion.ahead) > ABOVE else ()
+        return (*super().lacks(motion), *beside)
 
     def law(self, corner: CornerMotion) -> Array:
         """δ̇."""

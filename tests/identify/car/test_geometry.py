@@ -15,11 +15,12 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import NotIdentifiable, RunError
 from lacet.daq.run import Run, Signal
 from lacet.identify.car.kinematics import build_motion, reconstruct
+from lacet.identify.car.motion import GroundLaserOffset
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
-from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.prepared_run import PreparedRun, Unmeasured
 from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
@@ -251,8 +252,10 @@ def test_a_laser_that_is_not_above_its_wheel_cannot_tell_tyre_damping(ahead: flo
     drive = PreparedRun.of(run, VEHICLE, replace(RIG, sensors=moved))
     assert any(told in note for note in run_notes(drive.motion.notes)) if told else not drive.motion.notes
     every = catalogue(VEHICLE, "hub")
-    assert bool(drive.can(every["tyre_damping.front"])) == bool(told)
-    assert not drive.can(every["tyre_progression.front"])
+    lacking = drive.lacks(every["tyre_damping.front"])
+    assert lacking == (Unmeasured(drive.name, (GroundLaserOffset(drive.motion.ahead),)) if told else None)
+    assert drive.motion.ahead == pytest.approx(ahead)
+    assert drive.lacks(every["tyre_progression.front"]) is None
 
 
 def test_a_clock_jump_is_an_edge() -> None:
