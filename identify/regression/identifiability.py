@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from lacet.daq.errors import UsageError
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, PhysicalEffect, SuspensionForce
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.base_parameters import BaseParameters
@@ -66,6 +66,26 @@ class Merged:
     name: str
     holders: tuple[str, ...]
     why: SmallTravel | SmallChange | None = None
+
+
+@dataclass(frozen=True)
+class NotFinite:
+    """Entries of the equations that are not finite, in one row of one run.
+
+    Attributes
+    ----------
+    run, row : where they are.
+    effect : key of the effect whose column they are in; None for the measured side.
+    first : time of the first [s].
+    count : samples with such an entry, of the `samples` that the row has.
+    """
+
+    run: str
+    row: Row
+    effect: str | None
+    first: float
+    count: int
+    samples: int
 
 
 def weak_directions(
@@ -163,20 +183,20 @@ def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[Prepared
     return out
 
 
-def not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[PreparedRun]) -> list[str]:
-    """Where equations have entries that are not finite: the measurement or effect, run, row and first instant."""
-    out: list[str] = []
+def not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[PreparedRun]) -> list[NotFinite]:
+    """Where equations have entries that are not finite: of each run and row the measured side, then the effects."""
+    out: list[NotFinite] = []
     for run in runs:
         for row in run.rows:
             t = run.recording.t[run.index[row]]
             bad = np.flatnonzero(~np.isfinite(run.measured[row]))
             if bad.size:
-                out.append(f"{run.name}, {row}: the measured side is not finite at {_when(t, bad)}")
+                out.append(NotFinite(run.name, row, None, float(t[bad[0]]), bad.size, t.size))
             for effect in effects:
                 table = run.columns(effect).get(row)
                 bad = np.flatnonzero(~np.all(np.isfinite(table), axis=0)) if table is not None else bad[:0]
                 if bad.size:
-                    out.append(f"{run.name}, {row}: {effect.key} is not finite at {_when(t, bad)}")
+                    out.append(NotFinite(run.name, row, effect.key, float(t[bad[0]]), bad.size, t.size))
     return out
 
 
@@ -185,14 +205,14 @@ def refuse_not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[Prepared
     if found := not_finite(effects, runs):
         raise UsageError(
             "the equations have values that are not finite:\n"
-            + "\n".join(f"  - {line}" for line in found[:20])
+            + "\n".join(
+                f"  - {one.run}, {one.row}: {one.effect or 'the measured side'} is not finite at t = {one.first:.2f} s "
+                f"({one.count} of {one.samples} samples)"
+                for one in found[:20]
+            )
             + ("\n  - …" if len(found) > 20 else "")
             + "\nMend the effect's columns() (a division, a root or a logarithm?), or leave it out"
         )
-
-
-def _when(t: Array, bad: NDArray[np.intp]) -> str:
-    return f"t = {t[bad[0]]:.2f} s ({bad.size} of {t.size} samples)"
 
 
 def _open_direction(direction: Sequence[tuple[int, float]], names: Sequence[str]) -> Undetermined | Combination:

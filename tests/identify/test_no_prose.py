@@ -14,7 +14,6 @@ ALLOWED = {
     "identify/effects/": "what an effect or a state declares of itself, and what is wrong with a user's law or file",
     "identify/multibody/symbolic_table.py": "what is wrong with a table",
     "identify/multibody/symoro.py": "what is wrong with a file",
-    "identify/regression/identifiability.py": "what is wrong with an effect's columns",
     "identify/validation/parameter_estimates.py": "runs that show a parameter, as effects declare them",
     "identify/selection/": "sentences of the ranking",
 }

@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Parameter, SuspensionForce
 from lacet.identify.effects.catalogue import base_model
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.identifiability import (
+    NotFinite,
     Undetermined,
     explain_grouping,
     explain_singular,
@@ -123,10 +125,20 @@ def test_values_that_are_not_finite_are_placed() -> None:
     sound = Model.of(base_model(VEHICLE, "hub")).physics
     assert not_finite(sound, [drive]) == []
     refuse_not_finite(sound, [drive])
-    told = not_finite([*sound, Broken("fl")], [drive])
-    assert len(told) == 1
-    assert told[0].startswith("sine, suspension.fl: broken.fl is not finite at t = ")
-    with pytest.raises(UsageError, match=r"sine, suspension\.fl: broken\.fl"):
+    row = Row.parse("suspension.fl")
+    t, bad = drive.recording.t[drive.index[row]], ~np.isfinite(drive.columns(Broken("fl"))[row][0])
+    (found,) = not_finite([*sound, Broken("fl")], [drive])
+    assert found == NotFinite("sine", row, "broken.fl", t[bad][0], bad.sum(), t.size)
+    with pytest.raises(UsageError) as refused:
         refuse_not_finite([Broken("fl")], [drive])
+    where = f"at t = {found.first:.2f} s ({found.count} of {t.size} samples)"
+    assert str(refused.value) == (
+        f"the equations have values that are not finite:\n  - sine, suspension.fl: broken.fl is not finite {where}"
+        "\nMend the effect's columns() (a division, a root or a logarithm?), or leave it out"
+    )
     drive.measured["tyre.rr"][3] = np.inf
-    assert any("tyre.rr: the measured side is not finite" in line for line in not_finite(sound, [drive]))
+    (found,) = not_finite(sound, [drive])
+    assert (found.row, found.effect, found.count) == ("tyre.rr", None, 1)
+    assert found.first == drive.recording.t[drive.index[found.row]][3]
+    with pytest.raises(UsageError, match=r"sine, tyre\.rr: the measured side is not finite at t = "):
+        refuse_not_finite(sound, [drive])
