@@ -86,6 +86,8 @@ class Effect(ABC):
     """Its pattern in the residual when it is missing."""
     shown_by: ClassVar[str]
     """Which manoeuvre shows it."""
+    parameters_shown_by: ClassVar[Mapping[str, str]] = {}
+    """Parameter → the manoeuvre that shows it, where that is another than `shown_by`."""
     source: ClassVar[str]
     """Where the law is written down."""
     rows: ClassVar[tuple[str, ...]] = ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -51,22 +51,29 @@ class SymbolicTable:
         """
         faults: list[str] = []
         out: list[Row] = []
+
+        def fault(place: int, text: str) -> None:
+            faults.append(f"row {place}: {text}")
+
         for place, given in enumerate(rows, start=1):
             try:
                 row = dict(given)
             except (TypeError, ValueError):
                 raise ValueError(f"row {place}: a mapping such as {{'j': {place}}} expected, found {given!r}") from None
-
-            def fault(text: str, place: int = place) -> None:
-                faults.append(f"row {place}: {text}")
-
             for key in row:
                 if meant := _misspelt(str(key)):
-                    fault(f"there is no key '{key}'; did you mean '{meant}'?")
-            numbers = {key: _whole(row.get(key, default), key, fault) for key, default in _WHOLE(place)}
-            entries = {key: _entry(row.get(key, 0.0), key, fault) for key in GEOMETRY}
+                    fault(place, f"there is no key '{key}'; did you mean '{meant}'?")
+            here = partial(fault, place)
+            numbers = {key: _whole(row.get(key, default), key, here) for key, default in _WHOLE(place)}
+            entries = {key: _entry(row.get(key, 0.0), key, here) for key in GEOMETRY}
             out.append(Row(numbers["j"], numbers["ant"], numbers["sigma"], entries))
-        faults += _no_tree(out)
+        for place, row in enumerate(out, start=1):
+            if row.j != place or not 0 <= row.ant < place or row.sigma not in (0, 1, FIXED):
+                fault(
+                    place,
+                    "joints are numbered 1, 2, … in order, each after its antecedent, with sigma 0 (revolute), "
+                    f"1 (prismatic) or 2 (fixed); found j={row.j}, ant={row.ant}, sigma={row.sigma}",
+                )
         if faults:
             raise ValueError("\n".join(faults))
         return cls(tuple(out))
@@ -169,12 +176,3 @@ def _entry(value: Any, key: str, fault: Callable[[str], None]) -> Expression:
     except ValueError as error:
         fault(f"{key}: {error}")
     return Expression.of(0.0)
-
-
-def _no_tree(rows: Sequence[Row]) -> list[str]:
-    return [
-        f"row {place}: joints are numbered 1, 2, … in order, each after its antecedent, with sigma 0 (revolute), "
-        f"1 (prismatic) or 2 (fixed); found j={row.j}, ant={row.ant}, sigma={row.sigma}"
-        for place, row in enumerate(rows, start=1)
-        if row.j != place or not 0 <= row.ant < place or row.sigma not in (0, 1, FIXED)
-    ]

@@ -129,8 +129,11 @@ class _Reader:
             if match is None:
                 here = place + len(text[place:]) - len(text[place:].lstrip(" \t\r\n;"))
                 words = text[here:].split("\n", 1)[0].strip()
-                why = "its brace is never closed" if "{" in words else "'key = value' or 'key = {…}' expected"
-                self.fault(text.count("\n", 0, here) + 1, f"'{words[:60]}' cannot be read: {why}")
+                self.fault(
+                    text.count("\n", 0, here) + 1,
+                    f"'{words[:60]}' cannot be read: "
+                    + ("its brace is never closed" if "{" in words else "'key = value' or 'key = {…}' expected"),
+                )
                 place = text.find("\n", here) + 1 or len(text)
                 continue
             key, value = match.group(1).casefold(), match.group(2) or match.group(3)
@@ -229,8 +232,11 @@ class _Reader:
             out.append(int(entry.text) if re.fullmatch(r"\d+", entry.text) else 0)
             top = j - 1 if key == "ant" else FIXED
             if out[-1] > top:
-                says = "a joint comes after its antecedent" if key == "ant" else "0, 1 or 2 expected"
-                self.fault(entry.line, f"{key} of joint {j} is {out[-1]}: {says}")
+                self.fault(
+                    entry.line,
+                    f"{key} of joint {j} is {out[-1]}: "
+                    + ("a joint comes after its antecedent" if key == "ant" else "0, 1 or 2 expected"),
+                )
                 out[-1] = 0
         return out
 

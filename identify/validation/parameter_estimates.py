@@ -94,17 +94,6 @@ class Estimate:
         return self.why is None
 
 
-_PITCH = "braking, a sudden lift-off or bumps (pitch)"
-_SHOWN_BY = {
-    "XX6": "sinus steering (roll)",
-    "YY6": _PITCH,
-    "ZZ6": "sinus steering (yaw)",
-    "XZ6": "sinus steering or sweep (roll and yaw)",
-    "MX6": "bumps or a sudden lift-off (heave and pitch)",
-    "MZ6": f"{_PITCH}, or sinus steering (roll)",
-    "M6": "bumps (heave)",
-}
-"""Runs that excite a parameter of the chassis, where they differ from those of its effect (`Effect.shown_by`)."""
 _WIDE = 0.5
 """Posterior σ ÷ prior σ from which a parameter is not identified: the runs add next to nothing."""
 
@@ -154,7 +143,7 @@ def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
 
 def shown_by(name: str, effect: Effect) -> str:
     """The run that excites a parameter of an effect, in words."""
-    return _SHOWN_BY.get(name, effect.shown_by)
+    return effect.parameters_shown_by.get(name, effect.shown_by)
 
 
 def _grouped(fitted: Fit, i: int, effect: Effect) -> Unidentified:

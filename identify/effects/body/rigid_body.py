@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -36,6 +36,15 @@ class RigidBody(PhysicalEffect):
     about = "inertia of a rigid body: mass, first moments, inertia tensor"
     signature = "every chassis row follows acceleration and angular acceleration"
     shown_by = "sinus steering for yaw and roll, braking or bumps for pitch"
+    parameters_shown_by: ClassVar = {
+        "XX6": "sinus steering (roll)",
+        "YY6": "braking, a sudden lift-off or bumps (pitch)",
+        "ZZ6": "sinus steering (yaw)",
+        "XZ6": "sinus steering or sweep (roll and yaw)",
+        "MX6": "bumps or a sudden lift-off (heave and pitch)",
+        "MZ6": "braking, a sudden lift-off or bumps (pitch), or sinus steering (roll)",
+        "M6": "bumps (heave)",
+    }
     source = "Khalil and Dombre (2002), chapter 9; Venture et al. (2003)"
     base = True
 

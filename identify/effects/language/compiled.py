@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, ClassVar, Self, cast
+from typing import Any, ClassVar, NoReturn, Self, cast
 
 import numpy as np
 
@@ -71,13 +71,13 @@ class OneLine(PhysicalEffect):
                     part = term.series({**values, **self.shape}, motion.t.size)
                 bad = np.flatnonzero(~np.isfinite(part))
                 if bad.size:
-                    raise UsageError(self._not_finite(motion, row, law, values, int(bad[0])))
+                    self._refuse_not_finite(motion, row, law, values, int(bad[0]))
                 table[names.index(name)] += part
         return out
 
-    def _not_finite(self, motion: Motion, row: str, law: RowLaw, values: dict[str, Array], at: int) -> str:
+    def _refuse_not_finite(self, motion: Motion, row: str, law: RowLaw, values: dict[str, Array], at: int) -> NoReturn:
         states = ", ".join(f"{n} = {values[n][at]:.4g} {use.state.unit}" for n, use in law.uses.items())
-        return (
+        raise UsageError(
             f"{self.key}: {law.text} has no finite value in {row} at t = {motion.t[at]:.2f} s of {motion.name}, where "
             f"{states or 'no state is in it'}. Write the law so that it has one there, as in /max(abs(rate), 0.01 m/s)"
         )
