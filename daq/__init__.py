@@ -1,1 +1,1 @@
-"""The measurement vocabulary of lacet and how data is stored and moved."""
+"""Vocabulary of measurements, rigs, vehicles and runs, with the formats and the bus that store and move them."""

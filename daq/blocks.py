@@ -1,4 +1,4 @@
-"""Decoded samples of one channel: the `Block`, and the flags a sample can carry."""
+"""Blocks of decoded samples of one channel, and the flags that a sample can carry."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from lacet.daq.channels import CHANNELS
 
 
 class Flag(IntFlag):
-    """Flag bits of a sample: its faults. `GAP` alone leaves the value usable."""
+    """Fault bits of a sample; `GAP` alone leaves the value usable."""
 
     OK = 0
     CHECKSUM = 1  # checksum or CRC wrong: values are NaN
-    GAP = 2  # the counter says that samples were lost just before this one
-    STATUS = 4  # the sensor itself says the value is not valid: values are NaN
-    INCOMPLETE = 8  # one of the frames that make the sample never came: values are NaN
+    GAP = 2  # by the counter, samples were lost just before this one
+    STATUS = 4  # declared invalid by the sensor: values are NaN
+    INCOMPLETE = 8  # one of the sample's frames was not received: values are NaN
     RANGE = 16  # at the end of the sensor's range (saturated)
     MISSING = 32  # no value (NaN in an exchange table)
     CLOCK = 64  # the time stamp jumped or went back
 
 
 UNUSABLE = Flag.CHECKSUM | Flag.STATUS | Flag.INCOMPLETE | Flag.RANGE | Flag.MISSING | Flag.CLOCK
-"""Flags whose samples the identification leaves out."""
+"""Flags of samples that the identification leaves out."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Block:
     ----------
     channel : name in the vocabulary.
     t_ns : (N,) int64, receipt stamp of the (first frame of the) sample [ns since the Unix epoch].
-    values : (N, k) float64, SI units; NaN where a flag of `UNUSABLE` says so.
+    values : (N, k) float64, SI units; NaN at samples with a `CHECKSUM`, `STATUS`, `INCOMPLETE` or `MISSING` flag.
     flags : (N,) uint8, `Flag` bits.
     device_ns : (N,) int64 or None, the sensor's own clock, unwrapped [ns from an arbitrary origin].
     """
@@ -61,7 +61,7 @@ class Block:
 
     @classmethod
     def concat(cls, blocks: Iterable[Block]) -> Block:
-        """Join blocks of one channel end to end, in the order given (at least one)."""
+        """The blocks of one channel joined end to end, in the order given (at least one)."""
         items = list(blocks)
         device = None
         if all(block.device_ns is not None for block in items):

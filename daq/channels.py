@@ -1,7 +1,7 @@
-"""The vocabulary of measured channels: name, components, unit, axes, rate and design noise.
+"""Vocabulary of measured channels: name, components, unit, axes, rate and design noise.
 
-Drivers produce these, logs store them, models read them. SI units and radians everywhere.
-Source: the channel table in ``docs/channels.md``.
+Drivers produce these channels, logs store them, models read them. SI units and radians throughout. Source: the channel
+table in ``docs/channels.md``.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ class Channel:
     unit : SI unit of every component.
     axes : axes the components are given in unless the rig file says otherwise.
     rate : nominal rate [Hz].
-    noise : 1 σ of white noise at that rate, in `unit`, to design for.
-    about : one line for a reader.
-    optional : not among the paper's instruments: a run without it is whole.
+    noise : 1 σ of white noise at that rate, in `unit`, as a design value.
+    about : description in one line.
+    optional : whether a run is complete without it: it is not among the paper's instruments.
     """
 
     name: str
@@ -51,7 +51,7 @@ class Channel:
 
     @property
     def corner(self) -> str | None:
-        """The corner this channel belongs to, or None."""
+        """The corner of this channel, or None."""
         part = self.name.split(".")[1]
         return part if part in CORNERS else None
 
@@ -73,14 +73,14 @@ _TABLE = (
     ("correvit.speed", ("x", "y"), "m/s", "sensor", 250.0, 0.02, "velocity over the road at the sensor's mount"),
 )
 _OPTIONAL = (
-    # Beyond the paper's instruments: without them some seconds, or rows, of driven or braked wheels are left out.
+    # Not among the paper's instruments: without them some seconds, or rows, of driven or braked wheels are left out.
     ("shaft.{c}.torque", (), "N·m", "carrier", 500.0, 5.0, "half-shaft torque on the wheel, driving forward positive"),
     ("brake.{c}.torque", (), "N·m", "carrier", 500.0, 10.0, "brake torque on the wheel, slowing forward roll positive"),
     ("brake.pressure", (), "Pa", "body", 100.0, 2e4, "brake line pressure above the air's, 0 when released"),
 )
 
 AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
-"""Axes a rig file may declare."""
+"""Axes that a rig file may declare."""
 
 
 def _build() -> dict[str, Channel]:
@@ -98,7 +98,7 @@ CHANNELS: dict[str, Channel] = _build()
 """Every channel by name."""
 
 STANDARD: tuple[str, ...] = tuple(name for name, channel in CHANNELS.items() if not channel.optional)
-"""Names of the channels that the paper's instruments deliver."""
+"""Names of the channels that the paper's instruments measure."""
 
 FAMILIES: tuple[str, ...] = tuple(dict.fromkeys(channel.family for channel in CHANNELS.values()))
 """Every family name, in table order."""

@@ -1,17 +1,17 @@
-"""A sensor's own clock against the receipt stamps: the lower envelope of (arrival − device) as a line.
+"""Clock synchronisation of a sensor with the recorder: a line as the lower envelope of (arrival − device) stamps.
 
-A frame can be late, never early. Delays on the way (a USB latency timer, a busy scheduler) therefore lie *above* the
-line that the least delayed frames make, and that line is the sensor's clock seen by the recording machine's, up to the
-least delay there ever is. A least-squares line would keep the mean delay as a bias.
+A frame can be late, never early. Delays in transit (a USB latency timer, a busy scheduler) therefore lie *above* the
+line through the least delayed frames, and that line maps the sensor's clock to the recording machine's, up to the
+least delay of all. A least-squares line would keep the mean delay as a bias.
 
 Of all lines below the points, the one nearest to them on average touches the lower convex hull above the mean of the
 device stamps: a linear program with two unknowns, solved exactly by exchanging its two touching points.
 
-A clock that jumped leaves stretches too short for that. Device stamps of a steady rate meet an adapter's timer on a
+Where a clock jumps, stretches are too short for that. Device stamps of a constant rate meet an adapter's timer on a
 grid of h (1 ms for 5 ms samples and a 16 ms timer), so that the envelope is a staircase with steps of h; in a stretch
-of length T the nearest line may rest on one tread and err by up to 2h/T in slope, which is 0.58 h σ along the stretch.
-There the drift is that of the least-squares line through the whole lower hull, which errs by about h/T, and all
-stretches determine it together: they are of one oscillator.
+of length T the nearest line may touch one step only and have a slope wrong by up to 2h/T, which is 0.58 h σ along the
+stretch. There the drift is that of the least-squares line through the whole lower hull, wrong by about h/T, with one
+slope for all stretches: they are of one oscillator.
 """
 
 from __future__ import annotations
@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_DRIFT = 500e-6
-"""Largest drift of two quartz clocks against each other, as a fraction; only short stretches seem steeper."""
+"""Largest drift of two quartz clocks relative to each other, as a fraction; a steeper slope is an error of a short
+stretch."""
 
 SHORT_NS = 1_000_000_000
-"""Duration below which a stretch between two that agree is a burst of delayed or wrong stamps, no new clock [ns]."""
+"""Duration below which a stretch between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ClockSegment:
     arrival_ns : stamp of its first sample [ns].
     device_ns : device stamp the line refers to [ns].
     offset_ns : arrival minus device there, on the envelope [ns].
-    drift : how much faster the arrival clock runs, as a fraction (1e-6 is 1 ppm).
+    drift : rate of the arrival clock relative to the device clock less 1 (1e-6 is 1 ppm).
     """
 
     start: int
@@ -50,7 +51,7 @@ class ClockSegment:
     drift: float
 
     def apply(self, device_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Device stamps on the arrival clock [ns]."""
+        """Device stamps converted to the arrival clock [ns]."""
         since = device_ns - self.device_ns
         return device_ns + self.offset_ns + np.rint(self.drift * since).astype(np.int64)
 
@@ -63,10 +64,10 @@ class ClockFit:
     ----------
     segments : one a stretch between jumps, in order.
     jumps : (J,) int64, index of the first sample after each jump of either clock.
-    outliers : (O,) int64, samples whose device stamp fits nothing before or after it.
-    delay_mean_ns, delay_std_ns, delay_max_ns : of the arrivals above the envelope [ns], which the fit removes.
+    outliers : (O,) int64, samples whose device stamp agrees with none before or after it.
+    delay_mean_ns, delay_std_ns, delay_max_ns : delays of the arrivals above the envelope [ns], which the fit removes.
     misfit_ns : the largest gap between the line and the least delayed of any 100 consecutive samples [ns]: large when
-        the drift is not constant, or for a jump too small to be told from a delay.
+        the drift is not constant, or for a jump too small to be distinguished from a delay.
     """
 
     segments: tuple[ClockSegment, ...]
@@ -88,7 +89,7 @@ class ClockFit:
         return max(self.segments, key=lambda segment: segment.stop - segment.start).drift
 
     def apply(self, device_ns: NDArray[np.int64], arrival_ns: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
-        """Device stamps on the arrival clock.
+        """Device stamps converted to the arrival clock [ns].
 
         Parameters
         ----------
@@ -119,8 +120,7 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_
     ----------
     arrival_ns : (N,) receipt stamps, in the order received [ns]; N ≥ 1.
     device_ns : (N,) the sensor's own stamps, unwrapped [ns].
-    jump_ns : a step of (arrival − device) larger than this that lasts is a jump of a clock [ns]; one that does not is
-        a delay.
+    jump_ns : smallest lasting step of (arrival − device) that is a jump of a clock [ns]; a passing step is a delay.
 
     Raises
     ------
@@ -165,8 +165,8 @@ def _envelope_slope(device: NDArray[np.int64], lag: NDArray[np.int64]) -> float:
     left, right = np.flatnonzero(x < 0), np.flatnonzero(x >= 0)
     if not len(left) or not len(right):
         return 0.0
-    # Touching points on either side of the mean. Whatever lies below their line replaces the one on its side; each
-    # exchange raises the optimum of a concave function with finitely many corners, so this ends, after a few rounds.
+    # Touching points on either side of the mean. A point below their line replaces the one on its side; each exchange
+    # raises the optimum of a concave function with finitely many corners, so the loop ends, after a few rounds.
     a, b = left[np.argmin(y[left])], right[np.argmin(y[right])]
     while True:
         slope = (y[b] - y[a]) / (x[b] - x[a])
@@ -217,7 +217,7 @@ def _stretches(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Number of the stretch without a jump for each sample (0, 1, …), and the samples that belong to none.
 
-    The record is cut wherever `lag` steps. Pieces whose least lags agree are one clock, whatever delays lie between;
+    The record is cut at each step of `lag`. Pieces whose least lags agree are one clock, whatever delays lie between;
     so are short pieces between two that agree.
     """
     cuts = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(lag)) > jump_ns) + 1))
@@ -233,7 +233,7 @@ def _stretches(
         if not agrees and length[k] < SHORT_NS and not last:
             waiting.append(k)
             continue
-        for j in waiting:  # they stay with the clock before them: late ones are harmless to it, early ones are wrong
+        for j in waiting:  # counted to the clock before them: late ones are harmless to it, early ones are wrong
             if levels[j] < level:
                 outlier[cuts[j] : stops[j]] = True
             group[cuts[j] : stops[j]] = number
@@ -246,7 +246,7 @@ def _stretches(
 
 
 def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_ns: float) -> NDArray[np.int64]:
-    """Time stamps of samples taken at a steady rate, from their late arrivals.
+    """Time stamps of samples taken at a constant rate, from their delayed arrivals.
 
     Samples are numbered; the lower envelope of (arrival − number × period) gives the true period, and in each stretch
     without losses the earliest arrival gives the offset, so that a miscounted loss cannot shift the rest of a run.
@@ -273,7 +273,7 @@ def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_
         if stop - start < 50:
             continue
         even = np.rint(np.arange(stop - start) * period).astype(np.int64)
-        # A reader that paused for long (a jump of its clock) is not a late arrival: such a stretch stays as it came.
+        # A long pause of the reader (a jump of its clock) is no late arrival: such a stretch keeps its stamps.
         late = arrival_ns[start:stop] - even
         if np.ptp(late) < 0.5e9:
             out[start:stop] = even + late.min()

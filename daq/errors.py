@@ -1,4 +1,4 @@
-"""Errors that a user can cause. A bad byte is data (a flagged sample), a bad file or argument is one of these."""
+"""Errors that a user can cause by a file or an argument. A corrupt byte is none: it becomes a flagged sample."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 class LacetError(Exception):
-    """Base of every error a user can cause and mend.
+    """Base of the errors that a user can cause and correct.
 
     Examples
     --------
@@ -21,7 +21,7 @@ class LacetError(Exception):
 
 
 class FileFault(LacetError):
-    """A file that cannot be used as it is: every fault found in it, at once.
+    """A file that cannot be used, with all of its faults at once.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class UsageError(LacetError):
 
 
 class NotIdentifiable(LacetError):
-    """Nothing at all can be identified from the data given; the message says why.
+    """The given data determine no parameter at all; the message has the reason.
 
     Examples
     --------
@@ -79,7 +79,7 @@ class NotIdentifiable(LacetError):
 
 
 class SolverError(LacetError):
-    """A numerical solver came to no answer that can be used; the message says what stood in its way."""
+    """A numerical solver found no usable solution; the message has the reason."""
 
 
 def nearest(word: str, known: Iterable[str]) -> str:

@@ -1,4 +1,4 @@
-"""Received frames: `Frame` for one, `Frames` for many, packed in arrays so that nothing loops over frames."""
+"""Received frames: `Frame` for one, `Frames` for many, packed in arrays for vectorised processing."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Frame(NamedTuple):
     """One received frame.
 
     `source` names the bus as in the rig file; `t_ns` is the receipt stamp [ns since the Unix epoch]; `ident` is the
-    CAN arbitration id (0 on serial lines and UDP); `payload` is the bytes: one CAN frame's data, one datagram, or
-    whatever piece a serial read returned.
+    CAN arbitration id (0 on serial lines and UDP); `payload` holds one CAN frame's data, one datagram, or the bytes of
+    one serial read.
     """
 
     source: str
@@ -26,7 +26,7 @@ class Frame(NamedTuple):
 
 @dataclass(frozen=True)
 class Frames:
-    """Frames of one source, packed.
+    """Frames of one source, packed in arrays.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Frames:
 
     @classmethod
     def from_iter(cls, source: str, frames: Iterable[Frame | tuple[str, int, int, bytes]]) -> Frames:
-        """Pack single frames (their own `source` is ignored), in the order given."""
+        """A batch of single frames (whose own `source` is ignored), in the order given."""
         rows = list(frames)
         lengths = np.fromiter((len(row[3]) for row in rows), np.int64, len(rows))
         return cls(
@@ -71,7 +71,7 @@ class Frames:
 
     @classmethod
     def concat(cls, source: str, parts: Iterable[Frames]) -> Frames:
-        """Join batches end to end, in the order given."""
+        """Batches joined end to end, in the order given."""
         items = [part for part in parts if len(part)]
         if not items:
             return cls.empty(source)

@@ -1,6 +1,6 @@
-"""The rig: which sensors, where, on which wires, with which latency, noise and tolerance. Read from TOML.
+"""Rig: the sensors of a car, their mounting, wires, latency, noise and tolerances, read from a TOML file.
 
-The file format is documented in ``docs/rig.md``; a rig is data, a new sensor of a known kind is one row.
+The file format is documented in ``docs/rig.md``; a new sensor of a known kind is one table of it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ FORMAT = "lacet-rig 1"
 WHEEL_REFERENCES = ("contact", "hub")
 
 DEFAULT_TOLERANCE: dict[str, float] = {
-    # 1 σ of what a calibrated instrument may be off by; a rig says better where it knows better.
+    # 1 σ errors of a calibrated instrument; a rig file may have others.
     "wheel.force.zero": 20.0,
     "wheel.moment.zero": 5.0,
     "wheel.force.gain": 0.003,
@@ -43,7 +43,7 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "brake.torque.zero": 10.0,
     "brake.torque.gain": 0.01,
     "latency": 0.002,
-    # Drift of the zeros while an instrument warms up, per minute.
+    # Drift of the zeros during warm-up, per minute.
     "wheel.force.drift": 2.0,
     "wheel.moment.drift": 0.5,
     "imu.accel.drift": 0.001,
@@ -56,9 +56,9 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "correvit.speed.drift": 0.001,
     "shaft.torque.drift": 0.5,
     "brake.torque.drift": 1.0,
-    # What one force of a dynamometer reads of another: data sheets say 1 % at most.
+    # Cross-talk between the forces of a dynamometer: at most 1 % in data sheets.
     "wheel.force.crosstalk": 0.005,
-    # How well an instrument can be mounted and surveyed on a car.
+    # Accuracy of mounting and survey on a car.
     "imu.misalignment": 0.005,
     "correvit.misalignment": 0.01,
     "wheel.misalignment": 0.003,
@@ -66,11 +66,11 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "camera.misalignment": 0.002,
     "imu.position": 0.01,
 }
-"""Sensor sheet used where a rig says nothing: zeros in SI, gains as fractions, latency [s], drifts in SI per minute,
-cross-talk as a fraction; by instrument, misalignment [rad] and position [m]."""
+"""Default sensor sheet: zeros in SI, gains as fractions, latency [s], drifts in SI per minute, cross-talk as a
+fraction; by instrument, misalignment [rad] and position [m]."""
 
 BY_INSTRUMENT = ("misalignment", "position")
-"""Entries of the sheet that a whole instrument has: ``imu.misalignment``."""
+"""Entries of the sheet for a whole instrument: ``imu.misalignment``."""
 
 
 @dataclass(frozen=True)
@@ -87,20 +87,20 @@ class Bus:
 
 @dataclass(frozen=True)
 class Sensor:
-    """One sensor of the rig: where it is mounted, how it is read, and its noise and tolerances.
+    """One sensor of the rig: its mounting, driver, bus, noise and tolerances.
 
     Attributes
     ----------
     name : unique in the rig.
     channels : names in the vocabulary.
-    driver, bus : how its bytes are decoded and where they arrive; None when it only appears in exchange tables.
+    driver, bus : decoder of its bytes and wire they arrive on; None for a sensor in exchange tables only.
     axes : axes its vectors are delivered in, one of `daq.channels.AXES`.
-    latency : the stamp is later than the physical instant by this much [s].
-    clock : ``arrival``, ``device`` to fit the sensor's own clock to the arrivals on read, or ``steady`` to fit the
-        number of a sample that comes at a steady rate.
+    latency : time from the physical instant to the stamp [s].
+    clock : origin of the time stamps: ``arrival``; ``device``, the sensor's own clock fitted to the arrivals; or
+        ``steady``, the sample's number at a constant rate fitted to them.
     noise : 1 σ at the nominal rate by channel family, SI.
-    tolerance : 1 σ of what it may be off by: ``family.zero`` (SI), ``family.gain``, ``latency`` [s] and so on, with the
-        keys of `DEFAULT_TOLERANCE`.
+    tolerance : 1 σ of its errors: ``family.zero`` (SI), ``family.gain``, ``latency`` [s] and so on, with the keys of
+        `DEFAULT_TOLERANCE`.
     position : mount in body axes [m], by corner for corner sensors, under ``""`` otherwise.
     from_wheel_centre : mount relative to each design wheel centre, body axes [m], instead of `position`.
     orientation : roll, pitch, yaw of the sensor in body axes [rad].
@@ -124,10 +124,10 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Rig:
-    """A set of sensors on a car.
+    """The sensors of a car, with mounting, wires, latencies, noise and tolerances.
 
     `wheel_reference` is ``contact`` (road on tyre, reduced to the wheel centre) or ``hub`` (wheel on hub, rim and tyre
-    outboard). `text` is the file's full text, as stored in every log; `folder` is where it lies.
+    outboard). `text` is the file's full text, as stored in every log; `folder` is the file's folder.
 
     Examples
     --------
@@ -145,13 +145,13 @@ class Rig:
 
     @classmethod
     def load(cls, path: str | Path) -> Rig:
-        """Read a rig file, or a rig shipped with lacet by its name. Raises RigError with every fault at once."""
+        """The rig of a file, or a shipped one by its name. Raises RigError with every fault at once."""
         found = find_shipped(path, "rigs", RigError)
         return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path), found.parent)
 
     @classmethod
     def parse(cls, text: str, name: str = "rig", folder: Path | None = None) -> Rig:
-        """Read a rig from its text. Raises RigError with every fault at once."""
+        """The rig that a text describes. Raises RigError with every fault at once."""
         reader = Reader(text, name, RigError, FORMAT)
         root = reader.root
         reader.known(root, ("format", "name", "description", "wheel_reference", "bus", "sensor"), "")
@@ -177,7 +177,7 @@ class Rig:
         return rig
 
     def sensor_of(self, channel: str) -> Sensor | None:
-        """The sensor that delivers `channel`, or None when the rig has none."""
+        """The sensor that measures `channel`, or None when the rig has none."""
         return next((sensor for sensor in self.sensors if channel in sensor.channels), None)
 
     def latency(self, channel: str) -> float:
@@ -191,8 +191,10 @@ class Rig:
         return sensor.noise.get(family, CHANNELS[channel].noise) if sensor else CHANNELS[channel].noise
 
     def tolerance(self, channel: str, what: str) -> float:
-        """1 σ of a channel's ``zero`` (SI), ``gain`` (fraction), ``latency`` [s], ``drift`` (SI per minute) or
-        ``crosstalk`` (fraction), or of its instrument's ``misalignment`` [rad] or ``position`` [m].
+        """1 σ of an error of a channel or of its instrument, from the sensor sheet.
+
+        `what` : the channel's ``zero`` (SI), ``gain`` (fraction), ``latency`` [s], ``drift`` (SI per minute) or
+        ``crosstalk`` (fraction), or the instrument's ``misalignment`` [rad] or ``position`` [m].
         """
         sensor = self.sensor_of(channel)
         family = CHANNELS[channel].family
@@ -286,7 +288,7 @@ def _sheet(reader: Reader, row: dict[str, Any], key: str, place: str, allowed: s
 
 
 def _instrument(family: str) -> str:
-    """``imu`` of ``imu.accel``."""
+    """Instrument of a family of channels: ``imu`` of ``imu.accel``."""
     return family.partition(".")[0]
 
 

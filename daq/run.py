@@ -1,4 +1,4 @@
-"""A run: the measured channels of one drive as arrays, wherever they came from."""
+"""Run: the measured channels of one drive as arrays, from any file format."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BRAKES = ("off", "used", "unknown")
 
 @dataclass(frozen=True)
 class Signal:
-    """One channel of a run.
+    """One channel of a run as a time series.
 
     `t` (N,) s since the run's start, as stamped (no latency removed), strictly increasing; `values` (N, k) SI;
     `flags` (N,) uint8, `daq.blocks.Flag` bits.
@@ -28,7 +28,7 @@ class Signal:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """(N,) samples the identification may use."""
+        """(N,) samples that the identification may use."""
         return (self.flags & int(UNUSABLE)) == 0
 
 
@@ -40,11 +40,11 @@ class Run:
     ----------
     name : short name, the file's stem.
     signals : by channel name; a channel that was not measured is absent.
-    vehicle, manoeuvre, rig, notes : as declared, empty when not.
-    wheel_reference : ``contact`` or ``hub``, or empty when the run leaves it to the rig.
-    brakes : ``off``, ``used`` or ``unknown``: which rows of driven and braked wheels hold.
+    vehicle, manoeuvre, rig, notes : as declared, or empty.
+    wheel_reference : ``contact`` or ``hub``; empty where the rig's is valid.
+    brakes : ``off``, ``used`` or ``unknown``: determines which rows of driven and braked wheels hold.
     vehicle_text, rig_text : full text of the files, where the log holds them.
-    problems : what was wrong with the file, one plain line each.
+    problems : faults of the file, one line each.
 
     Examples
     --------
@@ -74,7 +74,7 @@ class Run:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Channels of the paper's instruments that this run does not have."""
+        """Channels of the paper's instruments that this run lacks."""
         return tuple(name for name in STANDARD if name not in self.signals)
 
     def with_values(self, values: Mapping[str, NDArray[np.float64]]) -> Run:

@@ -1,4 +1,4 @@
-"""Files that come with lacet, found by their bare names: rigs and vehicles."""
+"""Rig and vehicle files shipped with lacet, found by their bare names."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from lacet.daq.errors import FileFault, nearest
 
 
 def find_shipped(path: str | Path, folder: str, error: type[FileFault]) -> Path:
-    """Resolve a file path, or the bare name of a file shipped in ``daq/<folder>``; raise `error` with the choices."""
+    """Path of a file, or of one shipped in ``daq/<folder>`` by its bare name. Raises `error` with the choices."""
     candidate = Path(path)
     if candidate.is_file():
         return candidate

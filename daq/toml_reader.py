@@ -1,4 +1,4 @@
-"""Reading a TOML file so that every fault in it is reported at once, with place, cause and remedy."""
+"""Reader of TOML files that reports every fault at once, with place, cause and remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lacet.daq.units import TO_SI, canonical, to_si
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number with its source: `value` in the SI `unit`, and the `source` it comes from."""
+    """A number with its origin: `value` in the SI `unit`, and the `source` it comes from."""
 
     value: float
     unit: str
@@ -42,7 +42,7 @@ class Reader:
             self.fault("format", f'must be "{expected}", found {self.root.get("format")!r}')
 
     def fault(self, place: str, message: str) -> None:
-        """Note one fault."""
+        """Add one fault."""
         self.faults.append(f"{place}: {message}" if place else message)
 
     def finish(self) -> None:
@@ -63,7 +63,7 @@ class Reader:
         return value
 
     def known(self, holder: dict[str, Any], allowed: Iterable[str], place: str) -> None:
-        """Fault every key that is not allowed, with the nearest one that is."""
+        """Add a fault for every key that is not allowed, with the nearest one that is."""
         allowed = tuple(allowed)
         for key in holder:
             if key not in allowed:

@@ -1,4 +1,4 @@
-"""Units that a rig or vehicle file may use, with their factors to SI and radians, applied once, on reading."""
+"""Units of rig and vehicle files, with their factors to SI and radians, applied on reading."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _POWERS = (("2", "²"), ("3", "³"))
 
 
 def canonical(unit: str) -> str:
-    """The spelling of `unit` used throughout: ``kg*m^2``, ``kgm2`` and ``kg·m2`` become ``kg·m²``."""
+    """The canonical spelling of `unit`: ``kg*m^2``, ``kgm2`` and ``kg·m2`` become ``kg·m²``."""
     text = unit.strip().replace(" ", "").translate(_SPELLINGS)
     for plain, raised in _POWERS:
         text = text.replace(plain, raised)

@@ -1,4 +1,4 @@
-"""The vehicle: geometry, bench (K&C) tables and a-priori values, every number with its source. Read from TOML.
+"""Vehicle: geometry, bench (K&C) tables and a-priori values, every number with its source, read from a TOML file.
 
 The file format is documented in ``docs/vehicle.md``.
 """
@@ -72,7 +72,7 @@ class Corner:
 
 @dataclass(frozen=True)
 class Vehicle:
-    """A car. `apriori` holds values known before identification, by parameter name, for comparison only.
+    """Geometry and bench tables of a car; `apriori` holds values known beforehand, by parameter name, for comparison.
 
     Examples
     --------
@@ -88,13 +88,13 @@ class Vehicle:
 
     @classmethod
     def load(cls, path: str | Path) -> Vehicle:
-        """Read a vehicle file, or one shipped with lacet by its name. Raises VehicleError with every fault at once."""
+        """The vehicle of a file, or a shipped one by its name. Raises VehicleError with every fault at once."""
         found = find_shipped(path, "vehicles", VehicleError)
         return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path))
 
     @classmethod
     def parse(cls, text: str, name: str = "vehicle") -> Vehicle:
-        """Read a vehicle from its text. Raises VehicleError with every fault at once."""
+        """The vehicle that a text describes. Raises VehicleError with every fault at once."""
         reader = Reader(text, name, VehicleError, FORMAT)
         root = reader.root
         reader.known(root, ("format", "name", "description", "geometry", "axle", "corner", "apriori"), "")
@@ -172,7 +172,7 @@ def _corner(
     height = _required(reader, numbers, rows, "wheel_centre_height", place, "m")
     track = _required(reader, numbers, rows, "track", place, "m")
     setback = _optional(reader, numbers, rows, "setback", place, "m")
-    # Not used by the method (cameras measure the attitude): kept with its source for the reader of the file.
+    # Not used by the method (cameras measure the attitude): kept with its source for the file's readers.
     _optional(reader, numbers, rows, "static_camber", place, "rad")
     driven = rows.get("driven", False)
     if not isinstance(driven, bool):

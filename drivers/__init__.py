@@ -1,4 +1,4 @@
-"""Sensors: one file a driver, found by walking this folder. Frames in, blocks out; no clock, no socket, no thread."""
+"""Drivers of sensors, one file each, found automatically in this folder: frames in, blocks out; no clock or socket."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ def open_driver(
     ----------
     name : driver name, that of its file.
     bus : bus as named in the rig file; the source of the frames it encodes.
-    options : as in the rig row.
-    folder : where the rig file lies; relative file names start there.
-    documents : file name → text, recorded with a run; they win over files on disk.
+    options : the driver's options in the rig file.
+    folder : folder of the rig file, to which relative file names refer.
+    documents : file name → text, recorded with a run; they take precedence over files on disk.
 
     Raises
     ------
-    UsageError : there is no such driver.
+    UsageError : no driver has that name.
     RigError : an option is unknown or wrong.
     DbcError : the DBC file is missing or has faults.
     """

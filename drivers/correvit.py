@@ -1,4 +1,4 @@
-"""Correvit optical speed sensor: one message at 250 Hz. The wire is described in ``docs/wires/correvit.md``."""
+"""Driver of the Correvit optical speed sensor: one message at 250 Hz. Wire format: ``docs/wires/correvit.md``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lacet.drivers.framework.can import CanSensor
 
 
 class Correvit(CanSensor, Driver):
-    """Longitudinal and transverse velocity over the road at the sensor's mount."""
+    """Driver of the Correvit: longitudinal and transverse velocity over the road at the sensor's mount."""
 
     name: str = "correvit"
     layout = "correvit.dbc"

@@ -1,4 +1,4 @@
-"""Igel wheel dynamometers: three messages a wheel at 500 Hz. The wire is described in ``docs/wires/igel.md``."""
+"""Driver of Igel wheel dynamometers: three messages a wheel at 500 Hz. Wire format: ``docs/wires/igel.md``."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from lacet.drivers.framework.crc import CRC8_J1850
 
 
 class Igel(CanSensor, Driver):
-    """Force, moment, angle and speed of each wheel; one counter, status and checksum over the three messages.
+    """Driver of the Igel: force, moment, angle and speed of each wheel; one counter, status and checksum a sample.
 
-    The wheel angle is delivered as sent, within [0, 2π) rad; whoever reads the run unwraps it.
+    The wheel angle is decoded as sent, within [0, 2π) rad; it is unwrapped when the run is read.
     """
 
     name: str = "igel"

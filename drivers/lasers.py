@@ -1,4 +1,4 @@
-"""Laser heights: two lasers a message, a message a wheel at 250 Hz. The wire is in ``docs/wires/lasers.md``."""
+"""Driver of laser height sensors: one message for two lasers of a wheel, 250 Hz. Format: ``docs/wires/lasers.md``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lacet.drivers.framework.can import CanSensor
 
 
 class Lasers(CanSensor, Driver):
-    """Height above the road and distance to the wheel centre at each wheel; each laser has its own status."""
+    """Driver of the lasers: height above the road and distance to the wheel centre of each wheel, with status."""
 
     name: str = "lasers"
     layout = "lasers.dbc"

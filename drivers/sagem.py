@@ -1,4 +1,4 @@
-"""Sagem inertial unit on a serial line, 200 Hz. The wire is described in ``docs/wires/sagem.md``."""
+"""Driver of the Sagem inertial unit on a serial line at 200 Hz. Wire format: ``docs/wires/sagem.md``."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ HEAD = SYNC + bytes((LENGTH, TYPE))
 
 
 class Sagem(RecordSensor, Driver):
-    """Specific force, angular rate and attitude, one message a sample out of a stream of bytes.
+    """Driver of the Sagem: specific force, angular rate and attitude, one message a sample in a stream of bytes.
 
-    A message is found by its first four bytes and believed for its CRC. After a false or broken one the search goes on
-    at its second byte, so that no good message behind it is lost. A broken message becomes a flagged sample unless a
+    A message is found by its first four bytes and verified by its CRC. After a false or corrupt one the search resumes
+    at its second byte, so that no good message behind it is lost. A corrupt message becomes a flagged sample unless a
     good one begins inside it.
     """
 
@@ -57,7 +57,7 @@ class Sagem(RecordSensor, Driver):
         return replace(state, ledger=add(state.ledger, incomplete=0, skipped_bytes=0))
 
     def decode(self, frames: Frames, state: RecordState) -> tuple[list[Block], RecordState]:
-        """Decode what a batch of reads completes; a sample has the stamp of the read that held its first byte.
+        """Blocks of the messages completed by a batch of reads; a sample has the stamp of the read of its first byte.
 
         In the ledger ``received`` and ``skipped_bytes`` (those of no good message) count bytes.
         """
@@ -73,7 +73,7 @@ class Sagem(RecordSensor, Driver):
         return blocks, replace(state, waiting=_after(stream, hold), ledger=ledger)
 
     def finish(self, state: RecordState) -> tuple[list[Block], RecordState]:
-        """Broken messages still waiting become samples; a message cut off by the end is counted ``incomplete``."""
+        """Blocks at the end of the stream: corrupt messages are samples; a truncated one counts ``incomplete``."""
         stream = state.waiting
         found, good, _ = _scan(stream.data, ended=True)
         rows = stream.data[found[:, None] + np.arange(LENGTH)]
@@ -87,13 +87,13 @@ class Sagem(RecordSensor, Driver):
 
 
 def _scan(data: NDArray[np.uint8], ended: bool = False) -> tuple[NDArray[np.int64], NDArray[np.bool_], int]:
-    """Find the messages of a stream as one pass from left to right would.
+    """Messages of a stream, as one pass from left to right would find them.
 
     Returns
     -------
-    found : (N,) first bytes of the good messages, and of the broken ones inside which no good one begins.
+    found : (N,) first bytes of the good messages, and of the corrupt ones inside which no good one begins.
     good : (N,) whether the CRC is right.
-    hold : everything before this byte is settled; what follows must wait for more (unless `ended`).
+    hold : bytes before this one are finished with; the rest is kept until more arrive (unless `ended`).
     """
     heads = np.flatnonzero(data[: max(0, len(data) - len(HEAD) + 1)] == HEAD[0])
     for i in range(1, len(HEAD)):
@@ -104,7 +104,7 @@ def _scan(data: NDArray[np.uint8], ended: bool = False) -> tuple[NDArray[np.int6
     good = _first_come(whole[right])
     end = int(good[-1]) + LENGTH if len(good) else 0
     broken = whole[~right]
-    # Inside a good message nothing is looked for.
+    # No message begins inside a good one.
     before = np.searchsorted(good, broken, side="right") - 1
     broken = broken[(before < 0) | (broken >= good[before] + LENGTH)] if len(good) else broken
     # A good message that begins inside a broken one shows that its head was false, or that bytes of it are missing.
@@ -115,7 +115,7 @@ def _scan(data: NDArray[np.uint8], ended: bool = False) -> tuple[NDArray[np.int6
     if not ended:
         begun = heads[(heads + LENGTH > len(data)) & (heads >= end)]
         hold = int(begun[0]) if len(begun) else max(end, len(data) - _begun_head(data))
-        if len(broken) and broken[-1] + LENGTH > hold:  # a good message may yet begin inside it
+        if len(broken) and broken[-1] + LENGTH > hold:  # a good message may still begin inside it
             hold = int(broken[-1])
             broken = broken[:-1]
     found = np.concatenate((good, broken))
@@ -124,7 +124,7 @@ def _scan(data: NDArray[np.uint8], ended: bool = False) -> tuple[NDArray[np.int6
 
 
 def _first_come(starts: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Of ascending message starts, drop each that lies inside a kept one before it. Loops over overlaps only."""
+    """Ascending message starts without those that lie inside an earlier kept one; the loop is over overlaps only."""
     keep = np.ones(len(starts), bool)
     last = None
     for i in np.flatnonzero(np.diff(starts) < LENGTH):
@@ -136,13 +136,13 @@ def _first_come(starts: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _begun_head(data: NDArray[np.uint8]) -> int:
-    """Length of the longest beginning of a head that the stream ends with [byte]."""
+    """Length of the longest prefix of a head at the end of the stream [byte]."""
     tail = data[-(len(HEAD) - 1) :].tobytes()
     return max((n for n in range(1, len(HEAD)) if tail.endswith(HEAD[:n])), default=0)
 
 
 def _after(stream: Frames, start: int) -> Frames:
-    """The reads of a stream from byte `start` on, the first of them cut."""
+    """The reads of a stream from byte `start` on, the first of them truncated."""
     first = int(np.searchsorted(stream.offset, start, side="right")) - 1
     if start >= len(stream.data):
         return Frames.empty(stream.source)

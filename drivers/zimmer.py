@@ -1,4 +1,4 @@
-"""Zimmer wheel cameras on UDP, 100 Hz. The wire is described in ``docs/wires/zimmer.md``."""
+"""Driver of the Zimmer wheel cameras on UDP at 100 Hz. Wire format: ``docs/wires/zimmer.md``."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STEP = 5e-5
 
 
 class Zimmer(RecordSensor, Driver):
-    """Steer and camber angle of each wheel, one datagram a picture set."""
+    """Driver of the Zimmer cameras: steer and camber angle of each wheel, one datagram a set of pictures."""
 
     name: str = "zimmer"
     record = Record(b"", 4, 8, CRC32, crc_from=0)
@@ -52,7 +52,7 @@ class Zimmer(RecordSensor, Driver):
         return replace(state, ledger=add(state.ledger, incomplete=0, bad_length=0))
 
     def decode(self, frames: Frames, state: RecordState) -> tuple[list[Block], RecordState]:
-        """Decode a batch of datagrams; one of the wrong length is a sample flagged `INCOMPLETE`."""
+        """Blocks of a batch of datagrams; one of the wrong length is a sample flagged `INCOMPLETE`."""
         length = self.record.length
         whole = frames.lengths == length
         rows = np.zeros((len(frames), length), np.uint8)
@@ -65,5 +65,5 @@ class Zimmer(RecordSensor, Driver):
         return blocks, replace(state, ledger=ledger)
 
     def finish(self, state: RecordState) -> tuple[list[Block], RecordState]:
-        """A datagram is whole or not: nothing is waiting."""
+        """No blocks: a datagram is complete or lost."""
         return [], state

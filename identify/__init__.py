@@ -1,1 +1,1 @@
-"""Identification: chain (modified DH) → motion → model (a sum of effects) → fit → diagnosis. Arrays in, arrays out."""
+"""Identification: chain (modified DH), motion, model (a sum of effects), fit, diagnosis; arrays in, values out."""

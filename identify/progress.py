@@ -1,4 +1,4 @@
-"""How far a long computation is: the steps it reports, and the one callback that receives them."""
+"""Progress of a long computation: the steps it reports, and the one callback that receives them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Further bodies of the simulated car: an engine on its mounts, a liquid that swings, a trailer.
+"""Further bodies of the simulated car: an engine on its mounts, a sloshing liquid, a trailer.
 
-Each is a body of the engine's tree on joints of its own, so that what it does to the car is the reaction of its own
-motion. Springs and dampers act on the joints; what touches the road acts through the point's Jacobian.
+Each is a body of the engine's tree on joints of its own, so that its effect on the car is the reaction of its own
+motion. Springs and dampers act on the joints; road forces act through the contact point's Jacobian.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from lacet.simulate.road import Road
 Array = NDArray[np.float64]
 
 CONTACT_FRICTION = 0.9
-"""μ of a trailer's tyres."""
+"""Friction coefficient μ of a trailer's tyres."""
 TRAILER_ROLLING = 0.015
-"""Their rolling resistance coefficient."""
+"""Rolling resistance coefficient of a trailer's tyres."""
 
 
 def _positive(effect: Hidden, *names: str) -> None:
@@ -40,7 +40,7 @@ def _position(at: tuple[float, float, float], origin: tuple[float, float, float]
 
 
 class EngineMount:
-    """A mass of the chassis on a vertical spring and damper, at rest where it was."""
+    """Part of the chassis' mass on a vertical spring and damper, in equilibrium at design position."""
 
     states = 0
     joints: tuple[str, ...] = ("engine_mount",)
@@ -70,7 +70,7 @@ class EngineMount:
 
 
 class LiquidLoad:
-    """A spherical pendulum: a point mass on two hinges, as a liquid's first mode in a tank swings."""
+    """A spherical pendulum, the first sloshing mode of a liquid in a tank: a point mass on two hinges."""
 
     states = 0
     joints: tuple[str, ...] = ("liquid_x", "liquid_y")
@@ -99,7 +99,7 @@ class LiquidLoad:
 
 
 class Trailer:
-    """A one-axle trailer on a ball hitch: tyres of two wheels carry it and guide it, the hitch the rest.
+    """A one-axle trailer on a ball hitch, supported and guided by the tyres of two wheels.
 
     Each wheel: vertical N = N0 + k·(z0 - z) - c·ż (never below 0), side force μ·N·tanh(C·α/μ) along the trailer's level
     y with the relaxed slip σ·dα/dt = -v_y - |v_x|·α, rolling resistance along its level x.
@@ -163,7 +163,7 @@ class Trailer:
             grip = CONTACT_FRICTION * load
             lateral = grip * math.tanh(self._cornering * alpha / CONTACT_FRICTION)
             rolling = -TRAILER_ROLLING * load * math.tanh(along / 0.3)
-            foot = point - np.array([0.0, 0.0, point[2] - ground[1]])  # the road acts where the tyre stands
+            foot = point - np.array([0.0, 0.0, point[2] - ground[1]])  # the road acts at the contact point
             lib.mj_jac(model, data, jacobian, None, foot, body)
             out += jacobian.T @ (lateral * left + rolling * forward + load * np.array([0.0, 0.0, 1.0]))
             rates.append((-across - abs(along) * alpha) / self._relaxation)
@@ -172,7 +172,7 @@ class Trailer:
 
 
 def attached_bodies(car: Car, road: Road, hidden: Sequence[Hidden]) -> list[Attached]:
-    """The further bodies of a car with these hidden effects. Raises UsageError for sizes that make no body."""
+    """The further bodies of a car with these hidden effects. Raises UsageError for sizes that are impossible."""
     out: list[Attached] = []
     if (effect := one_of(hidden, "engine_mount")) is not None and effect.size:
         out.append(EngineMount(effect, car))

@@ -1,8 +1,8 @@
-"""Simulated cars: plain numbers, from which the chassis and the static state follow.
+"""Simulated cars: their parameters, from which the chassis and the static state follow.
 
-A car is given by what is known of the *whole* vehicle at design position (mass, centre of mass, inertia, as a table of
-a-priori values gives them) and by its four unsprung assemblies; the chassis is the difference. The design position is
-an equilibrium on a flat road: the static offsets and the wheel-centre heights are computed, not given.
+A car is given by the mass, centre of mass and inertia of the *whole* vehicle at design position, as in a table of
+a-priori values, and by its four unsprung assemblies; the chassis is the difference. The design position is an
+equilibrium on a flat road: static offsets and wheel-centre heights are computed, not given.
 
 Axes are body axes (ISO 8855), origin midway between the front wheel centres at design position.
 """
@@ -23,13 +23,13 @@ Vector = NDArray[np.float64]
 
 
 def rot_x(angle: float) -> Vector:
-    """Rotation about x."""
+    """Rotation matrix about x."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def rot_z(angle: float) -> Vector:
-    """Rotation about z."""
+    """Rotation matrix about z."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
@@ -44,7 +44,7 @@ class Inertia:
 
     @classmethod
     def of(cls, mass: float, com: Vector, tensor: Vector) -> Inertia:
-        """Inertia from arrays."""
+        """The inertia of these arrays."""
         return cls(float(mass), tuple(np.asarray(com, float).tolist()), tuple(map(tuple, np.asarray(tensor).tolist())))
 
     def about(self, point: Vector) -> Vector:
@@ -66,7 +66,7 @@ class Inertia:
 
 @dataclass(frozen=True)
 class Axle:
-    """Parameters of an axle's corners; the right one mirrors the left one.
+    """Parameters of an axle's corners; the right corner is the mirror image of the left.
 
     Attributes
     ----------
@@ -106,18 +106,18 @@ class Axle:
 
     @property
     def unsprung_mass(self) -> float:
-        """Carrier, hub, rim and tyre of one corner [kg]."""
+        """Mass of carrier, hub, rim and tyre of one corner [kg]."""
         return self.carrier_mass + self.inboard_mass + self.outboard_mass
 
     @property
     def spin_inertia(self) -> float:
-        """Moment of inertia of all that spins with the wheel [kg·m²]."""
+        """Moment of inertia of all parts that spin with the wheel [kg·m²]."""
         return self.inboard_spin + self.outboard_spin
 
 
 @dataclass(frozen=True)
 class Tyre:
-    """Tyre parameters that all four wheels share (a model that measures wheel loads needs none of them).
+    """Tyre parameters common to all four wheels (identification from measured wheel loads needs none of them).
 
     `friction` μ; `load_nominal` [N]; `degression`: relative loss of cornering stiffness per relative load;
     `relaxation_lateral`, `relaxation_longitudinal` [m]; `trail`: pneumatic trail at no slip [m];
@@ -136,7 +136,7 @@ class Tyre:
 
 @dataclass(frozen=True)
 class Car:
-    """A simulated car; `total` is the whole vehicle at design position. `payload` is what a run carries on top of it.
+    """Parameters of a simulated car; `total` is the whole vehicle at design position, without the `payload` of a run.
 
     `corners` : parameters of single corners that differ from their axle, by corner name. Only `stiffness`,
     `damping` and `tyre_stiffness` may differ: the geometry is the axle's.
@@ -160,7 +160,7 @@ class Car:
                 raise UsageError(f"corner {corner} of {self.name}: only springs, dampers and tyre stiffness may differ")
 
     def axle(self, corner: str) -> Axle:
-        """Parameters of a corner: its axle's, or its own."""
+        """Parameters of a corner: its own, else its axle's."""
         return self.corners.get(corner) or (self.front if corner[0] == "f" else self.rear)
 
     @property
@@ -183,8 +183,8 @@ class Car:
     def static_loads(self) -> Vector:
         """(4,) wheel loads standing on a flat road at design position [N] (without payload).
 
-        Four loads and three equations: the spare one is that an axle's loads share the lean of the centre of mass
-        in proportion to its load, so that the body is not twisted between the axles.
+        Four loads, three equations of equilibrium; the fourth condition is that each axle has a part of the lateral
+        offset of the centre of mass in proportion to its load, so that the body has no torsion between the axles.
         """
         weight = self.total.mass * self.gravity
         x, y, _ = self.total.com
@@ -208,7 +208,7 @@ class Car:
 
     @property
     def origin_height(self) -> float:
-        """Body origin above a flat road at design position [m]."""
+        """Height of the body origin above a flat road at design position [m]."""
         return float(np.mean(self.heights[:2]))
 
     @property
@@ -228,7 +228,7 @@ class Car:
         return self.static_loads - unsprung * self.gravity
 
     def unsprung(self, corner: str, outboard: bool = True) -> Inertia:
-        """One unsprung assembly at design position, without the outboard mass when asked; body axes."""
+        """Inertia of one unsprung assembly at design position, body axes, with or without the outboard mass."""
         axle, R = self.axle(corner), self.design_attitude(corner)
         spin, transverse, mass = axle.inboard_spin, axle.inboard_transverse, axle.carrier_mass + axle.inboard_mass
         if outboard:
@@ -239,7 +239,7 @@ class Car:
 
     @property
     def chassis(self) -> Inertia:
-        """The sprung body: the whole vehicle minus the unsprung assemblies, plus the payload."""
+        """Inertia of the sprung body: the whole vehicle minus the unsprung assemblies, plus the payload."""
         body = self.total
         for corner in CORNERS:
             body = body - self.unsprung(corner)
@@ -247,18 +247,18 @@ class Car:
 
     @property
     def inboard(self) -> Inertia:
-        """Inertia inboard of the transducers: everything but rims and tyres, at design position."""
+        """Inertia inboard of the transducers at design position: everything but rims and tyres."""
         body = self.chassis
         for corner in CORNERS:
             body = body + self.unsprung(corner, outboard=False)
         return body
 
     def with_payload(self, mass: float, at: tuple[float, float, float]) -> Car:
-        """The car carrying a point mass [kg] `at` body axes [m]."""
+        """The car with a point mass [kg] `at` body axes [m]."""
         return replace(self, payload=Inertia.of(mass, np.asarray(at), np.zeros((3, 3))))
 
     def truth(self) -> dict[str, Any]:
-        """Every number of the car, JSON-able, with what follows from it."""
+        """Every number of the car and those that follow from it, JSON-able."""
         loaded = self.total if self.payload is None else self.total + self.payload
         return {
             **asdict(self),
@@ -274,7 +274,7 @@ class Car:
 
 
 def peugeot_406() -> Car:
-    """The Peugeot 406 of the paper.
+    """The Peugeot 406 of the paper, with its a-priori values.
 
     From its tables 1, 2 and 7 (a-priori values): mass 1668.5 kg, centre of mass 1112.5 mm behind the front axle and
     259.7 mm above the wheel centres, Ixx 630, Iyy 2250, Izz 2734 kg·m², XZ 20 kg·m² in axes with x to the rear, hence
@@ -311,11 +311,12 @@ def peugeot_406() -> Car:
 
 
 def peugeot_406_measured() -> Car:
-    """The 406 with what the paper estimated on the road, its tables 5 to 7 (XX and ZZ of table 5 put right).
+    """The Peugeot 406 with the values that the paper estimated on the road, its tables 5 to 7.
 
-    Springs, dampers and tyres differ from corner to corner; the centre of mass is 5.16 mm off the middle (R_Q has y to
-    the right: -5.16 mm there is to the left). Table 5 has no YY, which a sinus cannot show: that of table 1. What the
-    tables add to the laws of a corner, anti-roll bars and friction, are hidden effects (`measured_effects`).
+    XX and ZZ of table 5 are corrected. Springs, dampers and tyres differ from corner to corner; the centre of mass is
+    5.16 mm off the middle (R_Q has y to the right: -5.16 mm there is to the left). YY, which sinus steering does not
+    excite, is that of table 1. The further laws of the tables, anti-roll bars and friction, are hidden effects
+    (`measured_effects`).
     """
     car = peugeot_406()
     tensor = ((760.31, 0.0, -45.0), (0.0, 2250.0, 0.0), (-45.0, 0.0, 2783.96))

@@ -1,8 +1,8 @@
 """Time integration of a simulated drive.
 
-Integration: third-order Adams–Bashforth for velocities and slip states, third-order Adams–Moulton for positions (the
-new velocity is known when the position is stepped): one solution of the equations of motion a step, and what is
-recorded is that solution itself, forces and accelerations of one instant.
+Third-order Adams–Bashforth for velocities and slip states, third-order Adams–Moulton for positions (the new velocity
+is known when the position is integrated): the equations of motion are solved once a step, and that solution is
+recorded, so that forces and accelerations belong to one instant.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from lacet.simulate.motion import SimulatedMotion, matrices, rotate_back
 STEP = 0.0005
 """Integration step [s]."""
 EVERY = 2
-"""Steps from one recorded instant to the next: 1 kHz."""
+"""Number of steps between recorded instants: 1 kHz."""
 SETTLE = 2.0
-"""Time driven before the recorded run starts [s]."""
+"""Time driven before the recorded run [s]."""
 BASHFORTH = np.array([[1.0, 0.0, 0.0], [1.5, -0.5, 0.0], [23.0 / 12.0, -16.0 / 12.0, 5.0 / 12.0]])
 """Weights of the rates, newest first, on the first, second and every later step."""
 MOULTON = ((0.5, np.array([0.5, 0.0])), (5.0 / 12.0, np.array([8.0 / 12.0, -1.0 / 12.0])))
@@ -39,7 +39,7 @@ FRONT_BRAKES = 0.66
 
 
 class SimulationFailed(LacetError):
-    """The error of a simulated car outside the range in which the model makes sense."""
+    """Failure of a simulation: the car left the range in which the model is valid."""
 
 
 class _Recorder:
@@ -80,10 +80,10 @@ def run(
 ) -> SimulatedMotion:
     """The motion of `vehicle` driven through `manoeuvre`, at 1 kHz, without any sensor.
 
-    `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : draws the road; `settle` : time
-    driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : called with
-    the fraction done every 0.1 s of the run. The same arguments give the same
-    motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
+    `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : of the random road; `settle` :
+    time driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : called with
+    the fraction done every 0.1 s of the run. The same arguments give the same motion. Raises UsageError when MuJoCo is
+    missing, SimulationFailed when the car overturns or leaves the road.
     """
     car = vehicle
     for effect in hidden:

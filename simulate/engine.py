@@ -1,11 +1,11 @@
-"""The rigid-body engine behind the simulated car: a MuJoCo model built from a car's numbers, and one step's forces.
+"""Rigid-body engine of the simulated car: a MuJoCo model of a car's parameters, and the forces of one step.
 
 Tree: chassis (free) → carrier (slide along body z, front: then a hinge about the kingpin axis) → wheel (hinge about the
-carrier's y). Wheel centres lie on the kingpin axes and on the spin axes. MuJoCo only turns forces into accelerations;
-springs, dampers, tyres, drive, brakes and air are ours, and so is the integrator.
+carrier's y). Wheel centres lie on the kingpin axes and on the spin axes. MuJoCo only computes accelerations from
+forces; springs, dampers, tyres, drive, brakes, air and the integrator are this package's.
 
 Steering is a prescribed motion: the steering hinge has a large armature (a rotor inertia between chassis and carrier,
-internal to the car, without momentum of its own), so that the tyre moves the angle by no more than a few µrad.
+internal to the car, without momentum of its own), so that the tyre changes the angle by a few µrad at most.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from lacet.simulate.road import SPACING, Road
 from lacet.simulate.turning import Corner, coupling, turned, twisted
 from lacet.simulate.tyre import WheelTyre
 
-STEER_FREQUENCY = 60.0  # rad/s: how fast the steering follows the demand, critically damped
+STEER_FREQUENCY = 60.0  # rad/s: natural frequency of the steering's response to the demand, critically damped
 
 
 def engine_library() -> Any:
@@ -39,13 +39,13 @@ def engine_library() -> Any:
         lib = importlib.import_module("mujoco")
     except ImportError:
         raise UsageError("the simulated car needs MuJoCo: install it with  pip install 'lacet[sim]'") from None
-    # By default it writes a file MUJOCO_LOG.TXT in the working folder; a failed run is reported by its name.
+    # By default MuJoCo writes a file MUJOCO_LOG.TXT in the working folder; failed runs are reported by name instead.
     lib.set_mju_user_warning(logging.getLogger(__name__).debug)
     return lib
 
 
 class Instant:
-    """Forces and states of one instant, body axes; what `Engine.load` writes and the run records."""
+    """Forces and states of one instant in body axes, written by `Engine.load` and recorded by the run."""
 
     def __init__(self) -> None:
         self.force = [(0.0, 0.0, 0.0)] * 4
@@ -64,7 +64,7 @@ class Instant:
 
 
 class Engine:
-    """A car on a road in MuJoCo. `load` sets the generalised forces of the present state; `accelerate` solves."""
+    """MuJoCo engine of a car on a road: `load` sets generalised forces of the present state, `accelerate` solves."""
 
     def __init__(self, car: Car, road: Road, hidden: Sequence[Hidden]):
         lib = self.lib = engine_library()
@@ -136,7 +136,7 @@ class Engine:
             self._attached_states.append(slice(states, states + part.states))
             states += part.states
         self.states = states
-        """How many states there are besides MuJoCo's: 8 slips, then those of hidden effects."""
+        """Number of states besides MuJoCo's: 8 slips, then those of hidden effects."""
         self._bars = [total_at(hidden, "anti_roll_bar", c) for c in CORNERS]
         self._lift = [total_at(hidden, "aero_lift", c) for c in ("fl", "rl")]
         drags = [h for h in hidden if h.effect == "aero_drag"]
@@ -162,7 +162,7 @@ class Engine:
         brake: Sequence[float],
         step: float,
     ) -> Instant:
-        """Write all forces at state (q, v) into the engine's generalised forces and return them.
+        """The forces at state (q, v), written into the engine's generalised forces.
 
         `q`, `v` : MuJoCo's coordinates and velocities; `slips` : κ of the four wheels, then α, then the states of
         hidden effects; `steer` : demanded kingpin angle [rad]; `shaft`, `brake` : (4,) torques on the wheels [N·m];
@@ -204,7 +204,7 @@ class Engine:
         fx = fy = fz = mx = my = mz = front_fy = front_mx = 0.0
         roll, torsion = p, self.torsion_dof
         for i in range(4):
-            if i == 2 and torsion >= 0:  # the rear part turns about x at the hinge's height on top of the body
+            if i == 2 and torsion >= 0:  # the rear part rotates about x at the hinge's height, relative to the body
                 assert self.twist is not None
                 front_fy, front_mx = fy, mx
                 roll, by = p + v[torsion], by + v[torsion] * self.twist.z
@@ -221,7 +221,7 @@ class Engine:
                 angle, turn = q[dof + 1], v[dof]
                 demand = steer if i < 2 else 0.0
                 if self._steer_give[i]:
-                    fx_, fy_, fz_ = now.force[i]  # of the step before: the steering lags far more
+                    fx_, fy_, fz_ = now.force[i]  # of the step before: the steering's own lag is far longer
                     nx_, ny_, nz_ = now.spin_axis[i]
                     demand += self._steer_give[i] * (fx_ * nx_ + fy_ * ny_ + fz_ * nz_)
                 c, sn = math.cos(angle), math.sin(angle)
@@ -266,7 +266,7 @@ class Engine:
             if dof >= 0:
                 if self._steer_give[i]:
                     now.spin_axis[i] = n
-                # the half-shaft turns the wheel and reacts on the chassis: it works on the steering, not on the car
+                # the half-shaft drives the wheel and reacts on the chassis: its moment acts on the steering only
                 t = shaft[i]
                 out[dof] += (hx + t * n[0]) * k[0] + (hy + t * n[1]) * k[1] + (hz + t * n[2]) * k[2]
             fx, fy, fz = fx + gx, fy + gy, fz + gz
@@ -294,7 +294,7 @@ class Engine:
         """Accelerations of the present state under the loads set (a view into the engine's memory)."""
         self.lib.mj_forward(self.model, self.data)
         if self._coupling is not None:
-            # carriers that turn with travel, G·v = 0: a = a0 - M⁻¹·Gᵀ·λ with G·a = 0
+            # carriers that rotate with travel, G·v = 0: a = a0 - M⁻¹·Gᵀ·λ with G·a = 0
             G = self._coupling
             back = np.empty_like(G)
             self.lib.mj_solveM(self.model, self.data, back, G)
@@ -303,7 +303,7 @@ class Engine:
         return self.data.qacc
 
     def _move(self, q: list[float]) -> None:
-        """Where the wheels stand and point now, when hidden effects move them."""
+        """Positions and axes of the wheels, where hidden effects move them."""
         for i, corner in enumerate(self._corners):
             if self.turn_dof[i] >= 0:
                 corner = turned(corner, q[self.slide_dof[i] + 1] / self.stretch[i])
@@ -320,7 +320,7 @@ class Engine:
         return z[i] + (at - i) * (z[i + 1] - z[i])
 
     def _wind(self, bx: float, by: float) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-        """Air on the body: force and moment, body axes about the origin."""
+        """Aerodynamic force and moment on the body, body axes about the origin."""
         square, length = bx * bx, self.car.wheelbase
         force = side = moment = yaw = 0.0
         for size, height in self._drag:

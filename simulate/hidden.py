@@ -1,8 +1,8 @@
 """Hidden effects: effects of the simulated car or its sensors that the base model lacks, by name and size.
 
-A mechanical effect acts as a real force in the engine; a sensor fault acts on what the sensors report. Names are
-``effect.where``, as in the catalogue of effects: ``anti_roll_bar.front``, ``aero_drag``, ``sensor_latency.imu``.
-Suspension laws give the force F(s, ṡ) that adds to k·s + c·ṡ + offset at one corner, s travel (compression positive).
+A mechanical effect is a force in the engine; a sensor fault changes the sensors' signals. Names are ``effect.where``,
+as in the catalogue of effects: ``anti_roll_bar.front``, ``aero_drag``, ``sensor_latency.imu``. Suspension laws give the
+force F(s, ṡ) that adds to k·s + c·ṡ + offset at one corner, s travel (compression positive).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ SuspensionLaw = Callable[[float, float], float]
 
 @dataclass(frozen=True)
 class Hidden:
-    """One hidden effect.
+    """One hidden effect, by name and size.
 
-    `name` in full (``bump_stop.front``), or with `where` apart; `size` in the unit of its kind; `shape` its constants
-    (``{"gap": 0.02}``), defaults filled in. Raises UsageError for what is not known, with the nearest
-    match and the list.
+    `name` in full (``bump_stop.front``), or without the place, which is `where`; `size` in the unit of its kind;
+    `shape` its constants (``{"gap": 0.02}``), completed by defaults. Raises UsageError for an unknown name or constant,
+    with the nearest match and the list.
     """
 
     name: str
@@ -54,22 +54,22 @@ class Hidden:
 
     @property
     def effect(self) -> str:
-        """The kind's name."""
+        """Name of its kind."""
         return self.name.partition(".")[0]
 
     @property
     def of_sensor(self) -> bool:
-        """Whether it acts on what the sensors report instead of on the car."""
+        """Whether it changes the sensors' signals and not the car."""
         return self.is_of_sensor(self.effect)
 
     @staticmethod
     def is_of_sensor(kind: str) -> bool:
-        """Whether a kind of effect is a sensor's fault."""
+        """Whether a kind of effect is a sensor fault."""
         return kind.startswith("sensor_") or kind == "laser_tilt"
 
     @classmethod
     def parse(cls, text: str) -> Hidden:
-        """A hidden effect from ``name=size`` or ``name=size,constant=value``. Raises UsageError."""
+        """The hidden effect of ``name=size`` or ``name=size,constant=value``. Raises UsageError."""
         head, *rest = text.split(",")
         try:
             name, size = head.split("=")
@@ -92,7 +92,7 @@ class Hidden:
 
 
 def suspension_law(effect: Hidden) -> SuspensionLaw | None:
-    """Force [N] at a corner from (s, ṡ); None when the effect is not such a law."""
+    """Force [N] at a corner as a function of (s, ṡ); None when the effect is no such law."""
     p = effect.size
     match effect.effect:
         case "coulomb":
@@ -136,7 +136,7 @@ def total_of(effects: Iterable[Hidden], name: str) -> float:
 
 
 def one_of(effects: Sequence[Hidden], name: str) -> Hidden | None:
-    """The effect of a kind that a car can have once, None when it is not there. Raises UsageError when it is twice."""
+    """The effect of a kind that a car can have once; None when it is absent. Raises UsageError when there are two."""
     found = [effect for effect in effects if effect.effect == name]
     if len(found) > 1:
         raise UsageError(f"{name} is given {len(found)} times: a car has one")

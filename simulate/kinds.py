@@ -1,4 +1,4 @@
-"""The kinds of hidden effects: law, unit, places, shape constants with their defaults."""
+"""Kinds of hidden effects: law, unit, places, shape constants with their defaults."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ ANYWHERE = (*AXLES, *CORNERS)
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of hidden effect: `unit` of its size, the places it can be at, its shape constants with defaults."""
+    """One kind of hidden effect: `unit` of its size, its possible places, its shape constants with defaults."""
 
     about: str
     unit: str
@@ -24,10 +24,10 @@ class Kind:
 _SENSORS_BY_PART = ("wheel", "imu", "laser", "camera", "correvit")
 
 SHORT = {f"{what}.{c}": f"{part}.{c}.{what}" for c in CORNERS for part, what in (("wheel", "force"), ("laser", "hub"))}
-"""The catalogue's short places of single channels: ``force.fl``, ``hub.rr``."""
+"""Short names of the catalogue for single channels: ``force.fl``, ``hub.rr``."""
 
 KINDS: dict[str, Kind] = {
-    # suspension, per axle (size × law at both corners) or, but for the bar, at one corner
+    # suspension, per axle (size × law at both corners) or, except the bar, at one corner
     "anti_roll_bar": Kind("size·(s - s of the other side)", "N/m"),
     "coulomb": Kind("size·tanh(ṡ/v0)", "N", ANYWHERE, {"v0": 0.01}),
     "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m", ANYWHERE),
@@ -68,7 +68,7 @@ KINDS: dict[str, Kind] = {
         "rad",
         ("grade", "bank"),
     ),
-    # suspension with a memory: a state of its own at each corner
+    # suspension with memory: a state of its own at each corner
     "damper_hysteresis": Kind(
         "friction size·z that turns round over a stroke: dz/dt = (ṡ - |ṡ|·z)/length (Dahl)",
         "N",
@@ -81,7 +81,7 @@ KINDS: dict[str, Kind] = {
         ANYWHERE,
         {"c": 1500.0},
     ),
-    # wheels that turn more than the base model says
+    # wheels that rotate more than in the base model
     "toe_change": Kind("wheel toes in by size·s; what the tyre does on the turn is felt by the spring", "rad/m"),
     "camber_change": Kind("top of the wheel leans outward by size·s; felt by the spring likewise", "rad/m"),
     "steer_compliance": Kind(
@@ -150,7 +150,7 @@ KINDS: dict[str, Kind] = {
 
 
 def known_names() -> list[str]:
-    """Every full name, the longest lists (single corners, channels and columns) left out."""
+    """Every full name, without the longest lists (single corners, channels and columns)."""
     out = []
     for name, kind in KINDS.items():
         places = [p for p in kind.places if p not in (*CORNERS, *CHANNELS, *COLUMNS)] or list(kind.places[:1])
@@ -159,7 +159,7 @@ def known_names() -> list[str]:
 
 
 def listed() -> str:
-    """Every kind with its places, unit, law and constants, as a user reads it."""
+    """Every kind with its places, unit, law and constants, as text for users."""
     lines = []
     for name, kind in KINDS.items():
         places = [p for p in kind.places if p in FAMILIES or p not in (*CHANNELS, *COLUMNS, *CORNERS, *SHORT)]

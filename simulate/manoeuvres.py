@@ -1,9 +1,4 @@
-"""Manoeuvres: the driver's inputs and the road along a run.
-
-Each is a small frozen dataclass. `steer` is the demanded steering angle about the kingpin axes [rad], `drive` the
-torque demanded on the driven axle [N·m], `brake` the demanded deceleration by the outboard brakes [m/s²]. Times are
-seconds of the recorded run; before 0 the car settles at the initial speed.
-"""
+"""Manoeuvres: the driver's inputs and the road of a simulated run."""
 
 from __future__ import annotations
 
@@ -28,10 +23,10 @@ def ramp(t: float, length: float) -> float:
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Straight ahead at constant speed on a flat road: the base of the others.
+    """Straight ahead at constant speed on a flat road; base of all manoeuvres.
 
-    `speed` [m/s] at the start and, unless the manoeuvre says otherwise, held; `duration` [s]; `gain` of the speed hold
-    [N·m per m/s]; `torque_limit` of the drive [N·m]; `torque_lag` time constant of the drive torque [s].
+    `speed` [m/s] at the start and, in most manoeuvres, held; `duration` [s]; `gain` of the speed control [N·m per m/s];
+    `torque_limit` of the drive [N·m]; `torque_lag` time constant of the drive torque [s].
     """
 
     name: ClassVar[str] = "straight"
@@ -45,15 +40,15 @@ class Manoeuvre:
     torque_lag: float = 0.2
 
     def steer(self, t: float) -> float:
-        """Demanded steering angle about the kingpin [rad], left positive; the driver's path keeping comes on top."""
+        """Demanded steering angle about the kingpin [rad], left positive, without the driver's lane keeping."""
         return 0.0
 
     def target(self, t: float) -> float:
-        """Speed to hold [m/s]."""
+        """Set speed [m/s]."""
         return self.speed
 
     def drive(self, t: float, v: float) -> float:
-        """Torque demanded on the driven axle [N·m]."""
+        """Demanded torque on the driven axle [N·m]."""
         return max(-self.torque_limit, min(self.torque_limit, self.gain * (self.target(t) - v)))
 
     def brake(self, t: float, v: float) -> float:
@@ -67,10 +62,10 @@ class Manoeuvre:
 
 @dataclass(frozen=True)
 class Steering(Manoeuvre):
-    """Steering all along. `grade` : ISO 8608 class of the road under it (A, B or C), empty for a flat one.
+    """Base of manoeuvres with steering; `grade` : ISO 8608 class of the road (A, B or C), empty for a flat one.
 
-    The road's tracks vary along x alone, as every road here does: a car that has turned off the x axis by an angle
-    meets the same waves stretched by 1/cos of it.
+    As on every road here the tracks vary along x alone: a car at an angle to the x axis meets the same waves stretched
+    by 1/cos of the angle.
     """
 
     straight: ClassVar[bool] = False
@@ -116,7 +111,7 @@ class Sweep(Steering):
 
 @dataclass(frozen=True)
 class Spiral(Steering):
-    """Growing steer at constant speed, to `amplitude` [rad] at the end (negative: to the right)."""
+    """Steering that grows at constant speed, to `amplitude` [rad] at the end (negative: to the right)."""
 
     name: ClassVar[str] = "spiral"
     amplitude: float = 0.06
@@ -129,7 +124,7 @@ class Spiral(Steering):
 
 @dataclass(frozen=True)
 class LiftOff(Manoeuvre):
-    """Straight line: drive, then sudden lift-off without braking, again and again.
+    """Straight ahead with periodic drive and sudden lift-off without braking.
 
     `drive_torque` and `overrun_torque` on the driven axle [N·m]; `drive_time`, `overrun_time` of each phase [s].
     """
@@ -150,7 +145,7 @@ class LiftOff(Manoeuvre):
 
 @dataclass(frozen=True)
 class Braking(Manoeuvre):
-    """Straight-line braking: `deceleration` [m/s²] for `brake_time`, then back to speed until `period` is over [s]."""
+    """Straight-line braking: `deceleration` [m/s²] for `brake_time`, then back to speed within the `period` [s]."""
 
     name: ClassVar[str] = "braking"
     brakes: ClassVar[str] = "used"
@@ -190,7 +185,7 @@ class Rough(Manoeuvre):
 
 @dataclass(frozen=True)
 class Kerb(Manoeuvre):
-    """Straight ahead over smooth bumps on one side or in turn, which separate heave, pitch and roll."""
+    """Straight ahead over smooth bumps on one side or alternating, which separate heave, pitch and roll."""
 
     name: ClassVar[str] = "kerb"
     speed: float = 40.0 * KMH

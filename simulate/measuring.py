@@ -1,7 +1,7 @@
 """Simulated measurement: sensors' own rates and clocks, latency, zeros, gains, noise, faults and time stamps.
 
 The motion is computed once (`simulate.run`); measuring it again with another seed is cheap. The same seed gives the
-same samples, channel by channel: a rig with one sensor more leaves the noise of the others as it was.
+same samples, channel by channel: one more sensor in a rig does not change the noise of the others.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Timing:
     """Errors of the sensors' clocks and delays of their samples.
 
     `drift_ppm` : 1 σ of each sensor clock's rate error; `jitter` : largest arrival delay beyond the latency by kind of
-    bus [s] (delays are exponential with a third of it as mean, cut at it, and never let samples overtake);
-    `phase` : whether each sensor starts somewhere within its first period instead of at 0.
+    bus [s] (delays are exponential with a third of it as mean, truncated there, and keep the order of samples);
+    `phase` : whether each sensor starts at a random time within its first period instead of at 0.
     """
 
     drift_ppm: float = 20.0
@@ -48,10 +48,10 @@ IDEAL = Timing(0.0, {}, False)
 
 @dataclass(frozen=True)
 class Sheet:
-    """Entries of the rig's tolerance sheet that a simulated measurement draws at random.
+    """Selection of the sensor sheet's tolerances that a simulated measurement draws at random.
 
     One zero a component and run, one gain a family and corner, one latency error a sensor. Gains and latencies belong
-    to the instruments: `seed` keeps them the same from run to run.
+    to the instruments: with the same `seed` they are the same in every run.
     """
 
     zeros: bool = True
@@ -79,13 +79,13 @@ def interpolate(values: Array, rate: float, t: Array) -> Array:
 
 
 def applies(fault: Hidden, channel: str, column: str) -> bool:
-    """Whether a sensor fault acts on a column: named by part (``imu``), family, channel or column."""
+    """Whether a sensor fault acts on a column: its place is a part (``imu``), family, channel or column."""
     where = SHORT.get(fault.where or "", fault.where)
     return where in (column, channel, CHANNELS[channel].family, channel.split(".")[0])
 
 
 def wrong_latency(channel: str, faults: Sequence[Hidden]) -> float:
-    """Latency of a channel beyond the rig's, by its faults [s]."""
+    """Latency of a channel in excess of the rig's, by its faults [s]."""
     return sum(f.size for f in faults if f.effect == "sensor_latency" and applies(f, channel, channel))
 
 
@@ -125,9 +125,9 @@ def latency_error(sensor: Sensor, rig: Rig, sheet: Sheet) -> float:
 def sensed(
     channel: str, values: Array, t: Array, rig: Rig, seed: int, faults: Sequence[Hidden], sheet: Sheet, noise: float
 ) -> Array:
-    """Sampled values with gain, zero, drift and noise; angles wrapped as an instrument delivers them.
+    """Sampled values with gain, zero, drift and noise; angles wrapped as the instrument sends them.
 
-    `values` : (M, k) what was felt at run times `t` (M,) [s]; `noise` : in multiples of the rig's σ.
+    `values` : (M, k) ideal signals at run times `t` (M,) [s]; `noise` : in multiples of the rig's σ.
     """
     info = CHANNELS[channel]
     out = values.copy()
@@ -157,14 +157,13 @@ def measure(
     timing: Timing = Timing(),
     start_ns: int = START_NS,
 ) -> dict[str, Block]:
-    """The samples of a simulated run as they arrive: one block a channel, at each sensor's own rate and clock.
+    """The samples of a simulated run as received: one block a channel, at each sensor's own rate and clock.
 
-    `faults` : sensor faults, by default those the motion was run with; `sheet` : which tolerances are drawn; `noise` :
-    white noise in multiples of the rig's σ, 0 for none; `start_ns` : stamp of run time 0. A block's `t_ns` is the
-    arrival: physical instant + latency + jitter; a latency fault delivers older values at the same stamps. `device_ns`
-    is the sensor's own clock (own origin, own rate) where it has one: on serial lines and UDP, and wherever the rig
-    says ``clock = "device"``.
-    Channels of one sensor share their stamps.
+    `faults` : sensor faults, by default those of the motion; `sheet` : which tolerances are drawn; `noise` : white
+    noise in multiples of the rig's σ, 0 for none; `start_ns` : stamp of run time 0. A block's `t_ns` is the arrival:
+    physical instant + latency + jitter; a latency fault gives older values at the same stamps. `device_ns` is the
+    sensor's own clock (own origin, own rate) where it has one: on serial lines and UDP, and wherever the rig has
+    ``clock = "device"``. Channels of one sensor share their stamps.
     """
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
     ideal = felt(motion, rig, chosen)
@@ -222,10 +221,10 @@ def exchange_run(
     noise: float = 1.0,
     **fields: Any,
 ) -> Run:
-    """All channels on one time base of `rate` [Hz], as an exchange table holds them (`exchange.write_table`).
+    """A simulated run with all channels on one time base of `rate` [Hz], as in an exchange table.
 
     Latencies, zeros and noise (multiples of the rig's σ) as in `measure`, without clocks and jitter; the table starts
-    when every sensor has delivered. `fields` : further fields of the run, e.g. ``notes``.
+    when every sensor has a sample. `fields` : further fields of the run, e.g. ``notes``.
     """
     chosen = [f for f in (motion.hidden if faults is None else faults) if f.of_sensor]
     ideal = felt(motion, rig, chosen)

@@ -1,7 +1,7 @@
 """Hidden suspension laws with memory: each corner has a state of its own, integrated with the motion.
 
 Dahl's friction (Dahl 1968, without the exponent): dF/dt = (F_max/length)·(ṡ - |ṡ|·F/F_max), here with z = F/F_max.
-Maxwell's element: a damper behind a spring, x the stroke of the damper: F = k·(s - x) = c·ẋ.
+Maxwell's element, a damper in series with a spring, x the stroke of the damper: F = k·(s - x) = c·ẋ.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ QUICKEST = 800.0
 
 
 def memory_law(effect: Hidden) -> MemoryLaw | None:
-    """The law of an effect, None when it has no memory. Raises UsageError for what the integrator cannot follow."""
+    """The law of an effect; None when it has no memory. Raises UsageError for one too fast for the integrator."""
     p = effect.size
     if effect.effect == "damper_hysteresis":
         length = effect.shape["length"]

@@ -21,8 +21,11 @@ STEER_ARMATURE = 1e4  # kg·m²
 
 
 class Attached(Protocol):
-    """A further body on the car. `name` of its effect, `at` its mount (body axes), `taken` its share of the chassis,
-    `joints` names of its joints, `states` how many states it has besides them."""
+    """A further body on the car.
+
+    `name` of its effect, `at` its mount (body axes), `taken` the part of the chassis' inertia that it is made of,
+    `joints` names of its joints, `states` number of its further states.
+    """
 
     name: str
     at: tuple[float, float, float]
@@ -35,7 +38,7 @@ class Attached(Protocol):
         ...
 
     def load(self, engine: Any, dofs: Sequence[int], states: Sequence[float]) -> tuple[Array, list[float]]:
-        """Generalised forces (nv,) at the engine's present state and the rates of the states."""
+        """Generalised forces (nv,) at the engine's present state, and the rates of its states."""
         ...
 
 
@@ -45,7 +48,7 @@ def numbers(values: Any) -> str:
 
 
 def inertial(body: Inertia, origin: NDArray[np.float64]) -> str:
-    """MJCF of a body's inertia, its axes at `origin`."""
+    """MJCF of a body's inertia in axes at `origin`."""
     t = np.asarray(body.tensor)
     full = (t[0, 0], t[1, 1], t[2, 2], t[0, 1], t[0, 2], t[1, 2])
     return (
@@ -59,7 +62,7 @@ def _quaternion(R: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def slide_directions(car: Car, hidden: Sequence[Hidden]) -> NDArray[np.float64]:
-    """(4, 3) displacement of each wheel centre per unit of travel, body axes: z unless a hidden effect tilts it."""
+    """(4, 3) displacement of each wheel centre per unit of travel, body axes; z without a hidden effect on it."""
     out = np.tile([0.0, 0.0, 1.0], (4, 1))
     for i, corner in enumerate(CORNERS):
         out[i, 0] = total_at(hidden, "anti_dive", corner)
@@ -68,7 +71,7 @@ def slide_directions(car: Car, hidden: Sequence[Hidden]) -> NDArray[np.float64]:
 
 
 def wheel_turns(car: Car, hidden: Sequence[Hidden]) -> NDArray[np.float64]:
-    """(4, 3) rotation of each carrier per metre of travel [rad/m], body axes: 0 unless a hidden effect turns it."""
+    """(4, 3) rotation of each carrier per metre of travel [rad/m], body axes; 0 without a hidden effect on it."""
     out = np.zeros((4, 3))
     for i, corner in enumerate(CORNERS):
         side = 1.0 if corner[1] == "l" else -1.0
@@ -102,21 +105,21 @@ def _carrier(
 
 
 def level(hidden: Sequence[Hidden]) -> NDArray[np.float64]:
-    """(3, 3) rotation from axes of the road to level ones: the identity but for a hidden slope."""
+    """(3, 3) rotation from axes of the road to level ones: the identity without a hidden slope."""
     grade, bank = total_of(hidden, "slope.grade"), total_of(hidden, "slope.bank")
     c, s = math.cos(grade), math.sin(grade)
     return np.array([[c, 0.0, -s], [0.0, 1.0, 0.0], [s, 0.0, c]]) @ rot_x(bank) if grade or bank else np.eye(3)
 
 
 def steered_corners(car: Car, hidden: Sequence[Hidden]) -> list[bool]:
-    """Which carriers turn about a kingpin axis."""
+    """Whether each carrier rotates about a kingpin axis."""
     return [car.axle(c).steered or total_at(hidden, "steer_compliance", c) != 0.0 for c in CORNERS]
 
 
 def build_mjcf(
     car: Car, slides: NDArray[np.float64], hidden: Sequence[Hidden] = (), attached: Sequence[Attached] = ()
 ) -> tuple[str, Twist | None]:
-    """The car as MJCF text, and the two parts of a chassis that twists. Raises UsageError for what makes no car."""
+    """The car as MJCF text, and the two parts of a chassis that twists. Raises UsageError for impossible sizes."""
     chassis = car.chassis
     for part in attached:
         if part.taken is not None:

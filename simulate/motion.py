@@ -1,4 +1,4 @@
-"""The simulated motion: everything the engine computed, as arrays, and what follows from it by rigid-body kinematics.
+"""Simulated motion: forces and states that the engine computed, as arrays, and the kinematics that follow from them.
 
 Body axes and corner order (fl, fr, rl, rr) throughout. All arrays belong to the same instants: forces and
 accelerations come from one solution of the equations of motion.
@@ -53,7 +53,7 @@ def euler_zyx(R: Array) -> Array:
 
 @dataclass(frozen=True)
 class SimulatedMotion:
-    """One simulated drive.
+    """The motion and forces of one simulated drive.
 
     Attributes (N samples at `rate`; SI; corners second)
     ----------
@@ -63,19 +63,19 @@ class SimulatedMotion:
     turn, turn_rate : (N, 3) angular velocity and acceleration of the body, body axes.
     travel : (N, 3, 4) s, ds/dt, d²s/dt², compression positive, along body z.
     kingpin : (N, 3, 4) angle about the kingpin axis and its derivatives, left positive (rear: 0).
-    spin : (N, 3, 4) wheel angle against the carrier and its derivatives, rolling forward positive.
+    spin : (N, 3, 4) wheel angle relative to the carrier and its derivatives, rolling forward positive.
     force, moment : (N, 4, 3) road on tyre reduced to the wheel centre, body axes.
     distance : (N, 4) wheel centre to road along body -z [m]; `normal` : (N, 3) road normal e, body axes.
     deflection : (N, 4) tyre deflection δ [m]; `suspension` : (N, 4) spring, damper and all other forces between
         chassis and carrier along the travel [N].
     shaft, brake : (N, 4) half-shaft torque (reacts on the chassis), brake torque (reacts on the carrier) [N·m].
-    air : (N, 2, 3) force and moment about the body origin of the air on the body, body axes.
+    air : (N, 2, 3) aerodynamic force and moment about the body origin, body axes.
     slides : (4, 3) displacement of the wheel centres per unit of travel, `turns` : (4, 3) rotation of the carriers per
         unit of travel [rad/m], both in the axes of the part of the body they are on.
-    twist : (N, 3) angle of the rear part of the body against the front one about x and its derivatives; 0 but for
+    twist : (N, 3) angle of the rear part of the body relative to the front one about x and its derivatives; 0 without
         a hidden chassis torsion. `twist_height` : z of its axis [m].
     attached : coordinates of hidden bodies and their derivatives, (N, 3, k) by effect.
-    outside : (N, 2, 3) force and moment about the body origin of the road on hidden bodies, body axes.
+    outside : (N, 2, 3) road force on hidden bodies and its moment about the body origin, body axes.
     level : (3, 3) rotation from ground axes (z normal to the undisturbed road) to level ones (z up).
     memory : (N, m) states of hidden effects, corner by corner, then those of bodies.
     """
@@ -123,12 +123,12 @@ class SimulatedMotion:
 
     @property
     def level_attitude(self) -> Array:
-        """(N, 3, 3) R_level_body, as an inertial unit measures attitude: `attitude` but on a sloping road."""
+        """(N, 3, 3) R_level_body, the attitude that an inertial unit measures: `attitude` except on a sloping road."""
         return self.level @ self.attitude
 
     @cached_property
     def twisted(self) -> bool:
-        """Whether the rear part of the body turns against the front one."""
+        """Whether the rear part of the body rotates relative to the front one."""
         return bool(np.any(self.twist))
 
     @cached_property
@@ -143,12 +143,12 @@ class SimulatedMotion:
 
     @property
     def own_wheel_centres(self) -> Array:
-        """(N, 4, 3) in the axes of the part of the body they are on [m]: body axes, but for a twisted rear."""
+        """(N, 4, 3) wheel centres in the axes of the part of the body they are on [m]."""
         return self.car.wheel_centres + self.travel[:, 0, :, None] * self.slides
 
     @cached_property
     def wheel_centres(self) -> Array:
-        """(N, 4, 3) in body axes [m]."""
+        """(N, 4, 3) wheel centres in body axes [m]."""
         out = self.own_wheel_centres
         if self.twisted:
             for i in (2, 3):
@@ -157,7 +157,7 @@ class SimulatedMotion:
 
     @cached_property
     def own_carrier_attitude(self) -> Array:
-        """(N, 4, 3, 3) R = Rz(steer)·Rx(camber)·Ry(pitch) against the part of the body a carrier is on."""
+        """(N, 4, 3, 3) R = Rz(steer)·Rx(camber)·Ry(pitch) relative to the part of the body a carrier is on."""
         out = np.empty((len(self.t), 4, 3, 3))
         for i, corner in enumerate(CORNERS):
             k, angle = self.car.kingpin(corner), self.kingpin[:, 0, i, None, None]
@@ -179,7 +179,7 @@ class SimulatedMotion:
 
     @property
     def steer(self) -> Array:
-        """(N, 4) steer about z of the part of the body the wheel is on [rad], as its camera sees it."""
+        """(N, 4) steer about z of the part of the body the wheel is on [rad], as its camera measures it."""
         R = self.own_carrier_attitude
         return np.arctan2(-R[..., 0, 1], R[..., 1, 1])
 
@@ -195,7 +195,7 @@ class SimulatedMotion:
         return np.arctan2(-R[..., 2, 0], R[..., 2, 2])
 
     def at(self, points: Array) -> tuple[Array, Array]:
-        """Velocity and acceleration (N, k, 3), body axes, of points fixed to the body, (k, 3) or moving (N, k, 3)."""
+        """Velocity and acceleration (N, k, 3), body axes, of points fixed to the body, (k, 3), or moving, (N, k, 3)."""
         v, a = rotate_back(self.attitude, self.velocity), rotate_back(self.attitude, self.acceleration)
         w, wd = self.turn[:, None, :], self.turn_rate[:, None, :]
         swing = np.cross(w, points)
@@ -229,7 +229,7 @@ class SimulatedMotion:
             own = self.kingpin[:, 1, :, None] * k
             return w + own, wd + self.kingpin[:, 2, :, None] * k + np.cross(w, own)
         s, x = self.travel[..., None], np.zeros((len(self.t), 4, 3))
-        first, second = x.copy(), x.copy()  # of the part of the body each wheel is on, against the body
+        first, second = x.copy(), x.copy()  # of the part of the body each wheel is on, relative to the body
         first[:, 2:, 0], second[:, 2:, 0] = self.twist[:, 1, None], self.twist[:, 2, None]
         base = np.broadcast_to(np.eye(3), (len(self.t), 4, 3, 3)).copy()
         base[:, 2:] = self.rear_attitude[:, None]
@@ -258,8 +258,10 @@ class SimulatedMotion:
 
     @cached_property
     def hub(self) -> tuple[Array, Array]:
-        """Force and moment (N, 4, 3) of the wheel on the hub (rim and tyre outboard), about the wheel centre, body
-        axes: the contact load minus what accelerates and carries the outboard mass."""
+        """Force and moment (N, 4, 3) of wheel on hub (rim and tyre outboard) about the wheel centre, body axes.
+
+        The contact load minus inertia and weight of the outboard mass.
+        """
         axles = [self.car.axle(corner) for corner in CORNERS]
         mass = np.array([a.outboard_mass for a in axles])[:, None]
         felt = self.wheel_centre_motion[1] - self.gravity[:, None, :]
@@ -274,7 +276,7 @@ class SimulatedMotion:
         return rotate_back(self.carrier_attitude, force), rotate_back(self.carrier_attitude, moment)
 
     def truth(self) -> dict[str, Any]:
-        """The true parameters and the settings of the run, JSON-able."""
+        """True parameters and settings of the run, JSON-able."""
         return {
             "car": self.car.truth(),
             "hidden": [effect.truth() for effect in self.hidden],

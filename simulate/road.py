@@ -1,8 +1,8 @@
 """Road profiles: height of each wheel track along x, for tyres and ground lasers alike.
 
-The surface is given per track (left, right) and does not vary across a track: z = z_side(x). What is stored is the
-*enveloped* profile, the moving average over the length of the contact patch; tyres and lasers use the same one, so that
-nothing is hidden from a model that takes the ground lasers for the road under the tyres.
+The surface is given per track (left, right) and does not vary across a track: z = z_side(x). It is the *enveloped*
+profile, the moving average over the length of the contact patch, for tyres and lasers alike, so that a model which
+takes the ground lasers' road as that under the tyres makes no error.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Road:
 
     @property
     def flat(self) -> bool:
-        """Whether both tracks are level at 0."""
+        """Whether both tracks have height 0."""
         return len(self.left) == 0
 
     def height(self, x: NDArray[np.float64], side: str) -> NDArray[np.float64]:
@@ -78,8 +78,8 @@ def rough_road(
 
     Displacement spectrum Gd(n) = Gd(n0)·(n/n0)⁻², n0 = 0.1 cycles/m, between the wave numbers `band` [cycles/m].
     The tracks have the same spectrum and the coherence γ(n) = exp(-decay·track·n) (exponential in track × wave number,
-    as Bogsjö 2008 models measured roads): right = γ·left + √(1 - γ²)·independent. Both axles run on the same tracks, so
-    the rear follows the front by the wheelbase. Raises UsageError for an unknown class.
+    as Bogsjö 2008 models measured roads): right = γ·left + √(1 - γ²)·independent. Both axles run on the same tracks,
+    the rear one wheelbase behind. Raises UsageError for an unknown class.
     """
     if grade not in ROUGHNESS:
         known = ", ".join(ROUGHNESS)
@@ -104,8 +104,11 @@ def rough_road(
 def kerb_road(
     start: float, length: float, height: float, bump: float, spacing: float, side: str, contact_length: float
 ) -> Road:
-    """Bumps of a cosine shape, `height` high and `bump` long [m], every `spacing` [m], on ``left``, ``right``, ``both``
-    tracks or ``alternate`` sides. Raises UsageError for another side."""
+    """A road with cosine-shaped bumps on one, both or alternating tracks.
+
+    Bumps are `height` high and `bump` long [m], every `spacing` [m], on the ``left``, ``right``, ``both`` tracks or
+    ``alternate`` sides. Raises UsageError for another side.
+    """
     if side not in ("left", "right", "both", "alternate"):
         raise UsageError(f"side must be left, right, both or alternate, found '{side}'")
     n = int(np.ceil(length / SPACING))

@@ -1,6 +1,6 @@
-"""Ideal sensor signals of a simulated motion, at its own rate: poses, axes and lasting faults, no noise.
+"""Ideal sensor signals of a simulated motion at its own rate: mounting, axes and constant faults, no noise.
 
-Everything is as documented in ``docs/channels.md``: the vocabulary's signs, in the axes the rig file declares.
+Signs are those of the channels' vocabulary (``docs/channels.md``), axes those that the rig file declares.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from lacet.simulate.motion import SimulatedMotion, euler_zyx, rotate, rotate_bac
 Array = NDArray[np.float64]
 
 BRAKE_TORQUE_PER_PASCAL = 25.0 / 1e5
-"""A front brake's torque for its pressure [N·m/Pa]: 25 N·m a bar, usual for a disc of a passenger car."""
+"""Torque of a front brake per pressure [N·m/Pa]: 25 N·m a bar, usual for a disc of a passenger car."""
 
 DEFAULT_MOUNT = (0.0, 0.0, 0.30)
-"""Laser mount from the design wheel centre [m] where a rig does not say."""
+"""Default position of a laser relative to the design wheel centre [m]."""
 
 
 def pose_matrix(roll: float, pitch: float, yaw: float) -> Array:
@@ -40,9 +40,8 @@ def pose_matrix(roll: float, pitch: float, yaw: float) -> Array:
 def felt(motion: SimulatedMotion, rig: Rig, faults: Sequence[Hidden] = ()) -> dict[str, Array]:
     """Ideal signals of the sensors of `rig`, channel → (N, k), at the motion's instants: no latency, noise or zeros.
 
-    `faults` : misalignment, position, cross-talk and tilted beams are applied here; the others are
-    `simulate.measuring`'s.
-    Raises UsageError when the rig declares axes a channel cannot be given in.
+    `faults` : misalignment, position, cross-talk and tilted beams are applied here, the others in `simulate.measuring`.
+    Raises UsageError when the rig declares axes that a channel cannot have.
     """
     out: dict[str, Array] = {}
     for sensor in rig.sensors:
@@ -70,7 +69,7 @@ def _axes_error(sensor: Sensor, allowed: str) -> UsageError:
 
 
 def _turned(faults: Sequence[Hidden], part: str) -> Array:
-    """Misalignment of a sensor against what its rig row says, (3, 3) R_nominal_true."""
+    """Misalignment of a sensor relative to the rig file, (3, 3) R_nominal_true."""
     name = f"sensor_misalignment.{part}"
     angles = (sum(f.size for f in faults if f.name == f"{name}.{axis}") for axis in ("roll", "pitch", "yaw"))
     return pose_matrix(*angles)
@@ -137,7 +136,7 @@ def _lasers(motion: SimulatedMotion, sensor: Sensor, faults: Sequence[Hidden]) -
         hub = mount[2] - motion.own_wheel_centres[:, i, 2]
         start = motion.position + rotate(motion.attitude, motion.on_rear(mount) if on_rear else mount)
         attitude = motion.attitude @ motion.rear_attitude if on_rear else motion.attitude
-        beam = (attitude @ tilt)[:, :, 2]  # against the light
+        beam = (attitude @ tilt)[:, :, 2]  # opposite to the light's direction
         distance = hub + motion.distance[:, i]
         if not motion.road.flat:
             for _ in range(3):

@@ -1,6 +1,6 @@
-"""Wheel positions and axes under hidden effects: a rear part that twists, carriers that rotate with travel.
+"""Wheel positions and axes under hidden effects: a twisting rear part, carriers that rotate with travel.
 
-Without such an effect the engine keeps its constants, and none of this runs.
+Without such an effect the engine keeps its constants, and this module is not used.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ Triple = tuple[float, float, float]
 
 
 def rotation(vector: Array) -> Array:
-    """(…, 3, 3) rotation by the vectors (…, 3): about each by its length [rad]."""
+    """(…, 3, 3) rotation by the rotation vectors (…, 3) [rad]."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     x, y, z = np.moveaxis(np.asarray(vector, float), -1, 0)
     zero = np.zeros_like(x)
@@ -27,9 +27,11 @@ def rotation(vector: Array) -> Array:
 
 
 class Corner(NamedTuple):
-    """A corner's constants in the axes of what it is mounted on: `centre` of the wheel at design position, `slide`
-    per unit of travel, `axes` (fixed, cosine, sine parts of the spin axis about the kingpin axis, kingpin axis),
-    `turn` [rad/m]."""
+    """Constants of a corner in the axes of the part it is mounted on.
+
+    `centre` of the wheel at design position, `slide` per unit of travel, `axes` (fixed, cosine, sine parts of the spin
+    axis about the kingpin axis, kingpin axis), `turn` [rad/m].
+    """
 
     centre: Triple
     slide: Triple
@@ -38,7 +40,7 @@ class Corner(NamedTuple):
 
 
 def turned(corner: Corner, travel: float) -> Corner:
-    """The corner with its carrier turned by its travel."""
+    """The corner with its carrier rotated by its travel."""
     tx, ty, tz = corner.turn
     rate = math.sqrt(tx * tx + ty * ty + tz * tz)
     ax, ay, az = tx / rate, ty / rate, tz / rate
@@ -58,7 +60,7 @@ def turned(corner: Corner, travel: float) -> Corner:
 
 
 def twisted(corner: Corner, angle: float, z: float) -> Corner:
-    """The corner on a rear part turned by `angle` about the x axis at height `z`."""
+    """The corner on a rear part rotated by `angle` about the x axis at height `z`."""
     c, s = math.cos(angle), math.sin(angle)
 
     def about(v: Triple) -> Triple:
@@ -71,7 +73,7 @@ def twisted(corner: Corner, angle: float, z: float) -> Corner:
 
 
 def coupling(nv: int, slides: list[int], turns: list[int], ratios: list[float]) -> Array:
-    """(k, nv) matrix G of G·v = 0: each turning joint moves at `ratios` times the speed of its slide."""
+    """(k, nv) matrix G of G·v = 0: each rotating joint moves at `ratios` times the speed of its slide."""
     coupled = [(s, t, r) for s, t, r in zip(slides, turns, ratios, strict=True) if t >= 0]
     G = np.zeros((len(coupled), nv))
     for row, (slide, turn, ratio) in zip(G, coupled, strict=True):

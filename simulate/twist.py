@@ -1,7 +1,7 @@
-"""A chassis that twists: its rear part turns about an x axis against its front part.
+"""Chassis torsion: the rear part of the chassis rotates about an x axis relative to the front part.
 
-The two parts are what one rigid chassis is made of: at angle 0 mass, centre of mass and inertia are the whole's. The
-front part carries body axes, IMU and front wheels; the rear part the rear wheels and what is mounted behind.
+The two parts make up the rigid chassis: at angle 0 mass, centre of mass and inertia are those of the whole. The front
+part carries body axes, IMU and front wheels; the rear part the rear wheels and everything mounted behind.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from lacet.simulate.cars import Car, Inertia
 from lacet.simulate.hidden import Hidden
 
 SPREAD = 0.45
-"""Distance of the parts' centres of mass in wheelbases."""
+"""Distance between the parts' centres of mass in wheelbases."""
 STIFFEST = 1e8
-"""Largest stiffness [N·m/rad] the integration step can follow."""
+"""Largest stiffness [N·m/rad] for the integration step."""
 
 
 @dataclass(frozen=True)
 class Twist:
-    """Both parts, hinge height z [m] and the law of the hinge: stiffness·θ + damping·θ̇ + static torque [N·m]."""
+    """The two parts, hinge height z [m] and law of the hinge: stiffness·θ + damping·θ̇ + static torque [N·m]."""
 
     front: Inertia
     rear: Inertia
@@ -34,7 +34,7 @@ class Twist:
 
     @property
     def middle(self) -> float:
-        """x [m] behind which things are mounted on the rear part."""
+        """x [m] behind which sensors are mounted on the rear part."""
         return 0.5 * (self.front.com[0] + self.rear.com[0])
 
     def torque(self, angle: float, rate: float) -> float:
@@ -43,7 +43,7 @@ class Twist:
 
 
 def split(car: Car, chassis: Inertia, effect: Hidden) -> Twist:
-    """Split `chassis` in two. Raises UsageError for a stiffness or a share that makes no car."""
+    """A `chassis` divided in two. Raises UsageError for an impossible stiffness or share."""
     share, z, size = effect.shape["rear"], effect.shape["z"], effect.size
     if not 0.0 < size <= STIFFEST:
         raise UsageError(f"{effect.name}: its stiffness must lie in (0, {STIFFEST:g}] N·m/rad, found {size:g}")
@@ -59,7 +59,7 @@ def split(car: Car, chassis: Inertia, effect: Hidden) -> Twist:
     hinge = np.array([0.0, 0.0, z])
     a, b = (float(part.about(np.array([part.com[0], *hinge[1:]]))[0, 0]) for part in (front, rear))
     damping = 2.0 * effect.shape["damping"] * math.sqrt(size * a * b / (a + b))
-    # the hinge holds at angle 0 what the rear wheels and the rear part weigh off the middle
+    # static torque at angle 0: moments of the rear wheels' loads and of the rear part's weight about the hinge
     carried = car.offsets[2:] @ car.wheel_centres[2:, 1]
     empty = replace(car, payload=None).chassis
     weight = share * empty.mass * car.gravity * empty.com[1]

@@ -1,4 +1,4 @@
-"""The tyre of the simulated car, one wheel at a time in plain floats (the engine calls it 8 000 times a second).
+"""Tyre of the simulated car, one wheel at a time in plain floats (evaluated 8 000 times a simulated second).
 
 Vertical: along the road normal e, F·e = kt·δ (+ hidden terms), δ = R0 - h/√(1 - (n·e)²), h wheel-centre height along e,
 n spin axis; 0 when the wheel is in the air. Horizontal: brush model with combined slip, its slips relaxing:
@@ -29,7 +29,7 @@ class Contact(NamedTuple):
 
 
 class WheelTyre:
-    """The tyre of one wheel, with its constants ready."""
+    """The tyre of one wheel, with its constants precomputed."""
 
     def __init__(
         self, axle: Axle, tyre: Tyre, progression: float, damping: float, resistance: float, camber_thrust: float
@@ -60,7 +60,7 @@ class WheelTyre:
         alpha: float,
         step: float,
     ) -> Contact:
-        """Everything the road does to this wheel now; all vectors in body axes.
+        """Force and moment of the road on this wheel, with deflection and slip rates; all vectors in body axes.
 
         `n` spin axis, `e` road normal, `height` of the wheel centre along e [m], `v` velocity of the wheel centre
         [m/s], `turn` angular velocity of the carrier [rad/s], `spin` of the wheel against the carrier [rad/s],
@@ -79,7 +79,7 @@ class WheelTyre:
             load += self.damping * self.deflection_rate(delta, step)
         if delta < 0.0 or load < 0.0:
             load = 0.0
-        # l forward, a to the left in the road plane; w from the contact to the wheel centre, in the wheel plane
+        # l forward, a to the left, both in the road plane; w from contact to wheel centre, in the wheel plane
         lx, ly, lz = (ny * ez - nz * ey) / q, (nz * ex - nx * ez) / q, (nx * ey - ny * ex) / q
         ax, ay, az = ey * lz - ez * ly, ez * lx - ex * lz, ex * ly - ey * lx
         rx, ry, rz = -loaded * (ex - ne * nx) / q, -loaded * (ey - ne * ny) / q, -loaded * (ez - ne * nz) / q
@@ -89,7 +89,7 @@ class WheelTyre:
         slip_x = vx - (self.radius - delta / 3.0) * spin_total
         slip_y = (
             (v[0] + ty * rz - tz * ry) * ax + (v[1] + tz * rx - tx * rz) * ay + (v[2] + tx * ry - ty * rx) * az
-        )  # carrier only: what the spin adds lies along l
+        )  # of the carrier only: the contribution of the spin is along l
         rolling = abs(vx)
         kappa_rate = (-slip_x - rolling * kappa) / self.sigma_x
         alpha_rate = (-slip_y - rolling * alpha) / self.sigma_y

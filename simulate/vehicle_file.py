@@ -1,4 +1,4 @@
-"""The vehicle file of a simulated car: its geometry in the format of ``docs/vehicle.md``."""
+"""Vehicle file of a simulated car: its geometry in the format of ``docs/vehicle.md``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lacet.simulate.cars import Axle, Car
 
 
 def vehicle_text(car: Car) -> str:
-    """The car's geometry in the format of ``docs/vehicle.md``: all the identification may know beforehand."""
+    """The car's geometry in the format of ``docs/vehicle.md``: the identification's a-priori knowledge."""
     source = "geometry of the simulated car"
 
     def row(key: str, value: float, unit: str) -> str:

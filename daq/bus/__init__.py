@@ -1,1 +1,1 @@
-"""The bus: decoded blocks published and received over Zenoh, through bounded queues."""
+"""Bus (Zenoh): publication and reception of decoded blocks over the network, through bounded queues."""

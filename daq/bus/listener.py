@@ -1,4 +1,4 @@
-"""Receiving side of the bus: subscription to what is published, and requests for what was missed."""
+"""Receiving side of the bus: a subscriber to published runs, with requests for missed messages."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Message:
 
     Attributes
     ----------
-    keys : of the run it belongs to.
+    keys : keys of its run.
     kind : ``start``, ``block``, ``ledger``, ``manifest``, ``result``, ``alive`` or ``gone`` (the recorder's presence).
-    name : the channel of a block, the worker of a result, otherwise empty.
+    name : channel of a block, worker of a result, otherwise empty.
     sequence : number of a block within its channel, otherwise 0.
     payload : the message's bytes.
     """
@@ -35,7 +35,7 @@ class Message:
 
 
 class BusListener:
-    """A subscriber to the runs that `keys` matches: messages in a bounded queue, and requests for what was missed."""
+    """A subscriber to the runs that match `keys`: messages in a bounded queue, and requests for missed ones."""
 
     def __init__(self, session: zenoh.Session, keys: Keys = EVERY_RUN, capacity: int = QUEUE):
         self._session = session
@@ -61,11 +61,11 @@ class BusListener:
 
     @property
     def dropped(self) -> int:
-        """Bytes of blocks that found the queue full."""
+        """Bytes of blocks dropped because the queue was full."""
         return sum(self._queue.dropped.values())
 
     def fetch(self, keys: Keys, name: str, timeout: float = 5.0) -> bytes | None:
-        """Ask for ``start`` or ``manifest`` of a run; None when nobody has it."""
+        """The ``start`` or ``manifest`` message of a run, requested from its holder; None without an answer."""
         for reply in self._session.get(keys.key(name), timeout=timeout):
             if reply.ok is not None:
                 return reply.ok.payload.to_bytes()
@@ -74,10 +74,10 @@ class BusListener:
     def fetch_blocks(
         self, keys: Keys, channel: str, first: int, last: int, timeout: float = 10.0
     ) -> Iterator[tuple[int, bytes]]:
-        """Ask for blocks `first` to `last` of a channel; (sequence, `DecodedBlock` message) of those that are kept."""
+        """Blocks `first` to `last` of a channel, requested: (sequence, `DecodedBlock` message) of those still kept."""
         replies = self._session.get(
             f"{keys.key('block', channel)}?first={first};last={last}",
-            consolidation=zenoh.ConsolidationMode.NONE,  # every reply has the same key, and all of them count
+            consolidation=zenoh.ConsolidationMode.NONE,  # replies share one key, and every one counts
             timeout=timeout,
         )
         for reply in replies:
@@ -95,7 +95,7 @@ class BusListener:
                 sequence += 1
 
     def acknowledge(self, keys: Keys, worker: str, what: dict[str, Any]) -> None:
-        """Send the recorder the acknowledgement that the run is assembled."""
+        """Acknowledge to the recorder that the run is assembled."""
         self._session.put(
             keys.key("ack", chunk(worker)),
             json.dumps(what),
@@ -104,13 +104,13 @@ class BusListener:
         )
 
     def publish_result(self, keys: Keys, worker: str, text: str) -> None:
-        """Publish what was made of the run (JSON); who comes later still gets it while this listener is open."""
+        """Publish a worker's result of the run (JSON); later subscribers receive it too while this listener is open."""
         publisher = state_publisher(self._session, keys.key("result", chunk(worker)))
         publisher.put(text)
         self._handles.append(publisher)
 
     def close(self) -> None:
-        """Take back what was declared. The session stays open."""
+        """Undeclare subscribers and publishers. The session stays open."""
         self._queue.close()
         for handle in self._handles:
             handle.undeclare()
@@ -120,7 +120,7 @@ class BusListener:
         payload = sample.payload.to_bytes()
         attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
         sequence = SEQUENCE.unpack(attachment)[0] if len(attachment) == SEQUENCE.size else 0
-        # Only blocks can be dropped: they can be asked for, and nothing else is large.
+        # Only blocks may be dropped: they can be requested again, and no other message is large.
         size = len(payload) if kind == "block" else 0
         self._queue.put(Message(Keys(rig, run), kind, "/".join(rest), sequence, payload), kind, size)
 

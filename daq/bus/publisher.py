@@ -1,4 +1,4 @@
-"""Sending side of the bus: a recorder publishes its run, keeps it, and answers requests for any part of it."""
+"""Sending side of the bus: a recorder's publisher, which keeps the run and answers requests for any part of it."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from lacet.daq.bus.spool import Spool
 from lacet.daq.formats.wire import Losses, Manifest, StartRecord, Tally, manifest_to_bytes, start_to_bytes
 
 OTHERS = 1.0
-"""How long after an acknowledgement the last request of another worker may be [s]."""
+"""Longest time from an acknowledgement to the last request of another worker [s]."""
 
 
 class RunPublisher:
-    """Publishes one run and answers requests for any part of it until it is closed.
+    """Publisher of one run, which answers requests for any part of it until it is closed.
 
     No method waits for the network.
 
     Parameters
     ----------
-    spool : where blocks are kept for requests; closed by the caller.
-    drop_live : fraction of live blocks not sent, at random with a fixed seed: the fault tests' lossy network.
+    spool : store of the blocks for requests; closed by the caller.
+    drop_live : fraction of live blocks not sent, at random with a fixed seed, to simulate a lossy network in tests.
 
     Attributes
     ----------
-    keys : this run's keys.
-    manifest : set by `finish`.
+    keys : keys of the run.
+    manifest : the manifest, set by `finish`.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class RunPublisher:
         self.keys = Keys(chunk(rig), chunk(start.run_id))
         self.manifest: Manifest | None = None
         self.last_request = time.monotonic()
-        """When somebody last asked for something [s, monotonic]."""
+        """Time of the last request [s, monotonic]."""
         self._session = session
         self._start = start_to_bytes(start)
         self._run_id = start.run_id
@@ -89,20 +89,20 @@ class RunPublisher:
         self._state["ledger"].put(json.dumps(ledger))
 
     def finish(self, losses: Losses, frames: dict[str, Tally]) -> Manifest:
-        """The run is over: publish what there was in all, blocks by channel and `frames` by source."""
+        """End the run: publish its manifest, blocks by channel and `frames` by source."""
         until = time.monotonic() + 5.0
         while len(self._blocks) and self._threads[0].is_alive() and time.monotonic() < until:
-            time.sleep(0.005)  # the live blocks first
+            time.sleep(0.005)  # live blocks are sent before the manifest
         self.manifest = Manifest(self._run_id, dict(self._tallies), frames, losses)
         self._state["manifest"] = state_publisher(self._session, self.keys.key("manifest"))
         self._state["manifest"].put(manifest_to_bytes(self.manifest))
         return self.manifest
 
     def wait_for_ack(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> dict[str, Any]:
-        """Wait until a worker has acknowledged the run, or nobody asked for anything for `timeout` [s].
+        """Wait until a worker has acknowledged the run, or no request came for `timeout` [s].
 
-        After an acknowledgement it stays while other workers still ask. Returns the acknowledgements by worker, empty
-        when none came.
+        After an acknowledgement it waits on while other workers send requests. Returns the acknowledgements by worker,
+        empty when none came.
         """
         self.last_request = time.monotonic()
         while not cancelled():
@@ -114,11 +114,11 @@ class RunPublisher:
 
     @property
     def unsent(self) -> int:
-        """Bytes of live blocks that found the queue full; they are still there for requests."""
+        """Bytes of live blocks not sent because the queue was full; they are still available for requests."""
         return sum(self._blocks.dropped.values())
 
     def close(self) -> None:
-        """Stop answering and sending, and take back what was declared. The session stays open."""
+        """Stop sending and answering, and undeclare publishers. The session stays open."""
         self._blocks.close()
         self._requests.close()
         for thread in self._threads:
@@ -156,7 +156,7 @@ class RunPublisher:
             self.last_request = time.monotonic()
             try:
                 self._answer(query)
-            except zenoh.ZError as error:  # who asked is gone
+            except zenoh.ZError as error:  # the requester is gone
                 self._notify(f"bus: a request could not be answered ({short(error)})")
             finally:
                 query.drop()
@@ -183,7 +183,7 @@ def _bodies(spool: Spool, channel: str, first: int, last: int) -> Iterator[tuple
     """Blocks `first` to `last` packed into replies: (sequence of the first in it, [length, block] …)."""
     begin, parts, size = first, [], 0
     for sequence in range(max(0, first), min(last + 1, spool.end(channel))):
-        message = spool.read(channel, sequence) or b""  # length 0 says that it is not kept
+        message = spool.read(channel, sequence) or b""  # length 0: not kept
         if not parts:
             begin = sequence
         parts += [LENGTH.pack(len(message)), message]

@@ -1,6 +1,6 @@
 """Bounded queue between several producers (reader threads, bus callbacks) and one consumer.
 
-It never blocks the producer: a device and a network do not wait. What does not fit is dropped and counted.
+It never blocks a producer, as a device and a network do not wait: items beyond its capacity are dropped and counted.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ class BoundedQueue(Generic[T]):
 
     Parameters
     ----------
-    capacity : most it holds, summed over the `count` of its items; one item larger than that is let into an empty
-        queue, so that nothing is undeliverable by its size alone.
+    capacity : largest sum of its items' `count`; an empty queue accepts one item larger than that, so that no item is
+        undeliverable by its size alone.
 
     Attributes
     ----------
-    dropped : source → how much was dropped because the queue was full.
-    high_water : the most it ever held.
+    dropped : source → sum of `count` dropped because the queue was full.
+    high_water : the largest sum it ever held.
     """
 
     def __init__(self, capacity: int):
@@ -53,7 +53,7 @@ class BoundedQueue(Generic[T]):
             return True
 
     def get(self, timeout: float | None = None) -> T | None:
-        """Take the oldest item, waiting up to `timeout` [s] (None: for ever); None when there is none."""
+        """The oldest item, removed, waiting up to `timeout` [s] (None: for ever); None when there is none."""
         with self._ready:
             if not self._ready.wait_for(lambda: self._items or self._closed, timeout) or not self._items:
                 return None
@@ -62,7 +62,7 @@ class BoundedQueue(Generic[T]):
             return item
 
     def drain(self) -> list[T]:
-        """Take everything that is there now, oldest first, without waiting."""
+        """All items, removed, oldest first, without waiting."""
         with self._ready:
             items = [item for item, _ in self._items]
             self._items.clear()
@@ -70,7 +70,7 @@ class BoundedQueue(Generic[T]):
             return items
 
     def close(self) -> None:
-        """Let nothing more in and wake every waiting `get`; what is inside can still be taken."""
+        """Accept no more items and wake every waiting `get`; items inside can still be removed."""
         with self._ready:
             self._closed = True
             self._ready.notify_all()
@@ -82,12 +82,12 @@ class BoundedQueue(Generic[T]):
 
     @property
     def held(self) -> int:
-        """How much is inside, summed over `count`."""
+        """Sum of the `count` of the items inside."""
         return self._held
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Source → how much was dropped so far."""
+        """Source → sum of `count` dropped so far."""
         with self._ready:
             return dict(self._dropped)
 

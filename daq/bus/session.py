@@ -1,23 +1,22 @@
-"""The bus (Zenoh): a run's blocks to whoever listens, and everything that was missed on request.
+"""Session and keys of the bus (Zenoh): a run's blocks are published live, and missed ones sent on request.
 
 Keys, below ``lacet/<rig>/<run>/``; the page ``docs/bus.md`` describes them:
 
 =================== ============================================================ ==========
-``start``           `StartRecord`: full texts of rig, vehicle and driver files   also asked
-``block/<channel>`` `DecodedBlock`, numbered per channel from 0                  also asked
+``start``           `StartRecord`: full texts of rig, vehicle and driver files   on request
+``block/<channel>`` `DecodedBlock`, numbered per channel from 0                  on request
 ``ledger``          JSON, once a second: rates and losses so far
-``manifest``        `Manifest`, at the end: count and checksum of every channel  also asked
+``manifest``        `Manifest`, at the end: count and checksum of every channel  on request
 ``ack/<worker>``    JSON, a worker has assembled the run
-``result/<worker>`` JSON, what a worker made of it
+``result/<worker>`` JSON, a worker's result
 ``alive``           liveliness token of the recorder
 =================== ============================================================ ==========
 
-Completeness does not rest on the network: blocks are numbered, the manifest says how many there are, and what is
-missing is asked for. Live blocks are therefore sent with DROP, which cannot stall the recorder. Nothing works inside
-a Zenoh callback: with BLOCK, a callback that stalls for 5 s makes Zenoh close the transport and lose nearly everything
-silently. Callbacks only fill a bounded queue.
+Completeness does not depend on the network: blocks are numbered, the manifest has their number, and missing ones are
+requested. Live blocks are therefore sent with DROP, which cannot stall the recorder. Callbacks only fill a bounded
+queue: with BLOCK, a callback that stalls for 5 s makes Zenoh close the transport and lose nearly everything silently.
 
-This file has the keys and the session; `daq.bus.publisher` is the recorder's side, `daq.bus.listener` the others'.
+`daq.bus.publisher` is the recorder's side, `daq.bus.listener` the receivers'.
 """
 
 from __future__ import annotations
@@ -35,15 +34,15 @@ from lacet.daq.errors import UsageError
 
 ROOT = "lacet"
 ROUTER = "tcp/127.0.0.1:7447"
-"""Where a recorder's embedded router listens by default: this machine only."""
+"""Default endpoint of a recorder's embedded router: this machine only."""
 REPLY = 1 << 20
-"""Most bytes of blocks in one reply to a request."""
+"""Largest size of the blocks in one reply to a request [bytes]."""
 SEQUENCE = struct.Struct("<Q")
 """Attachment of a block: its number; of a reply: the number of the first block in it."""
 LENGTH = struct.Struct("<I")
-"""Before each block in a reply: its length [bytes], 0 for one that is not kept."""
+"""Prefix of each block in a reply: its length [bytes], 0 for one that is not kept."""
 QUEUE = 64 << 20
-"""Most bytes of blocks waiting to be sent, or to be worked on."""
+"""Largest size of blocks waiting to be sent, or to be processed [bytes]."""
 
 
 def chunk(name: str) -> str:
@@ -59,7 +58,7 @@ class Keys:
     run: str
 
     def key(self, *parts: str) -> str:
-        """``lacet/<rig>/<run>/<parts>``."""
+        """Key of a part of the run, ``lacet/<rig>/<run>/<parts>``."""
         return "/".join((ROOT, self.rig, self.run, *parts))
 
 
@@ -69,16 +68,16 @@ EVERY_RUN = Keys("*", "*")
 def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait: float = 5.0) -> zenoh.Session:
     """A Zenoh session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
 
-    Nothing is looked for by multicast and nothing listens on other addresses than those given (Zenoh's defaults do).
-    A client that loses its router connects again by itself.
+    It uses no multicast and listens on the given addresses only (Zenoh's defaults do otherwise). A client that loses
+    its router reconnects by itself.
 
     Parameters
     ----------
-    wait : how long a client tries to reach the router at first [s].
+    wait : longest time for a client's first connection to the router [s].
 
     Raises
     ------
-    UsageError : an endpoint that makes no sense, is taken, or does not answer.
+    UsageError : an endpoint is malformed, in use, or does not answer.
     """
     config = zenoh.Config()
     settings: dict[str, Any] = {
@@ -105,12 +104,12 @@ def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wa
 
 
 def short(error: Exception) -> str:
-    """Message of a Zenoh error without the place in its source."""
+    """Message of a Zenoh error without its source location."""
     return str(error).split(" at /")[0]
 
 
 def state_publisher(session: zenoh.Session, key: str) -> Any:
-    """A publisher of state: whoever comes later, or lost the connection, still gets the last value."""
+    """A publisher of a state, whose last value late or reconnected subscribers receive too."""
     return ext.declare_advanced_publisher(
         session,
         key,

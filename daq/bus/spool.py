@@ -1,4 +1,4 @@
-"""Store of a run's numbered messages, from which any of them can be sent again while the run lasts."""
+"""Spool: store of a run's numbered messages, from which any of them can be sent again while the run lasts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from lacet.daq.formats.wire import Tally
 
 MEMORY = 64 << 20
-"""Most that is held in memory when the disk takes no more [bytes]; about four minutes of a full rig."""
+"""Largest size of messages held in memory when the disk is full [bytes]; about four minutes of a full rig."""
 
 
 class Spool:
@@ -23,20 +23,20 @@ class Spool:
 
     Parameters
     ----------
-    folder : where the temporary file is made; None for the system's.
+    folder : folder of the temporary file; None for the system's.
     """
 
     def __init__(self, folder: Path | None = None):
         self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115 (closed by `close`)
         self._end = 0
         self._offset: dict[str, array[int]] = {}
-        self._length: dict[str, array[int]] = {}  # 0: not here
+        self._length: dict[str, array[int]] = {}  # 0: not stored
         self._memory: dict[tuple[str, int], bytes] = {}
         self._memory_bytes = 0
         self._lock = threading.Lock()
 
     def add(self, name: str, sequence: int, message: bytes) -> None:
-        """Keep message number `sequence` of `name`; one that is here already stays as it is."""
+        """Store message number `sequence` of `name`; one that is stored already is kept unchanged."""
         with self._lock:
             offset = self._offset.setdefault(name, array("Q"))
             length = self._length.setdefault(name, array("Q"))
@@ -62,7 +62,7 @@ class Spool:
             self._memory_bytes += len(message)
 
     def read(self, name: str, sequence: int) -> bytes | None:
-        """The message, or None when it is not here."""
+        """The message, or None when it is not stored."""
         with self._lock:
             length = self._length.get(name, ())
             if not 0 <= sequence < len(length) or not length[sequence]:
@@ -70,31 +70,31 @@ class Spool:
             return os.pread(self._file.fileno(), length[sequence], self._offset[name][sequence])
 
     def names(self) -> list[str]:
-        """Names that have messages."""
+        """Names with stored messages."""
         with self._lock:
             return sorted(self._length)
 
     def messages(self, name: str) -> Iterator[tuple[int, bytes]]:
-        """(sequence number, message) of everything that is here under `name`, in sequence."""
+        """(sequence number, message) of all stored messages of `name`, in sequence."""
         for sequence in range(self.end(name)):
             message = self.read(name, sequence)
             if message is not None:
                 yield sequence, message
 
     def end(self, name: str) -> int:
-        """One more than the highest sequence number here, 0 when there is none."""
+        """One more than the highest sequence number stored, 0 when there is none."""
         with self._lock:
             remembered = [sequence for key, sequence in self._memory if key == name]
             return max(len(self._length.get(name, ())), max(remembered, default=-1) + 1)
 
     def gaps(self, name: str, end: int) -> list[tuple[int, int]]:
-        """(first, last) of each stretch of sequence numbers below `end` that is not here."""
+        """(first, last) of each stretch of sequence numbers below `end` that is not stored."""
         with self._lock:
             length = self._length.get(name, ())
             known = len(length)
             absent = [
                 i for i in range(end) if not (i < known and length[i]) and (name, i) not in self._memory
-            ]  # short in the ordinary case: what the network lost
+            ]  # short in the ordinary case: blocks lost on the network
         out: list[tuple[int, int]] = []
         for i in absent:
             if out and out[-1][1] == i - 1:
@@ -111,7 +111,7 @@ class Spool:
         return tally.checksum
 
     def discard(self, name: str) -> None:
-        """Forget every message of `name` (its checksum was wrong, and it shall be fetched again)."""
+        """Remove every message of `name`, to be fetched again after a wrong checksum."""
         with self._lock:
             self._offset.pop(name, None)
             self._length.pop(name, None)
@@ -119,6 +119,6 @@ class Spool:
                 self._memory_bytes -= len(self._memory.pop(key))
 
     def close(self) -> None:
-        """Give the space back."""
+        """Release memory and disk space."""
         with self._lock:
             self._file.close()

@@ -1,1 +1,1 @@
-"""Files: the run log in MCAP, exchange tables, MDF4, machine-readable results."""
+"""File formats: run logs in MCAP, exchange tables, MDF4, machine-readable results."""

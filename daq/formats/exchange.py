@@ -1,4 +1,4 @@
-"""Exchange tables: one Parquet or CSV file a run, for measurements made elsewhere. Format: ``docs/channels.md``."""
+"""Exchange tables: a run as one Parquet or CSV file, for measurements made elsewhere. Format: ``docs/channels.md``."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ _UNWRAPPED = ("wheel.angle", "imu.attitude")
 def read_table(path: str | Path) -> Run:
     """The run of an exchange table (Parquet or CSV).
 
-    Unknown columns are reported and kept out, missing values become flagged samples, stamps that do not increase are
-    left out and reported. Raises RunError when the file is no table, has no ``t`` or no known channel.
+    Unknown columns, and rows whose stamps do not increase, are left out and reported; missing values become flagged
+    samples. Raises RunError when the file is no table, has no ``t`` or no known channel.
     """
     file = Path(path)
     table, metadata, problems = _load(file)
@@ -53,11 +53,11 @@ def read_table(path: str | Path) -> Run:
 
 
 def _beside(file: Path, named: str) -> str:
-    """A file that a table names, from the table's own folder where it is there."""
+    """Path of a file that a table names: in the table's own folder where it exists there."""
     beside = file.parent / named
     try:
         return str(beside) if beside.is_file() else named
-    except OSError:  # a name no file system takes
+    except OSError:  # no valid file name
         return named
 
 
@@ -117,14 +117,14 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
 
 
 def _read_csv(file: Path, problems: list[str]) -> pa.Table:
-    """Read a CSV file as far as it goes: lines that were cut are left out and reported."""
+    """A CSV file up to where it is damaged: truncated lines are left out and reported."""
     cut: list[str] = []
     with file.open("rb") as stream:
         begin = stream.read(2**16)
     if b"\0" in begin:
         raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
     header, _, numbers = begin.decode("utf-8", "replace").partition("\n")
-    # As spreadsheets write it where the decimal sign is a comma.
+    # The format of spreadsheets where the decimal sign is a comma.
     separator = max(",;\t", key=header.count)
     decimal = "," if separator != "," and "," in numbers else "."
 
@@ -141,7 +141,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
         stream.seek(max(0, file.stat().st_size - 2**16))
         last = stream.read().rpartition(b"\n")[2].decode("utf-8", "replace")
     if last.strip() and last not in cut and table.num_rows:
-        # A number cut in the middle is still a number: the last one may be wrong without its line's end.
+        # A truncated number is still a number: the last one is doubtful where the line's end is missing.
         table = table.slice(0, table.num_rows - 1)
         cut.append(last)
     if cut:
@@ -152,7 +152,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
 def _signals(
     t: NDArray[np.float64], table: dict[str, NDArray[np.float64]], problems: list[str]
 ) -> tuple[dict[str, Signal], list[str]]:
-    """Group columns into channels. Returns signals and the faults that leave nothing usable."""
+    """Signals of the table's columns grouped by channel, and the faults that leave nothing usable."""
     finite = np.isfinite(t)
     forward = np.ones(len(t), bool)
     if len(t) > 1:
@@ -164,7 +164,7 @@ def _signals(
         problems.append(f"{np.count_nonzero(~keep)} rows have a time that does not increase (first: row {first + 1})")
     if np.count_nonzero(keep) < 2:
         return {}, ["fewer than two rows with an increasing time"]
-    # Where rows were left out the time has jumped: what stands on both sides is no neighbour of the other.
+    # Where rows were left out the time has a gap: the samples on both sides are not consecutive.
     jumped = np.where(np.diff(np.flatnonzero(keep), prepend=-1) > 1, np.uint8(Flag.CLOCK), np.uint8(0))
     grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
     for column, values in table.items():

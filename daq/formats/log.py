@@ -1,4 +1,4 @@
-"""The run log, writing side: one MCAP file a run, readable up to the last whole chunk whatever happens.
+"""Writer of run logs: one MCAP file a run, readable up to the last whole chunk after a crash or a full disk.
 
 Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``.
 The page ``docs/log.md`` describes the format. `LogReader` and `recover` are in `formats.log_read` and offered here too.
@@ -39,25 +39,25 @@ DISK = "disk"
 
 
 class LogWriteError(RunError):
-    """A log that cannot be written any further. What was recorded before stays in the file, readable."""
+    """A log that cannot be written any further; what was recorded before remains readable."""
 
 
 class LogWriter:
-    """A run log being written. Nothing is buffered for longer than one chunk.
+    """Writer of one run log, which buffers no more than one chunk.
 
-    A chunk is closed and handed to the operating system when it holds `chunk_bytes`, when its messages span
-    `chunk_seconds`, and by `tick`; that much is lost when the process is killed. The same calls give the same bytes.
+    A chunk is closed and passed to the operating system when it holds `chunk_bytes`, when its messages span
+    `chunk_seconds`, and by `tick`; a killed process loses at most that much. The same calls give the same bytes.
 
     Parameters
     ----------
-    path : file to make.
-    start : the start record; it is on the disk when this returns.
+    path : the new file.
+    start : the start record; it is on the disk when the constructor returns.
     chunk_bytes : size of a chunk before compression [bytes].
     chunk_seconds : duration of a chunk [s].
-    fsync_seconds : how often to make the operating system write to the medium [s], which is what is lost when the
-        power fails; None leaves it to the operating system.
+    fsync_seconds : period of forced writes to the medium [s], the most that a power failure can lose; None leaves them
+        to the operating system.
     axes : channel → axes where the rig file declares others than the vocabulary.
-    overwrite : replace a file of that name; otherwise it is an error.
+    overwrite : replace an existing file; otherwise it is an error.
 
     Raises
     ------
@@ -78,7 +78,7 @@ class LogWriter:
         self.path = Path(path)
         self.start = start
         self.error: LogWriteError | None = None
-        """Why nothing more can be written, None while all is well."""
+        """Reason why nothing more can be written; None without a fault."""
         self.closed = False
         self._axes = dict(axes or {})
         self._channels: dict[str, Tally] = {}
@@ -117,7 +117,7 @@ class LogWriter:
         data = frames_to_bytes(frames, tally.messages)
         try:
             self._put(raw_topic(frames.source), pb.RawFrames, data, int(frames.t_ns[-1]), tally.messages)
-        finally:  # counted, stored or not; what is stored is noted by flush()
+        finally:  # counted, stored or not; flush() notes what is stored
             self._sources[frames.source] = tally.add(data, len(frames))
         return data
 
@@ -142,7 +142,7 @@ class LogWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Close the open chunk and hand it to the operating system. Raises as `write_frames`."""
+        """Close the open chunk and pass it to the operating system. Raises as `write_frames`."""
         self._check()
         try:
             self._file.flush()
@@ -155,7 +155,7 @@ class LogWriter:
         self._open_bytes = 0
 
     def manifest(self) -> Manifest:
-        """What the file holds, the open chunk included."""
+        """Number and checksum of the messages in the file, the open chunk included."""
         channels, sources = (self._channels, self._sources) if self.error is None else self._stored
         return Manifest(self.start.run_id, dict(channels), dict(sources), self.losses)
 
@@ -182,7 +182,7 @@ class LogWriter:
 
         Parameters
         ----------
-        stop : None for ``end of input`` at the last stamp. Counts of its own are added to it.
+        stop : the stop record, to which the log's counts are added; None for ``end of input`` at the last stamp.
 
         Raises
         ------
@@ -218,7 +218,7 @@ class LogWriter:
         if error is None:
             self.close()
             return
-        with contextlib.suppress(LogWriteError):  # the exception on its way out is the one to see
+        with contextlib.suppress(LogWriteError):  # the exception already raised is reported instead
             self.close(StopRecord(self._last_ns, f"{type(error).__name__}: {error}".strip(": ")))
 
     def _put(self, topic: str, kind: Any, data: bytes, log_ns: int, sequence: int) -> None:
@@ -249,6 +249,6 @@ class LogWriter:
 
 
 def _start_metadata(start: StartRecord) -> dict[str, str]:
-    """What a viewer shows of the start record without decoding messages."""
+    """Metadata of the start record, for viewers that do not decode messages."""
     names = ("run_id", "started_ns", "vehicle", "manoeuvre", "wheel_reference", "brakes", "notes", "software")
     return {name: str(getattr(start, name)) for name in names}

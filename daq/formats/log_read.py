@@ -1,4 +1,4 @@
-"""The run log, reading side: whole, unfinished, cut off or damaged files alike."""
+"""Reader of run logs: complete, unfinished, truncated or damaged ones."""
 
 from __future__ import annotations
 
@@ -32,19 +32,19 @@ from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META
 
 
 class LogReader:
-    """A run log being read, whole or damaged.
+    """Reader of one run log, complete or damaged.
 
     Attributes
     ----------
     path : the file.
-    start : the start record; made up of what is known when it is lost, which `damage` says.
+    start : the start record; where it is lost, one reconstructed from the rest, with a line in `damage`.
     stop : the stop record, None when the file has none.
-    manifest : what the writer says it stored, None when it did not come to that.
-    damage : what is lost or missing, one line each; empty for a whole log. Reading may add to it.
+    manifest : number and checksum of the messages stored, None when the log was not closed.
+    damage : losses, one line each; empty for a complete log. Reading may add to it.
 
     Raises
     ------
-    RunError : there is no such file, it is no MCAP file, or nothing of a lacet log is in it.
+    RunError : the file does not exist, is no MCAP file, or holds nothing of a lacet log.
     """
 
     def __init__(self, path: str | os.PathLike[str]):
@@ -83,7 +83,7 @@ class LogReader:
 
         Raises
         ------
-        UsageError : no frames of such a bus are in the log.
+        UsageError : the log has no frames of that bus.
         """
         if RAW + source not in self._topics:
             known = self.sources()
@@ -110,7 +110,7 @@ class LogReader:
         return {channel: Block.concat(parts[channel]) for channel in sorted(parts)}
 
     def messages(self) -> Iterator[tuple[int, Frames | Block]]:
-        """Batches and blocks one by one as recorded, each with its log time [ns]: for replaying a run."""
+        """Frame batches and blocks one by one as recorded, each with its log time [ns], for replay."""
         yield from self._items(self._scan.places)
 
     def _items(self, places: list[Place]) -> Iterator[tuple[int, Frames | Block]]:
@@ -131,7 +131,7 @@ class LogReader:
                 self.damage.append(line)
 
     def _one(self, topic: str, read):
-        """The last message of a topic, None when there is none that can be read."""
+        """The last message of a topic, None when none can be read."""
         for _, data in self._scan.messages(self._topics.get(topic, [])[-1:]):
             try:
                 return read(data)
@@ -156,7 +156,7 @@ class LogReader:
         )
 
     def _gaps(self) -> list[str]:
-        """Messages that the numbering or the manifest says were there."""
+        """Messages missing according to the numbering or the manifest."""
         expected: dict[str, int] = {}
         if self.manifest is not None:
             expected |= {DECODED + name.replace(".", "/"): t.messages for name, t in self.manifest.channels.items()}
@@ -173,10 +173,10 @@ class LogReader:
 
 
 def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> list[str]:
-    """Write every whole record of a damaged log into a new, finished one, and return what was lost.
+    """Write every complete record of a damaged log into a new, finished one, and return the losses.
 
-    The messages are the same bytes; a stop record is made up when there is none; the new log's `damage` says what
-    the old one's did.
+    The messages are the same bytes; a missing stop record is reconstructed; the new log's `damage` repeats that of the
+    old one.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwr
         raise UsageError(f"{target} exists: give another name")
     reader = LogReader(path)
     scan = reader._scan
-    for _ in reader.messages():  # finds what is whole but cannot be used
+    for _ in reader.messages():  # detects complete records that cannot be used
         pass
     writer = McapWriter(target, overwrite)
     try:
@@ -197,7 +197,7 @@ def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwr
             writer.message(START, pb.StartRecord, start_to_bytes(reader.start), max(0, reader.start.started_ns), 0)
         chunk = 0
         for place, data in scan.messages(scan.places):
-            if place.chunk != chunk:  # the chunks stay as they were
+            if place.chunk != chunk:  # chunks keep their boundaries
                 writer.flush()
                 chunk = place.chunk
             channel = scan.channels[place.channel]

@@ -1,4 +1,4 @@
-"""Runs from logs: decoded blocks as signals, each on its sensor's clock where the rig asks for that."""
+"""Runs from logs: decoded blocks as signals, stamped by the sensor's clock where the rig declares it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def read_run(path: Path) -> Run:
 
 
 def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:
-    """A run from decoded blocks by channel, at least one with samples, and the start record they belong to."""
+    """A run from decoded blocks by channel, at least one with samples, and their start record."""
     problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
     rig = _rig(name, start, problems)
     kept = dict(blocks)
@@ -82,7 +82,7 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
     if block.device_ns is None:
         problems.append(f"{block.channel}: the rig asks for the device clock, the log has none: stamps are arrivals")
         return block.t_ns, block
-    # Samples that never came whole have no reading of the clock.
+    # Incomplete samples have no reading of the clock.
     read = np.flatnonzero((block.flags & int(Flag.CHECKSUM | Flag.INCOMPLETE)) == 0)
     if not len(read):
         return block.t_ns, block
@@ -101,9 +101,9 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
 
 
 def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) -> Signal:
-    """Samples in seconds since the run's start; those not later than all before them are dropped."""
+    """Signal with times in seconds since the run's start; samples not later than all before them are dropped."""
     usable = (block.flags & int(UNUSABLE)) == 0
-    # Unusable samples do not decide the order of usable ones: they stay where they fit between them.
+    # Unusable samples do not affect the order of usable ones: they are kept where they fit between them.
     low, high = np.iinfo(np.int64).min, np.iinfo(np.int64).max
     good = usable & _later(np.where(usable, t_ns, low))
     before = np.maximum.accumulate(np.where(good, t_ns, low))

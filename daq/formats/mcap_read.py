@@ -1,7 +1,7 @@
-"""Reading an MCAP file that may be unfinished, cut off or damaged: every whole record counts, the rest is named.
+"""Reader of MCAP files that may be unfinished, truncated or damaged: every complete record is read, losses are named.
 
-The `mcap` library's seeking reader needs a footer and its streaming reader stops at the first bad byte, so the walk
-over the records is here; what a record means is the library's. Format: https://mcap.dev/spec.
+The `mcap` library's seeking reader needs a footer and its streaming reader stops at the first corrupt byte, so the
+iteration over records is here; their interpretation is the library's. Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
@@ -48,15 +48,15 @@ class Place:
 
 @dataclass
 class McapScan:
-    """Index of the whole records of an MCAP file.
+    """Index of the complete records of an MCAP file.
 
     Attributes
     ----------
     places : every message, in the file's order.
     channels, schemas : by id.
     metadata : name → key → text.
-    damage : what is missing or unreadable, one line each.
-    finished : the file ends as a closed file does.
+    damage : missing or unreadable parts, one line each.
+    finished : whether the file was closed properly.
     """
 
     path: Path
@@ -71,7 +71,7 @@ class McapScan:
 
     @classmethod
     def of(cls, path: Path) -> McapScan:
-        """Walk through the file at `path`; OSError when it cannot be read."""
+        """The index of the file at `path`; OSError when it cannot be read."""
         scan = cls(path)
         with path.open("rb") as file:
             size = file.seek(0, 2)
@@ -85,7 +85,7 @@ class McapScan:
         return scan
 
     def messages(self, places: list[Place]) -> Iterator[tuple[Place, bytes]]:
-        """Read messages in the order given; each chunk once where that is the file's order."""
+        """Messages in the order given; each chunk is read once where that is the file's order."""
         current, contents = -1, b""
         with self.path.open("rb") as file:
             for place in places:
@@ -100,7 +100,7 @@ class McapScan:
                 yield place, contents[place.begin : place.end]
 
     def message(self, place: Place, data: bytes) -> Message:
-        """The library's record of a message."""
+        """A message as the library's record."""
         return Message(place.channel, place.log_ns, data, place.publish_ns, place.sequence)
 
     def _walk(self, file: BinaryIO, size: int) -> None:
@@ -185,7 +185,7 @@ class McapScan:
 
 
 def _plausible(head: bytes) -> bool:
-    """Whether a record can begin like this. Opcodes from 0x80 are others' own and are passed over."""
+    """Whether bytes can be the head of a record. Opcodes from 0x80 are private extensions and are skipped."""
     if len(head) < _HEAD.size:
         return False
     opcode, length = _HEAD.unpack(head)
@@ -193,7 +193,7 @@ def _plausible(head: bytes) -> bool:
 
 
 def _followed(file: BinaryIO, opcode: int, position: int, end: int) -> bool:
-    """Whether what a record says of its length can be true: a wrong one would leap over good chunks."""
+    """Whether the length in a record's head can be right: a wrong one would skip good chunks."""
     if opcode == Opcode.CHUNK and _chunk_end(file, position) != end:
         return False
     file.seek(end)
@@ -202,7 +202,7 @@ def _followed(file: BinaryIO, opcode: int, position: int, end: int) -> bool:
 
 
 def _chunk_end(file: BinaryIO, position: int) -> int:
-    """Where a chunk record ends by the sizes inside it."""
+    """End of a chunk record by the sizes inside it."""
     begin = position + _HEAD.size + _CHUNK.size
     file.seek(begin)
     name = int.from_bytes(file.read(4), "little")
@@ -215,7 +215,7 @@ def _parse(opcode: int, data: bytes) -> Schema | Channel | Metadata:
 
 
 def _contents(data: bytes) -> bytes:
-    """What a chunk record holds, decompressed; ValueError when it is damaged."""
+    """Contents of a chunk record, decompressed; ValueError when it is damaged."""
     chunk = Chunk.read(ReadDataStream(BytesIO(data)))
     if chunk.uncompressed_size > _LARGEST:
         raise ValueError(f"claims {chunk.uncompressed_size} bytes")
@@ -258,7 +258,7 @@ def _inside(contents: bytes, chunk: int) -> tuple[list[Place], list[Schema | Cha
 
 
 def _next_chunk(file: BinaryIO, position: int, size: int) -> int:
-    """Position of the next whole compressed chunk record at or after `position`, −1 when there is none."""
+    """Position of the next complete compressed chunk record at or after `position`, −1 when there is none."""
     before = _HEAD.size + _CHUNK.size
     start = position
     while start < size:
@@ -277,7 +277,7 @@ def _next_chunk(file: BinaryIO, position: int, size: int) -> int:
                 return found
         start += _WINDOW
         if start < size:
-            start -= before  # a mark just after the seam has its beginning before it
+            start -= before  # a mark may begin before the boundary of two windows
     return -1
 
 

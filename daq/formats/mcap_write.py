@@ -1,4 +1,4 @@
-"""An MCAP file written so that a failing disk or a lost chunk costs nothing but itself."""
+"""Writer of MCAP files in which a failing disk or a lost chunk damages no other chunk."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ PROTOBUF = "protobuf"
 
 
 class McapWriter:
-    """Chunked, zstd-compressed MCAP. Chunks end where `flush` is called.
+    """Writer of chunked, zstd-compressed MCAP. Chunks end where `flush` is called.
 
-    Every schema and channel is written twice: inside the chunk that first uses it, where its CRC guards it, and
-    before that chunk, so that the loss of one chunk does not take the meaning of the following ones along.
+    Every schema and channel is written twice: inside the chunk that first uses it, protected by its CRC, and before
+    that chunk, so that after the loss of a chunk the following ones can still be decoded.
 
     Raises
     ------
@@ -41,7 +41,7 @@ class McapWriter:
 
     @property
     def stored(self) -> int:
-        """Bytes handed to the operating system."""
+        """Bytes passed to the operating system."""
         return self._sink.stored
 
     def message(self, topic: str, kind: Any, data: bytes, log_ns: int, sequence: int) -> None:
@@ -51,7 +51,7 @@ class McapWriter:
         self._message(topic, data, log_ns, log_ns, sequence)
 
     def copy(self, channel: Channel, schema: Schema | None, message: Message) -> None:
-        """Add a message of another file as it is."""
+        """Add a message of another file unchanged."""
         if channel.topic not in self._channels:
             self._add(channel.topic, schema, channel.message_encoding, channel.metadata)
         self._message(channel.topic, message.data, message.log_time, message.publish_time, message.sequence)
@@ -61,11 +61,11 @@ class McapWriter:
         self._writer.add_metadata(name, dict(texts))
 
     def flush(self) -> None:
-        """End the chunk and hand everything to the operating system."""
+        """End the chunk and pass everything to the operating system."""
         self._writer.flush()
 
     def sync(self) -> None:
-        """Make the operating system write to the medium."""
+        """Force the operating system to write to the medium."""
         self._sink.sync()
 
     def finish(self) -> None:
@@ -74,7 +74,7 @@ class McapWriter:
         self._sink.flush()
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file without index and footer."""
         self._sink.close()
 
     def _add(self, topic: str, schema: Schema | None, encoding: str, metadata: dict[str, str]) -> None:
@@ -89,14 +89,14 @@ class McapWriter:
         channel_id = self._writer.register_channel(topic, encoding, schema_id, metadata)
         Channel(channel_id, topic, encoding, metadata, schema_id).write(ahead)
         self._channels[topic] = channel_id
-        self._sink.write(ahead.end())  # the writer holds nothing back outside its open chunk, so order is kept
+        self._sink.write(ahead.end())  # the writer buffers nothing outside its open chunk, so order is kept
 
     def _message(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
         self._writer.add_message(self._channels[topic], log_ns, data, publish_ns, sequence & 0xFFFFFFFF)
 
 
 def describe(kind: Any) -> bytes:
-    """Return the serialized FileDescriptorSet of a message class: its file and all it imports, imports first."""
+    """The serialized FileDescriptorSet of a message class: its file and all that it imports, imports first."""
     found: dict[str, FileDescriptor] = {}
 
     def visit(file: FileDescriptor) -> None:
@@ -112,7 +112,7 @@ def describe(kind: Any) -> bytes:
 
 
 class _Sink:
-    """Hold what is written until `flush`, then write all of it or nothing."""
+    """Buffer of the writer's output, written to the file by `flush`: all of it or nothing."""
 
     def __init__(self, path: Path, overwrite: bool):
         mode = os.O_TRUNC if overwrite else os.O_EXCL
@@ -137,7 +137,7 @@ class _Sink:
             while done < len(data):
                 done += os.write(self._fd, data[done:])
         except OSError:
-            with contextlib.suppress(OSError):  # a part of a record only makes the reader complain more
+            with contextlib.suppress(OSError):  # a partial record costs no more than a line in the reader's report
                 os.ftruncate(self._fd, self.stored)
                 os.lseek(self._fd, self.stored, os.SEEK_SET)
             raise

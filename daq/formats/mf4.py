@@ -1,4 +1,4 @@
-"""Runs that other systems recorded: MDF files (``.mf4``), with a channel map. Format: ``docs/channels.md``."""
+"""Reader of runs that other systems recorded: MDF files (``.mf4``) with a channel map. Format: ``docs/channels.md``."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lacet.daq.units import TO_SI, canonical, to_si
 SUFFIXES = (".mf4", ".mdf")
 FORMAT = "lacet-mf4 1"
 SHARED_MAP = "mf4.toml"
-"""Map of every MDF file in its folder that has none of its own."""
+"""Name of the map for every MDF file in its folder that has none of its own."""
 _FURTHER_UNITS = {
     "g": ("m/s²", 9.80665), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "Pa": ("Pa", 1.0),
     "°/s": ("rad/s", np.pi / 180.0), "kNm": ("N·m", 1e3), "kN·m": ("N·m", 1e3), "rpm": ("rad/s", np.pi / 30.0),
@@ -33,7 +33,7 @@ _FURTHER_UNITS = {
 
 @dataclass(frozen=True)
 class _Source:
-    """Where a column comes from: value = scale · recorded + offset, `unit` of the product (empty: the file's own)."""
+    """Origin of a column: value = scale · recorded + offset, `unit` of the product (empty: the file's own)."""
 
     name: str
     group: int | None = None
@@ -45,9 +45,9 @@ class _Source:
 def read_mf4(path: str | Path) -> Run:
     """The run of an MDF file, version 3 or 4.
 
-    Its channels are found by the map beside it (``run.toml`` beside ``run.mf4``, or ``mf4.toml`` in its folder); those
-    that are named as columns of an exchange table need none. Raises RunError, with every fault, when the file or its
-    map cannot be used, or no channel of the vocabulary is found.
+    Its channels are named by the map beside it (``run.toml`` beside ``run.mf4``, or ``mf4.toml`` in its folder); those
+    with the names of exchange-table columns need none. Raises RunError, with every fault, when the file or its map
+    cannot be used, or no channel of the vocabulary is found.
     """
     file = Path(path)
     columns, metadata = _map_of(file)
@@ -84,10 +84,10 @@ class _Recorded:
     """The channels of an MDF file by name."""
 
     def __init__(self, file: Path):
-        # Only here: pandas, which it brings, takes seconds to load.
+        # Imported here: pandas, which it depends on, takes seconds to load.
         from asammdf import MDF
 
-        # A file cut short makes the library fail in any way, once more when what it has made of it is thrown away.
+        # A truncated file makes the library raise any exception, and a second one when its object is deleted.
         hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         why = ""
         try:
@@ -103,16 +103,16 @@ class _Recorded:
         self.without_unit: list[str] = []
 
     def has(self, name: str) -> bool:
-        """Whether a channel of that name is in any group."""
+        """Whether any group has a channel of that name."""
         return name in self._places
 
     def some(self) -> str:
-        """Names of its channels, the first ones."""
+        """Names of its first channels."""
         names = [name for name in self._places if name not in ("time", "t", "Timestamp")]
         return ", ".join(names[:12]) + (" …" if len(names) > 12 else "") or "none at all"
 
     def near(self, name: str) -> str:
-        """A hint at a name that is nearly that."""
+        """Hint at the nearest name of its channels."""
         return nearest(name, self._places)
 
     def get(self, source: _Source) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
@@ -128,7 +128,7 @@ class _Recorded:
             raise ValueError(f"'{source.name}' is in groups {groups}: say which in the map (group = …)")
         try:
             group, index = places[0]
-            # Else samples marked invalid would be removed, different ones in each component.
+            # Otherwise samples marked invalid would be removed, different ones in each component.
             found = self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
             invalid = found.invalidation_bits
             values = np.asarray(found.samples)
@@ -141,7 +141,7 @@ class _Recorded:
             if not unit:
                 self.without_unit.append(source.name)
             return np.asarray(found.timestamps, float), values, unit
-        except Exception as cause:  # as above: what is cut or of another type fails anyhow
+        except Exception as cause:  # as above: truncated data and other types raise any exception
             raise ValueError(f"'{source.name}' cannot be read: {cause}") from None
 
     def close(self) -> None:
@@ -152,7 +152,7 @@ class _Recorded:
 def _channel(
     channel: Channel, columns: Mapping[str, _Source], recorded: _Recorded, problems: list[str]
 ) -> Signal | None:
-    """A channel from its columns, on the stamps of the first; None, with the reason in `problems`, without one."""
+    """A channel from its columns, on the stamps of the first; None, with the reason in `problems`, where one lacks."""
     parts: list[NDArray[np.float64]] = []
     stamps: NDArray[np.float64] | None = None
     for column in channel.columns:
@@ -187,10 +187,10 @@ def _channel(
 
 
 def _in_si(source: _Source, values: NDArray[np.float64], unit: str, wanted: str) -> NDArray[np.float64]:
-    """Values in the channel's SI unit. Raises ValueError for a unit that is not known or of another kind."""
+    """Values in the channel's SI unit. Raises ValueError for a unit that is unknown or of another dimension."""
     values = source.scale * values + source.offset
     if not unit:
-        return values  # the map's scale is then all there is to know
+        return values  # the map's scale then converts to SI
     factor, si = _known_unit(unit)
     if si != wanted:
         raise ValueError(f"its unit is {unit}, wanted is {wanted}: say the right one in the map (unit = …, scale = …)")
@@ -208,7 +208,7 @@ def _known_unit(unit: str) -> tuple[float, str]:
 
 
 def map_beside(file: Path) -> Path | None:
-    """The channel map that an MDF file is read with, or None."""
+    """The channel map of an MDF file, or None."""
     return next((f for f in (file.with_suffix(".toml"), file.with_name(SHARED_MAP)) if f.is_file()), None)
 
 
@@ -249,7 +249,7 @@ def read_map(path: Path) -> tuple[dict[str, _Source], dict[str, str]]:
 
 
 def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """``wheel.fl.force.x`` without quotes is a table in a table to TOML."""
+    """A table of tables with dotted keys: ``wheel.fl.force.x`` without quotes is nested in TOML."""
     out: dict[str, Any] = {}
     for key, entry in table.items():
         if isinstance(entry, dict) and "name" not in entry and f"{before}{key}" not in COLUMNS:

@@ -1,4 +1,4 @@
-"""Reading of a run from any kind of file that holds one."""
+"""Reader of runs in any of the file formats."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from lacet.daq.run import Run
 def open_run(path: str | Path) -> Run:
     """The run in a file: MCAP log with decoded blocks, exchange table (Parquet or CSV) or MDF file (``.mf4``).
 
-    Raises RunError with every fault when nothing can be used; what is merely damaged is read as far as it goes and
-    reported in `Run.problems`.
+    Raises RunError with every fault when nothing can be used; a damaged file is read as far as possible, with the
+    losses in `Run.problems`.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The machine-readable result every command can write with ``--json``; formats: ``docs/json.md``."""
+"""Machine-readable results, which every command can write with ``--json``; formats: ``docs/json.md``."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ FORMAT = "lacet-result 1"
 DONE = 0
 BAD_INPUT = 2
 WITH_LOSSES = 3
-"""Exit codes: done; bad usage or input; done with losses or nothing identifiable."""
+"""Exit codes: success; bad usage or input; success with losses, or nothing identifiable."""
 
 
 def write_result(path: str | Path | TextIO | None, command: str, payload: dict[str, Any]) -> None:
-    """Write ``{"format", "command", **payload}`` to `path` (a file or an open stream); nothing when `path` is None.
+    """Write ``{"format", "command", **payload}`` to `path` (a file or an open stream); None writes nothing.
 
     Raises UsageError when the file cannot be written.
     """

@@ -1,10 +1,10 @@
-"""Serialization of the records that the log stores and the bus moves: messages of ``daq/schema/lacet.proto``.
+"""Serialization of the records of logs and of the bus as protobuf messages of ``daq/schema/lacet.proto``.
 
-The arrays of a message are packed fields of fixed width, whose bytes on the wire are the little-endian array itself
-(protobuf encoding, "packed repeated fields"). They are therefore appended as they are to the message's other fields:
-the same bytes as ``extend`` would give, in another order of fields, 50 times faster. Reading goes through protobuf.
+The arrays of a message are packed fields of fixed width, whose encoding is the little-endian array itself (protobuf
+encoding, "packed repeated fields"). They are therefore appended unchanged to the message's other fields: the same bytes
+as ``extend`` would give, in another order of fields, 50 times faster. Parsing uses protobuf.
 
-The same record gives the same bytes every time (maps are sorted).
+Serialization is deterministic (maps are sorted).
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 
 FORMAT = "lacet-log 1"
-"""What a start record says the log is."""
+"""Format name in a start record."""
 
 Losses = Mapping[str, Mapping[str, int]]
 """Numbers of samples or frames lost: source → cause → number."""
 
 
 class WireError(LacetError):
-    """Bytes that are not the message they are said to be, or not one this version can use; the text says why."""
+    """Bytes that are no valid message of the expected kind, or of a version not supported; the text has the reason."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +42,14 @@ class StartRecord:
     Attributes
     ----------
     run_id : unique name of the run.
-    started_ns : [ns since the Unix epoch].
+    started_ns : time of the start [ns since the Unix epoch].
     vehicle_text, rig_text : full texts of the vehicle and the rig file.
-    documents : file name → full text of each file a driver used (DBC …).
+    documents : file name → full text of each file that a driver used (DBC …).
     vehicle, manoeuvre : names.
     wheel_reference : ``contact`` or ``hub``.
     brakes : ``off``, ``used`` or ``unknown``.
-    software : name and version of what recorded.
-    extra : anything else worth keeping (zeroing, filter settings …).
+    software : name and version of the recording software.
+    extra : further settings by name (zeroing, filters …).
     """
 
     run_id: str
@@ -72,8 +72,8 @@ class StopRecord:
 
     Attributes
     ----------
-    stopped_ns : [ns since the Unix epoch].
-    reason : ``stopped``, ``end of input``, or what went wrong.
+    stopped_ns : time of the end [ns since the Unix epoch].
+    reason : ``stopped``, ``end of input``, or the fault.
     counts : channel or source → samples or frames.
     losses : source → cause → number lost.
     """
@@ -111,7 +111,7 @@ class Tally:
 
 @dataclass(frozen=True)
 class Manifest:
-    """Contents of a log or of a sender in all, by which a receiver checks that it has everything."""
+    """Number and checksum of all messages of a log or a sender, by which a receiver checks completeness."""
 
     run_id: str
     channels: Mapping[str, Tally] = field(default_factory=dict)
@@ -121,7 +121,7 @@ class Manifest:
 
 @dataclass(frozen=True)
 class Document:
-    """A JSON text on the bus: `kind` says what it is (``ack``, ``fit`` …)."""
+    """A JSON text on the bus of a `kind` (``ack``, ``fit`` …)."""
 
     kind: str
     run_id: str
@@ -130,7 +130,7 @@ class Document:
 
 
 def frames_to_bytes(frames: Frames, sequence: int) -> bytes:
-    """Return the `RawFrames` message of a batch."""
+    """The `RawFrames` message of a batch."""
     head = pb.RawFrames(source=frames.source, sequence=sequence, first_ns=_first(frames.t_ns))
     return b"".join(
         (
@@ -144,7 +144,7 @@ def frames_to_bytes(frames: Frames, sequence: int) -> bytes:
 
 
 def frames_from_bytes(data: bytes) -> tuple[Frames, int]:
-    """Return the batch of a `RawFrames` message and its sequence number.
+    """The batch of a `RawFrames` message and its sequence number.
 
     Raises
     ------
@@ -165,7 +165,7 @@ def frames_from_bytes(data: bytes) -> tuple[Frames, int]:
 
 
 def block_to_bytes(block: Block, sequence: int, axes: str | None = None) -> bytes:
-    """Return the `DecodedBlock` message of a block; `axes` when the rig file declares others than the vocabulary."""
+    """The `DecodedBlock` message of a block; `axes` when the rig file declares others than the vocabulary."""
     channel = CHANNELS[block.channel]
     head = pb.DecodedBlock(
         channel=block.channel,
@@ -187,7 +187,7 @@ def block_to_bytes(block: Block, sequence: int, axes: str | None = None) -> byte
 
 
 def block_from_bytes(data: bytes) -> tuple[Block, int]:
-    """Return the block of a `DecodedBlock` message and its sequence number.
+    """The block of a `DecodedBlock` message and its sequence number.
 
     Raises
     ------
@@ -220,13 +220,13 @@ def block_from_bytes(data: bytes) -> tuple[Block, int]:
 
 
 def start_to_bytes(record: StartRecord) -> bytes:
-    """Return the `StartRecord` message."""
+    """The `StartRecord` message of a record."""
     fields = {**vars(record), "documents": dict(record.documents), "extra": dict(record.extra)}
     return _serialize(pb.StartRecord(format=FORMAT, **fields))
 
 
 def start_from_bytes(data: bytes) -> StartRecord:
-    """Return the record of a `StartRecord` message; WireError when it is none."""
+    """The record of a `StartRecord` message. Raises WireError when it is none."""
     message = _parse(pb.StartRecord, data)
     if message.format != FORMAT:
         raise WireError(f"format {message.format!r}, this version reads {FORMAT!r}")
@@ -247,20 +247,20 @@ def start_from_bytes(data: bytes) -> StartRecord:
 
 
 def stop_to_bytes(record: StopRecord) -> bytes:
-    """Return the `StopRecord` message."""
+    """The `StopRecord` message of a record."""
     message = pb.StopRecord(stopped_ns=record.stopped_ns, reason=record.reason, counts=dict(record.counts))
     _put_losses(message.losses, record.losses)
     return _serialize(message)
 
 
 def stop_from_bytes(data: bytes) -> StopRecord:
-    """Return the record of a `StopRecord` message; WireError when it is none."""
+    """The record of a `StopRecord` message. Raises WireError when it is none."""
     message = _parse(pb.StopRecord, data)
     return StopRecord(message.stopped_ns, message.reason, dict(message.counts), _get_losses(message.losses))
 
 
 def manifest_to_bytes(manifest: Manifest) -> bytes:
-    """Return the `Manifest` message."""
+    """The `Manifest` message of a manifest."""
     message = pb.Manifest(run_id=manifest.run_id)
     for entries, tallies in ((message.channel, manifest.channels), (message.source, manifest.sources)):
         for name, tally in sorted(tallies.items()):
@@ -270,7 +270,7 @@ def manifest_to_bytes(manifest: Manifest) -> bytes:
 
 
 def manifest_from_bytes(data: bytes) -> Manifest:
-    """Return the manifest of a `Manifest` message; WireError when it is none."""
+    """The manifest of a `Manifest` message. Raises WireError when it is none."""
     message = _parse(pb.Manifest, data)
     channels, sources = (
         {entry.name: Tally(entry.messages, entry.samples, entry.checksum) for entry in entries}
@@ -280,12 +280,12 @@ def manifest_from_bytes(data: bytes) -> Manifest:
 
 
 def document_to_bytes(document: Document) -> bytes:
-    """Return the `Document` message."""
+    """The `Document` message of a document."""
     return _serialize(pb.Document(**vars(document)))
 
 
 def document_from_bytes(data: bytes) -> Document:
-    """Return the document of a `Document` message; WireError when it is none."""
+    """The document of a `Document` message. Raises WireError when it is none."""
     message = _parse(pb.Document, data)
     return Document(message.kind, message.run_id, message.json, message.sequence)
 
@@ -303,7 +303,7 @@ def _stamps(first: int, delta: Any) -> NDArray[np.int64]:
 
 
 def _packed(number: int, array: NDArray[Any], dtype: str) -> tuple[bytes, ...]:
-    """Key, length and bytes of field `number`, nothing for no elements."""
+    """Key, length and bytes of field `number`; empty for no elements."""
     data = array.astype(dtype).tobytes()
     return (_key(number), _varint(len(data)), data) if data else ()
 

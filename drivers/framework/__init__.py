@@ -1,1 +1,1 @@
-"""Parts of drivers: layouts of CAN messages and serial records, counters, checksums."""
+"""Building blocks of drivers: layouts of CAN messages and serial records, counters, checksums."""

@@ -1,4 +1,4 @@
-"""The interface of a driver: pure functions from frames to blocks and back. No clock, no socket, no thread."""
+"""Interface of a driver: pure functions from frames to blocks and back; no clock, socket or thread."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from lacet.daq.blocks import Block
 from lacet.daq.frames import Frames
 
 State = Any
-"""A driver's memory between batches: an immutable value of its own type. ``counts(state)`` reads its ledger."""
+"""State of a driver between batches: an immutable value of its own type. ``counts(state)`` reads its ledger."""
 
 
 class Driver(Protocol):
     """A driver: decoder and encoder of one kind of sensor on one bus.
 
-    Any split of the same frames into batches gives the same samples. Nothing in a payload ever raises: what cannot be
-    used becomes a flagged sample or a counted loss.
+    The samples do not depend on how frames are split into batches. No payload raises an exception: unusable data become
+    a flagged sample or a counted loss.
     """
 
     name: str
@@ -24,26 +24,26 @@ class Driver(Protocol):
     channels: tuple[str, ...]
     """Channels this instance produces."""
     documents: dict[str, str]
-    """File name → full text of each file this instance read its layout from (a DBC); empty where there is none."""
+    """File name → full text of each file that this instance has its layout from (a DBC); empty where there is none."""
 
     def start(self) -> State:
         """State before the first frame."""
         ...
 
     def decode(self, frames: Frames, state: State) -> tuple[list[Block], State]:
-        """Decode a batch; at most one block a channel, in time order."""
+        """Blocks of a batch, at most one a channel, in time order, and the state after it."""
         ...
 
     def finish(self, state: State) -> tuple[list[Block], State]:
-        """End of the stream: what was still waiting becomes flagged samples or counted losses."""
+        """Blocks at the end of the stream: incomplete data become flagged samples or counted losses."""
         ...
 
     def counts(self, state: State) -> dict[str, int]:
-        """The loss ledger so far: ``received``, ``samples`` and losses by cause (``bad_checksum``, ``lost`` …)."""
+        """The loss ledger: ``received``, ``samples`` and losses by cause (``bad_checksum``, ``lost`` …)."""
         ...
 
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
-        """The frames a sensor would have sent for these samples (all channels on the same stamps).
+        """The frames that a sensor would send for these samples (all channels on the same stamps).
 
         Its sample counters begin with `counter`.
         """

@@ -1,8 +1,8 @@
-"""Sensors on a CAN bus: one sample is one message, or several in a fixed order, laid out by a DBC file.
+"""Base of the drivers of CAN sensors, whose sample is one message, or several in order, laid out by a DBC file.
 
-A driver says which messages carry which channels. Inside a message, the signal of a channel has the name of its
+A driver defines which messages carry which channels. Inside a message, the signal of a channel has the name of its
 exchange-table column with ``_`` for ``.`` (``wheel_fl_force_x``); ids, bits, scales, units and ranges are the DBC's.
-The last message of a sample also has ``counter``; ``checksum`` where the driver asks for one; and ``status``, or one
+The last message of a sample also has ``counter``; ``checksum`` where the driver requires one; and ``status``, or one
 ``<channel>_status`` for each channel. A status other than 0 means: not valid.
 """
 
@@ -30,7 +30,7 @@ NOT_VALID = 1
 
 @dataclass(frozen=True)
 class Parts:
-    """A sensor's messages in a batch: `unit` and `part` (N,) identify each, `whole` says that its length is right."""
+    """Messages of one sensor in a batch: `unit`, `part` (N,) identify each; `whole` : whether its length is right."""
 
     unit: NDArray[np.int8]
     part: NDArray[np.int8]
@@ -43,14 +43,14 @@ class Parts:
 
     @classmethod
     def concat(cls, items: list[Parts]) -> Parts:
-        """Join end to end, in the order given (at least one)."""
+        """Batches joined end to end, in the order given (at least one)."""
         columns = ([getattr(item, name) for item in items] for name in ("unit", "part", "t_ns", "words", "whole"))
         return cls(*(np.concatenate(column) for column in columns))
 
 
 @dataclass(frozen=True)
 class CanState:
-    """Memory of a CAN driver between batches: incomplete samples and counter of each unit, and the ledger."""
+    """State of a CAN driver between batches: incomplete samples and counter of each unit, and the ledger."""
 
     begun: Parts
     counters: tuple[CounterState, ...]
@@ -58,20 +58,20 @@ class CanState:
 
 
 class CanSensor:
-    """A sensor whose samples are described by `messages`; the base of the CAN drivers.
+    """Base of the CAN drivers: decoder and encoder of a sensor whose samples are described by `messages`.
 
     Class attributes
     ----------------
     messages : message name → channels it carries, in the order in which the messages of a sample are sent; ``{c}`` is a
         corner.
-    layout : DBC file in ``drivers/dbc`` used when the rig row names none.
-    cyclic : channels (with ``{c}``) whose raw value runs round a full turn; they wrap when sent, never saturate, and
-        are delivered within [0, 2π) rad.
+    layout : DBC file in ``drivers/dbc`` used when the rig file names none.
+    cyclic : channels (with ``{c}``) whose raw value is cyclic over a full turn; they wrap when sent, never saturate,
+        and are decoded within [0, 2π) rad.
     checksum : CRC over the payloads of the messages of a sample end to end, the checksum's own bits taken as 0.
 
     Raises
     ------
-    DbcError : the DBC file has faults or lacks something, all of them listed.
+    DbcError : the DBC file has faults or lacks messages or signals, all of them listed.
     RigError : an option is unknown or wrong.
     """
 
@@ -102,7 +102,7 @@ class CanSensor:
         self.channels: tuple[str, ...] = tuple(reading.channel for unit in units for reading in unit.readings)
         self._words = max(dbc.row_width(message.length) for unit in units for message in unit.messages) // dbc.WORD
         idents = [message.ident for unit in units for message in unit.messages]
-        # Units of one layout are decoded together: in small live batches it is the number of NumPy calls that costs.
+        # Units of one layout are decoded together: the cost of small live batches is the number of NumPy calls.
         alike: dict[object, list[int]] = {}
         for u, unit in enumerate(self.units):
             alike.setdefault(unit.layout(), []).append(u)
@@ -121,13 +121,13 @@ class CanSensor:
         return CanState(self._parts(Frames.empty(self.bus)), (CounterState(),) * len(self.units), ledger)
 
     def decode(self, frames: Frames, state: CanState) -> tuple[list[Block], CanState]:
-        """Decode a batch; frames with ids of other sensors are passed over."""
+        """Blocks of a batch, without the frames with other sensors' ids, and the state after it."""
         parts = self._parts(frames)
         ledger = add(state.ledger, received=len(parts.unit), bad_length=np.count_nonzero(~parts.whole))
         return self._samples(Parts.concat([state.begun, parts]), state.counters, ledger, ended=False)
 
     def finish(self, state: CanState) -> tuple[list[Block], CanState]:
-        """A sample begun and never ended becomes an incomplete one."""
+        """Blocks at the end of the stream: a sample with missing messages becomes an incomplete one."""
         return self._samples(state.begun, state.counters, state.ledger, ended=True)
 
     def counts(self, state: CanState) -> dict[str, int]:
@@ -135,12 +135,12 @@ class CanSensor:
         return dict(state.ledger)
 
     def _parts(self, frames: Frames) -> Parts:
-        """Pick this sensor's messages out of a batch, payloads in rows of little-endian words."""
+        """This sensor's messages of a batch, payloads in rows of little-endian words."""
         near = np.minimum(np.searchsorted(self._sorted, frames.ident), len(self._sorted) - 1)
         mine = np.flatnonzero(self._sorted[near] == frames.ident)
         number = self._order[near[mine]]
         at = frames.offset[mine]
-        # Every 8 bytes at any offset, without a copy: one gather a word. What lies past a payload is never read.
+        # Views of 8 bytes at every offset, without a copy: one gather a word. Bytes past a payload are never read.
         padded = np.concatenate((frames.data, np.zeros(dbc.WORD * (self._words + 1), np.uint8)))
         anywhere = np.ndarray((len(padded) - dbc.WORD + 1,), "<u8", padded, strides=(1,))
         words = np.stack([anywhere[at + dbc.WORD * w] for w in range(self._words)], axis=1)
@@ -150,10 +150,10 @@ class CanSensor:
     def _samples(
         self, parts: Parts, counters: tuple[CounterState, ...], ledger: Mapping[str, int], ended: bool
     ) -> tuple[list[Block], CanState]:
-        """Put messages together into samples, of all units at once; those begun but not `ended` are kept."""
+        """Samples of all units assembled from messages; incomplete ones stay in the state unless the stream `ended`."""
         order = np.argsort(parts.unit, kind="stable")
         unit, part = parts.unit[order], parts.part[order]
-        # A message that does not come later in the order than the one before it begins a new sample.
+        # A message not later in the order than the one before it begins a new sample.
         begins = np.ones(len(order), bool)
         begins[1:] = (part[1:] <= part[:-1]) | (unit[1:] != unit[:-1])
         starts = np.flatnonzero(begins)
@@ -191,10 +191,10 @@ class CanSensor:
         counters: list[CounterState],
         ledger: Mapping[str, int],
     ) -> tuple[list[Block], Mapping[str, int]]:
-        """Check each sample whole, then give all its values or none.
+        """Blocks of samples, each checked as a whole: all its values are used or none.
 
         `rows` (N, messages, width) are samples of units of one layout, sorted by their `owner` (N,); `counters` of all
-        units are moved on in place.
+        units are updated in place.
         """
         layout = self.units[members[0]]
         last = rows[:, -1]
@@ -245,15 +245,15 @@ class CanSensor:
         return self.checksum.over(np.concatenate(payloads, axis=1)).astype(np.int64)
 
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
-        """The frames a sensor would have sent.
+        """The frames that a sensor would send for these samples.
 
         The messages of a sample all carry its stamp and come in the order of `messages`. Values are rounded to the
         nearest raw step and saturate at the ends of the range; NaN and flagged samples are sent with a bad status.
 
         Parameters
         ----------
-        blocks : by channel. Units none of whose channels are given send nothing.
-        counter : what the sample counters begin with.
+        blocks : by channel. Units without a given channel send nothing.
+        counter : first value of the sample counters.
 
         Raises
         ------

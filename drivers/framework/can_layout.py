@@ -1,4 +1,4 @@
-"""Compilation of a DBC file into the units of a CAN sensor: messages, bits and factors to SI, or all its faults."""
+"""Layout of a CAN sensor compiled from a DBC file: messages, bits and factors to SI, or all faults of the file."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lacet.daq.errors import DbcError, nearest
 from lacet.drivers.framework import dbc
 
 FOLDER = Path(__file__).parents[1] / "dbc"
-"""The DBC files that come with the drivers."""
+"""Folder of the DBC files shipped with the drivers."""
 
 SI: dict[str, dict[str, float]] = {
     "N": {"N": 1.0, "daN": 10.0, "kN": 1e3},
@@ -24,12 +24,12 @@ SI: dict[str, dict[str, float]] = {
     "rad": {"rad": 1.0, "mrad": 1e-3, "deg": math.pi / 180, "°": math.pi / 180},
     "rad/s": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": math.pi / 180, "°/s": math.pi / 180, "rpm": math.pi / 30},
 }
-"""SI unit of a channel → units a DBC may give it in → factor to SI."""
+"""SI unit of a channel → units that a DBC may declare → factor to SI."""
 
 
 @dataclass(frozen=True)
 class Component:
-    """One component of a channel: its signal, in which message of the sample, and the factor to SI."""
+    """One component of a channel: its signal, the index of its message in the sample, and the factor to SI."""
 
     part: int
     signal: dbc.Signal
@@ -38,7 +38,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Reading:
-    """One channel of a unit, with the status signal (in the last message) that vouches for it."""
+    """One channel of a unit, with the status signal (in the last message) of its validity."""
 
     channel: str
     components: tuple[Component, ...]
@@ -57,7 +57,7 @@ class Unit:
     checksum: dbc.Signal | None
 
     def layout(self) -> tuple:
-        """Everything that decoding depends on, without names: equal for units whose frames are laid out alike."""
+        """Everything that decoding depends on, without names: equal for units whose frames have the same layout."""
         return (
             tuple(message.length for message in self.messages),
             tuple(
@@ -73,7 +73,7 @@ class Unit:
         )
 
     def mounted_at(self, corner: str) -> Unit:
-        """The unit delivering the channels of another corner."""
+        """The unit with the channels of another corner."""
         readings = tuple(
             replace(reading, channel=reading.channel.replace(f".{self.corner}.", f".{corner}."))
             for reading in self.readings
@@ -82,7 +82,7 @@ class Unit:
 
 
 def read_layout(file: object, folder: Path | None, documents: Mapping[str, str]) -> tuple[str, str]:
-    """Name and text of a DBC file: as recorded, else beside the rig file, else among those of the drivers.
+    """Name and text of a DBC file: as recorded, else beside the rig file, else of those shipped with the drivers.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def read_layout(file: object, folder: Path | None, documents: Mapping[str, str])
                 raise DbcError(path, [f"cannot be read: {error.strerror}"]) from None
             try:
                 return file, data.decode("utf-8")
-            except UnicodeDecodeError:  # most tools write DBC files in this one
+            except UnicodeDecodeError:  # the encoding of most tools
                 return file, data.decode("cp1252", "replace")
     known = sorted({path.name for place in places for path in place.parent.glob("*.dbc")} | set(documents))
     looked = ", ".join(str(place.parent) for place in places)
@@ -115,13 +115,12 @@ def compile_units(
 
     Parameters
     ----------
-    templates : message name → channels, as in `CanSensor.messages`. Of the corners, those are taken of which the DBC
-        has any message.
+    templates : message name → channels, as in `CanSensor.messages`, for the corners of which the DBC has any message.
     cyclic, checksum : as in `CanSensor`; whether a checksum is needed.
 
     Raises
     ------
-    DbcError : with every fault of the file, those of messages that are not asked for included.
+    DbcError : with every fault of the file, those of unused messages included.
     """
     database = dbc.parse(text, path)
     faults = list(database.faults)
@@ -150,7 +149,7 @@ def _unit(
     checksum: bool,
     faults: list[str],
 ) -> Unit | None:
-    """Compile one unit; None when a fault, added to `faults`, stands in the way."""
+    """One unit, compiled; None where a fault, added to `faults`, prevents it."""
     before = len(faults)
     names = [template.format(c=corner) for template in templates]
     messages = [database.messages.get(name) for name in names]
@@ -196,7 +195,7 @@ def _unit(
 
 
 def _bare(name: str) -> str:
-    """A channel or column name as a DBC can write it."""
+    """A channel or column name in the characters of a DBC."""
     return name.replace(".", "_")
 
 
@@ -229,7 +228,7 @@ def _component(
 
 
 def _turn_fault(component: Component, message: dbc.Message) -> str:
-    """Why the raw range of an angle that runs round is not exactly one turn from 0, or ''."""
+    """Reason why the raw range of a cyclic angle is not exactly one turn from 0, or ''."""
     signal = component.signal
     turn = (1 << signal.length) * signal.factor * component.si
     whole = math.isclose(turn, 2 * math.pi, rel_tol=0.25 / (1 << signal.length))

@@ -1,4 +1,4 @@
-"""Sample counters and device clocks followed across batches, and the sums of the loss ledger."""
+"""Sample counters and device clocks continued across batches, and the sums of the loss ledger."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 WIDE = 16
-"""Counters of this many bits or more do not run round within one loss: a jump of more than half their range is the
-sensor starting anew, not a loss of thousands of samples. [bit]"""
+"""Number of bits from which a counter does not wrap within one loss.
+
+A jump of more than half its range is then a restart of the sensor, not a loss of thousands of samples."""
 
 
 @dataclass(frozen=True)
 class CounterState:
-    """Last trusted value of a sample counter (None before the first) and the samples since without one."""
+    """State of a sample counter between batches: last trusted value (None before the first), samples since."""
 
     last: int | None = None
     between: int = 0
@@ -24,14 +25,14 @@ class CounterState:
 
 @dataclass(frozen=True)
 class Jumps:
-    """Losses by a sequence of counters: samples lost before each sample (N,), and where the counter went back (N,)."""
+    """Losses by a sequence of counters: samples lost before each sample (N,), and whether the counter fell (N,)."""
 
     lost: NDArray[np.int64]
     back: NDArray[np.bool_]
 
     @property
     def gap(self) -> NDArray[np.bool_]:
-        """(N,) samples to flag `GAP`."""
+        """(N,) samples to be flagged `GAP`."""
         return (self.lost > 0) | self.back
 
 
@@ -52,7 +53,7 @@ def follow_counter(
     values = counter[at]
     between = np.diff(at, prepend=-1) - 1
     between[0] += state.between
-    # Before the first trusted counter nothing is known to be lost.
+    # Losses before the first trusted counter are unknown.
     before = np.concatenate(([values[0] - 1 if state.last is None else state.last], values[:-1]))
     steps = (values - before - 1) % modulus
     went_back = (steps >= modulus // 2) & (bits >= WIDE)
@@ -66,7 +67,7 @@ def unwrap_clock(
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], int | None]:
     """A 32-bit microsecond clock continued past its wrap every 71.6 minutes.
 
-    Only trusted readings move it. A reading more than half the range ahead is one that went back.
+    Only trusted readings advance it. A reading more than half the range ahead is a step back.
 
     Returns
     -------

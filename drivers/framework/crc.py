@@ -1,8 +1,4 @@
-"""Cyclic redundancy checks over many messages at once.
-
-Parameters as in the catalogue of parametrised CRC algorithms (reveng.sourceforge.io/crc-catalogue): width, polynomial,
-initial value, reflection (input and output alike) and final exclusive-or. `check` there is the CRC of ``b"123456789"``.
-"""
+"""Cyclic redundancy checks of many messages at once."""
 
 from __future__ import annotations
 
@@ -15,7 +11,7 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Crc:
-    """One CRC algorithm of 8 to 32 bits, a whole number of bytes."""
+    """A CRC algorithm of 8 to 32 bits, a whole number of bytes."""
 
     name: str
     width: int
@@ -44,7 +40,7 @@ class Crc:
         """(N,) CRC of each of N messages of equal length, `rows` (N, length)."""
         register = np.full(len(rows), self.initial, np.uint32)
         mask = np.uint32((1 << self.width) - 1)
-        # One table look-up a byte position, for all messages together.
+        # One table look-up for each byte position, of all messages together.
         for byte in np.ascontiguousarray(rows.T):
             if self.reflected:
                 register = (register >> 8) ^ self.table[(register ^ byte) & 0xFF]

@@ -1,4 +1,4 @@
-"""Bits in CAN frames, compiled from a DBC file: cantools reads the file, NumPy extracts from all frames at once."""
+"""Signals of CAN frames compiled from a DBC file: parsed by cantools, extracted from all frames at once by NumPy."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from lacet.daq.errors import DbcError
 
 WORD = 8
-"""Frames are held in rows of whole 64-bit words, so that a signal is one shift of one word. [byte]"""
+"""Length of a word [byte]: rows of frames are whole 64-bit words, so that a signal is one shift of one word."""
 
 
 def row_width(length: int) -> int:
-    """Bytes of a row that holds `length` bytes of payload: at least one word, always whole words."""
+    """Length of a row that holds `length` bytes of payload [byte]: whole words, at least one."""
     return max(1, -(-length // WORD)) * WORD
 
 
@@ -59,7 +59,7 @@ class Signal:
 
     @cached_property
     def _masks(self) -> list[tuple[int, np.uint8, int]]:
-        """For each byte of the signal: which, its bits, and by how many bits the raw value is to be moved down."""
+        """For each byte of the signal: its index, its bits, and the shift of the raw value to it."""
         last = self._first + self.length - 1
         return [
             (
@@ -71,7 +71,7 @@ class Signal:
         ]
 
     def raw(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
-        """Extract the raw value from each row.
+        """Raw value of each row.
 
         Parameters
         ----------
@@ -86,14 +86,14 @@ class Signal:
         order = ">u8" if self.big_endian else "<u8"
         word = rows[:, base : base + WORD].view(order)[:, 0].astype(np.uint64, copy=False)
         over = max(0, skip + self.length - 64)
-        if over:  # the signal reaches into a ninth byte
+        if over:  # the signal extends into a ninth byte
             ninth = rows[:, base + WORD].astype(np.uint64)
             if self.big_endian:
                 word = (word << np.uint64(over)) | (ninth >> np.uint64(8 - over))
             else:
                 word = (word >> np.uint64(skip)) | (ninth << np.uint64(64 - skip))
             skip = 64 - self.length if self.big_endian else 0
-        # Push the signal against the top of the word, then bring it down with or without its sign.
+        # Shift the signal to the top of the word, then down with or without its sign.
         up = skip if self.big_endian else 64 - skip - self.length
         top = word << np.uint64(up)
         down = 64 - self.length
@@ -103,7 +103,7 @@ class Signal:
         return bare if self.length == 64 else bare.view(np.int64)
 
     def put(self, rows: NDArray[np.uint8], raw: NDArray[Any] | int) -> None:
-        """Write raw values (N,) into `rows` (N, W) in place; other bits stay."""
+        """Write raw values (N,) into `rows` (N, W) in place; other bits are unchanged."""
         value = np.broadcast_to(np.asarray(raw), len(rows)).astype(np.uint64)
         for byte, mask, down in self._masks:
             part = value >> np.uint64(down) if down >= 0 else value << np.uint64(-down)
@@ -128,7 +128,7 @@ class Message:
 class Database:
     """The messages of a DBC file by name, and every fault found in it.
 
-    `left_out` says of messages (``message``) and signals (``message.signal``) that cannot be decoded why.
+    `left_out` : reason for each message (``message``) and signal (``message.signal``) that cannot be decoded.
     """
 
     messages: dict[str, Message] = field(default_factory=dict)
@@ -143,13 +143,13 @@ def parse(text: str, path: object) -> Database:
 
     Raises
     ------
-    DbcError : the text is not a DBC file at all. Faults inside a readable file are listed in the result, so that a
-        driver can add its own and raise all of them at once.
+    DbcError : the text is no DBC file. Faults inside a readable file are listed in the result, so that a driver can
+        add its own and raise all of them at once.
     """
     try:
         # Not strict: cantools would stop at the first overlap; all of them are listed below.
         database = cantools.database.load_string(text, "dbc", strict=False)
-    except Exception as error:  # cantools raises many kinds, its parser's among them
+    except Exception as error:  # cantools raises exceptions of many types, its parser's among them
         raise DbcError(path, [f"not a DBC file: {error}"]) from None
     if not isinstance(database, cantools.database.Database):
         raise DbcError(path, ["describes diagnostics, not CAN messages"])
@@ -192,7 +192,7 @@ def _signal(signal: Any, faults: list[str], message: str) -> Signal:
         factor = 1.0
     bounds = [bound for bound in (signal.minimum, signal.maximum) if bound is not None]
     if len(bounds) == 2:
-        # The bound itself is inside; a hair of rounding in minimum / factor must not cost one raw step.
+        # The bound itself is inside the range: rounding of minimum / factor must not exclude it.
         ends = sorted((bound - offset) / factor for bound in bounds)
         low, high = max(low, int(np.ceil(ends[0] - 1e-6))), min(high, int(np.floor(ends[1] + 1e-6)))
         if low >= high:
@@ -212,7 +212,7 @@ def _signal(signal: Any, faults: list[str], message: str) -> Signal:
 
 
 def _layout_faults(message: Message, signals: list[Signal]) -> list[str]:
-    """Signals of one name, outside the message, longer than a word, or on the same bits."""
+    """Faults of a message: signals of equal names, outside the message, longer than a word, or on the same bits."""
     faults = []
     place = f"message '{message.name}': signal"
     for i, signal in enumerate(signals):

@@ -1,4 +1,4 @@
-"""The options of a rig row that several drivers share, checked with every fault at once."""
+"""Options of a sensor in the rig file that several drivers share, with checks that report every fault at once."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from lacet.daq.errors import RigError, nearest
 
 
 def corner_map(name: str, options: Mapping[str, object], fitted: tuple[str, ...]) -> dict[str, str]:
-    """Corner on the wire → corner of the channels, from the option ``corners`` of a rig row.
+    """Corner on the wire → corner of the channels, from a sensor's option ``corners`` in the rig file.
 
-    As many entries as there are corners on the wire: the wheel each of them is mounted at, in the order fl, fr, rl, rr
-    (so two exchanged entries are two exchanged wires). Fewer: those wheels only, each on the wire of its own name.
+    With as many entries as corners on the wire they are the wheels that these are mounted at, in the order fl, fr, rl,
+    rr (two exchanged entries are two exchanged wires). With fewer, only those wheels are read, each under its own name.
 
     Raises
     ------
-    RigError : an entry is no corner, comes twice, or is not on the wire.
+    RigError : an entry is no corner, is repeated, or is not on the wire.
     """
     wanted = options.get("corners")
     if wanted is None:
@@ -44,7 +44,7 @@ def corner_map(name: str, options: Mapping[str, object], fitted: tuple[str, ...]
 
 
 def check_options(name: str, options: Mapping[str, object], known: tuple[str, ...]) -> None:
-    """Check of a rig row's options against those that the driver has.
+    """Check of a sensor's options in the rig file against those that the driver has.
 
     Raises
     ------

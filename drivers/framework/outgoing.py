@@ -1,4 +1,4 @@
-"""Common parts of the encoders: the channels of one message, and which samples to send as not valid."""
+"""Common parts of the encoders: the channels of one message, and the samples to be sent as not valid."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lacet.daq.errors import UsageError
 
 
 def together(blocks: Mapping[str, Block], channels: tuple[str, ...]) -> list[Block]:
-    """Blocks of the channels that travel in one message, in that order; none when not one of them is given.
+    """Blocks of the channels that share one message, in that order; none when none of them is given.
 
     Raises
     ------
-    UsageError : some are missing, or they are not on the same stamps.
+    UsageError : some are missing, or have other stamps.
     """
     given = [channel for channel in channels if channel in blocks]
     if not given:
@@ -35,7 +35,7 @@ def together(blocks: Mapping[str, Block], channels: tuple[str, ...]) -> list[Blo
 
 
 def not_valid(block: Block, saturated: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """(N,) samples to send as not valid: NaN, or flagged unusable and not shown as such by a saturated value."""
+    """(N,) samples to be sent as not valid: NaN, or flagged unusable and not shown as such by a saturated value."""
     flagged = (block.flags & np.uint8(UNUSABLE & ~Flag.RANGE)) != 0
     hidden_range = ((block.flags & np.uint8(Flag.RANGE)) != 0) & ~saturated
     return flagged | hidden_range | np.isnan(block.values).any(axis=1)

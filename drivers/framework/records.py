@@ -1,7 +1,7 @@
-"""Sensors that send one fixed binary record a sample: counter, device clock, 16-bit values and a CRC, little-endian.
+"""Base of the drivers of sensors that send one fixed binary record a sample, little-endian.
 
-The bytes of a record are the same whatever carries it; how records are found (in a serial stream, in datagrams) is the
-driver's own business. A raw value of −32768 means: not valid.
+A record holds a counter, a device clock, 16-bit values and a CRC, in a serial stream or in datagrams: each driver has
+its own way to find records. A raw value of −32768 means: not valid.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FULL = 32767
 
 @dataclass(frozen=True)
 class RecordState:
-    """Memory of a record driver between batches: bytes not yet parsed (serial only), counter, clock [µs] and ledger."""
+    """State of a record driver between batches: bytes not yet parsed (serial only), counter, clock [µs] and ledger."""
 
     waiting: Frames
     counter: CounterState
@@ -35,7 +35,7 @@ class RecordState:
 
 @dataclass(frozen=True)
 class Part:
-    """One channel of a record: its first value, how many, raw step [SI unit], and whether it wraps at ±π rad."""
+    """One channel of a record: its first value, their number, raw step [SI unit], and whether it wraps at ±π rad."""
 
     channel: str
     first: int
@@ -76,7 +76,7 @@ class Record:
 
     @property
     def length(self) -> int:
-        """Bytes of a record."""
+        """Length of a record [byte]."""
         return self.dtype.itemsize
 
     def crc_of(self, rows: NDArray[np.uint8]) -> NDArray[np.uint32]:
@@ -89,7 +89,7 @@ class Record:
 
 
 class RecordSensor:
-    """Decoder and encoder of binary records; base of the drivers of such sensors, which set `record` and `parts`."""
+    """Decoder and encoder of binary records; base of drivers, which define `record` and `parts`."""
 
     name: str
     record: Record
@@ -114,7 +114,7 @@ class RecordSensor:
     ) -> tuple[list[Block], RecordState]:
         """Blocks of records held in `rows` (N, length); `faults` (N,) are the flags that make a record unusable.
 
-        A faulty record moves neither counter nor clock; its device stamp repeats the last good one.
+        A faulty record advances neither counter nor clock; its device stamp repeats the last good one.
         """
         if len(rows) == 0:
             return [], state
@@ -154,15 +154,15 @@ class RecordSensor:
         return blocks, replace(state, counter=counter, clock_us=clock_us, ledger=ledger)
 
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
-        """The frames a sensor would have sent, one record a frame.
+        """The frames that a sensor would send, one record a frame.
 
         Values are rounded to the nearest raw step and saturate at the ends of the range; NaN and flagged samples are
-        sent as not valid. The device clock is that of the blocks where they have one, else the stamp, in µs.
+        sent as not valid. The device clock is the blocks' own, else the stamp, in µs.
 
         Parameters
         ----------
         blocks : by channel; all of this driver's or none.
-        counter : what the sample counter begins with.
+        counter : first value of the sample counter.
 
         Raises
         ------

@@ -1,1 +1,1 @@
-"""Physical effects and sensor faults: what each is, the catalogue of them, and those that users write."""
+"""Physical effects and sensor faults, the terms of a model: base classes, catalogue, and users' own effects."""

@@ -1,7 +1,7 @@
 """Base classes of effects, the terms of a model: physical laws with regressor columns, and faults of the sensors.
 
-A model is a sum of effects and nothing else; a rigid body is an effect too. To add one, write one class in one file in
-``identify/effects/`` (or in a folder named in a study): it is found by walking.
+A model is a sum of effects and nothing else; a rigid body is an effect too. A new effect is one class in one file of
+``identify/effects/`` (or of a folder named in a study), where it is found automatically.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Parameter:
 
     `name` is ``effect.parameter`` (rigid bodies: as in the paper, ``XX6``); `unit` is SI; `low` and `high` bound what
     is plausible on any car; `expect` is ``positive``, ``negative`` or ``any``. `twin` names the same part on the other
-    side of the car, whose value differs by no more than `twin_sigma` (1 σ): stated on one of the two.
+    side of the car, whose value differs by `twin_sigma` (1 σ); only one of the two names the other.
 
     Examples
     --------
@@ -54,7 +54,7 @@ class Parameter:
     def prior(self) -> float:
         """Standard deviation (1 σ) of the prior: half the largest plausible value.
 
-        So wide that it does not move what a run determines; it keeps what no run determines within what is plausible.
+        Wide enough not to bias a parameter that a run determines; one that no run determines stays plausible.
         """
         return 0.5 * self.largest
 
@@ -65,7 +65,7 @@ class Effect(ABC):
 
     Attributes
     ----------
-    where : ``front``, ``rear``, a corner, a sensor or nothing, as the effect's variants say.
+    where : place of this variant: ``front``, ``rear``, a corner, a sensor, or empty.
     shape : constants that are not linear (a gap, a speed), by name; searched over `grids`.
 
     Examples
@@ -81,29 +81,29 @@ class Effect(ABC):
     name: ClassVar[str]
     """Family name, e.g. ``anti_roll_bar``."""
     about: ClassVar[str]
-    """What it is, in one line."""
+    """The effect in one line."""
     signature: ClassVar[str]
-    """Its pattern in the residual when it is missing."""
+    """Pattern in the residual of a model that lacks it."""
     shown_by: ClassVar[str]
-    """Which manoeuvre shows it."""
+    """Manoeuvre that excites it."""
     parameters_shown_by: ClassVar[Mapping[str, str]] = {}
-    """Parameter → the manoeuvre that shows it, where that is another than `shown_by`."""
+    """Parameter → the manoeuvre that excites it, where that is another than `shown_by`."""
     source: ClassVar[str]
-    """Where the law is written down."""
+    """Publication of the law."""
     rows: ClassVar[tuple[str, ...]] = ()
     """Rows it acts on: kinds (``suspension``, ``tyre``, ``spin``, ``chassis``) or single rows (``chassis.fx``)."""
     looks_like: ClassVar[tuple[str, ...]] = ()
-    """Families that it is confounded with by construction, in nearly all runs; the docstring says why."""
+    """Families that it is confounded with by construction, in nearly all runs; the docstring has the reason."""
     base: ClassVar[bool] = False
-    """Whether it belongs to the base model."""
+    """Whether it is part of the base model."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}
-    """Values tried for each shape constant, SI."""
+    """Values tried for each shape constant [SI]."""
 
     @property
     def key(self) -> str:
-        """``family.where``, the name used everywhere."""
+        """``family.where``, the name by which models, results and commands refer to it."""
         return f"{self.name}.{self.where}" if self.where else self.name
 
     @property
@@ -113,12 +113,12 @@ class Effect(ABC):
 
     @property
     def as_physics(self) -> PhysicalEffect | None:
-        """This effect if it is physics, which has columns of its own."""
+        """This effect if it is physics, with columns of its own; else None."""
         return None
 
     @property
     def as_fault(self) -> SensorFault | None:
-        """This effect if it is a fault of the instruments."""
+        """This effect if it is a fault of the instruments; else None."""
         return None
 
     @property
@@ -128,11 +128,11 @@ class Effect(ABC):
 
     @property
     def sheet_entries(self) -> frozenset[tuple[str, str]]:
-        """Entries of the sensor sheet, kind and channel, that stand for the same as this effect; none for physics."""
+        """Entries of the sensor sheet, kind and channel, that describe the same error as it; none for physics."""
         return frozenset()
 
     def sheet_bound(self, rig: Rig) -> float:
-        """Tolerance of the sensor sheet for it, 1 σ in the parameter's unit; 0 for physics, which has none."""
+        """Tolerance of the sensor sheet for it, 1 σ in the parameter's unit; 0 for physics."""
         return 0.0
 
     @classmethod
@@ -142,15 +142,15 @@ class Effect(ABC):
 
     @classmethod
     def for_runs(cls, runs: Sequence[str]) -> Sequence[Self]:
-        """Variants that differ from run to run, one a run, by the runs' names; none for what belongs to the car."""
+        """Variants that differ from run to run, one a run, by the runs' names; none for a property of the car."""
         return ()
 
     def lacks(self, motion: Motion) -> tuple[str | GroundLaserOffset, ...]:
-        """What it needs and the run of `motion` lacks: channels, the road under the wheels (`GroundLaserOffset`)."""
+        """Channels that it needs and the run of `motion` lacks, or the road under the wheels (`GroundLaserOffset`)."""
         return tuple(channel for channel in self.needs if channel not in motion.channels)
 
     def shapes(self) -> list[Self]:
-        """This effect with each combination of its shape constants tried by the search (itself when it has none)."""
+        """This effect with each combination of its shape constants that is searched; itself where it has none."""
         out = [self]
         for name, values in self.grids.items():
             out = [replace(one, shape={**one.shape, name: value}) for one in out for value in values]
@@ -180,7 +180,7 @@ class PhysicalEffect(Effect):
 
     @property
     def as_physics(self) -> PhysicalEffect:
-        """Itself."""
+        """This effect."""
         return self
 
     @abstractmethod
@@ -195,7 +195,7 @@ class PhysicalEffect(Effect):
 class SuspensionForce(PhysicalEffect):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
-    A subclass gives `law` and one parameter; front and rear axle and each single corner are its variants.
+    A subclass defines `law` and one parameter; front and rear axle and each single corner are its variants.
 
     Examples
     --------
@@ -225,16 +225,16 @@ class SuspensionForce(PhysicalEffect):
 
     @abstractmethod
     def law(self, travel: Array, rate: Array) -> Array:
-        """(N,) force per unit of the parameter [N]."""
+        """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]."""
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The law at the corners acted on."""
+        """The law in the suspension rows of the corners acted on."""
         parts = {c: motion.corners[c] for c in self.corners()}
         return {f"suspension.{c}": self.law(part.travel, part.rate)[None] for c, part in parts.items()}
 
 
 class TyreForce(PhysicalEffect):
-    """A force of the tyres along the road's normal; a subclass gives the law per unit of its one parameter.
+    """A force of the tyres along the road's normal; a subclass defines the law per unit of its one parameter.
 
     Examples
     --------
@@ -260,18 +260,18 @@ class TyreForce(PhysicalEffect):
 
     @abstractmethod
     def law(self, corner: CornerMotion) -> Array:
-        """(N,) force per unit of the parameter [N]."""
+        """(N,) force per unit of the parameter [N], from the motion of one corner."""
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The law at the tyres acted on."""
+        """The law in the tyre rows of the corners acted on."""
         return {f"tyre.{c}": self.law(motion.corners[c])[None] for c in self.corners()}
 
 
 class SensorFault(Effect):
-    """A fault of the instruments, of one parameter, in some of the measured channels.
+    """A fault of the instruments in some of the measured channels, with one parameter.
 
-    It competes with the physics. It has no columns of its own: they follow from the model it is seen through, as the
-    change of Y − W θ̂ per unit of its parameter. It acts on whatever rows its channels enter, so that `rows` is empty.
+    It is a candidate beside the physics. Its columns depend on the model: they are the change of Y − W θ̂ per unit of
+    its parameter. It acts on every row that its channels enter, so that `rows` is empty.
 
     Examples
     --------
@@ -282,7 +282,7 @@ class SensorFault(Effect):
 
     @property
     def as_fault(self) -> SensorFault:
-        """Itself."""
+        """This effect."""
         return self
 
     @property
@@ -296,22 +296,22 @@ class SensorFault(Effect):
         return frozenset((self.tolerance, channel) for channel in self.channels())
 
     def sheet_bound(self, rig: Rig) -> float:
-        """The largest tolerance of its kind among its channels; 0 when the sheet has none."""
+        """The largest tolerance of its kind among its channels; 0 where the sheet has none."""
         return max((rig.tolerance(channel, self.tolerance) for channel in self.channels()), default=0.0)
 
     @abstractmethod
     def channels(self) -> tuple[str, ...]:
-        """The channels the fault is in."""
+        """Channels that have the fault."""
 
     @abstractmethod
     def perturb(self, channel: str, recording: Recording) -> Array:
         """Change of a channel of the recording (k, N) per unit of the parameter, for a small fault.
 
-        `recording` has the channel; of others it has whatever the run has (`recording.signals`).
+        `recording` has this channel, and of the others those of the run (`recording.signals`).
         """
 
     def changes(self, recording: Recording) -> dict[str, Array]:
-        """Changes of channels (k, N) per unit of the parameter that change the equations as the fault does."""
+        """Changes of channels (k, N) per unit of the parameter, equivalent to the fault in the equations."""
         there = [name for name in self.channels() if name in recording.signals.value]
         return {name: self.perturb(name, recording) for name in there}
 
@@ -321,12 +321,12 @@ class SensorFault(Effect):
         """Entry of the rig's sensor sheet that bounds it: ``gain``, ``latency`` … (`daq.rig.Rig.tolerance`)."""
 
     def correct(self, channel: str, recording: Recording, p: float) -> Array:
-        """A channel of a recording (k, N) with a fault of size `p` removed: here to first order."""
+        """A channel of a recording (k, N) with a fault of size `p` removed, by default to first order."""
         return recording.signals.value[channel] - p * self.perturb(channel, recording)
 
 
 def is_sensor_fault(family: type[Effect]) -> bool:
-    """Whether a family of effects is of faults of the instruments."""
+    """Whether a family of effects consists of faults of the instruments."""
     return issubclass(family, SensorFault)
 
 
@@ -334,7 +334,7 @@ AnEffect = TypeVar("AnEffect", bound=Effect)
 
 
 def with_places(effects: Iterable[AnEffect]) -> Iterator[tuple[AnEffect, slice]]:
-    """Each effect with the place of its parameters, where those of all effects stand one after the other."""
+    """Each effect with the slice of its parameters in the vector of all effects' parameters."""
     start = 0
     for effect in effects:
         stop = start + len(effect.parameters)

@@ -1,4 +1,4 @@
-"""The catalogue of effects: the classes of the families' modules, and those of a user."""
+"""Catalogue of effects: the classes of lacet's own modules, and users' classes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lacet.identify.effects.user_files import own_variants, vetted
 
 
 def effect_classes(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
-    """Every effect class by family name, in the order of files and of definitions in them; a user's `own` last.
+    """Every effect class by family name, in the order of files and of definitions in them; the user's `own` last.
 
     Raises UsageError when two effects share a name.
     """
@@ -33,7 +33,7 @@ def effect_classes(own: Iterable[type[Effect]] = ()) -> dict[str, type[Effect]]:
 
 
 def classes_of(module: ModuleType) -> list[type[Effect]]:
-    """The effect classes that a module defines, in their order. Raises UsageError when one of a user is not whole."""
+    """The effect classes that a module defines, in order. Raises UsageError where a user's class is incomplete."""
     out: list[type[Effect]] = []
     for cls in vars(module).values():
         if inspect.isclass(cls) and issubclass(cls, Effect) and cls.__module__ == module.__name__:
@@ -44,7 +44,7 @@ def classes_of(module: ModuleType) -> list[type[Effect]]:
 
 
 def _files() -> list[str]:
-    """Modules of the effects that ship with lacet, one folder a family of them."""
+    """Modules of lacet's own effects, in one folder a family."""
     families = (one.name for one in pkgutil.iter_modules(effects.__path__) if one.ispkg and one.name != "language")
     packages = [importlib.import_module(f"{effects.__name__}.{family}") for family in families]
     return [f"{package.__name__}.{m.name}" for package in packages for m in pkgutil.iter_modules(package.__path__)]
@@ -53,9 +53,9 @@ def _files() -> list[str]:
 def catalogue(
     vehicle: Vehicle, reference: str, own: Iterable[type[Effect]] = (), runs: Sequence[str] = ()
 ) -> dict[str, Effect]:
-    """Every effect that can act on this vehicle, by key (``family.where``), base model first.
+    """Every effect that can act on a vehicle, by key (``family.where``), base model first.
 
-    `own` : a user's effect classes. `runs` : names of the runs at hand, for what can change from one to the next
+    `own` : a user's effect classes. `runs` : names of the runs, for effects that differ from run to run
     (`Effect.for_runs`).
     """
     classes = effect_classes(own).values()
@@ -65,7 +65,7 @@ def catalogue(
 
 
 def base_model(vehicle: Vehicle, reference: str) -> list[Effect]:
-    """The model of the paper's table 2: rigid bodies, springs, dampers, offsets, tyre stiffness."""
+    """Effects of the base model, the paper's table 2: rigid bodies, springs, dampers, offsets, tyre stiffness."""
     return [effect for effect in catalogue(vehicle, reference).values() if effect.base]
 
 

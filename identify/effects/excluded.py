@@ -1,4 +1,4 @@
-"""Effects that cannot be missing, because the measurements or the base model already hold them.
+"""Effects that cannot be missing from a model, because the measured loads or the base model already hold them.
 
 They are listed beside the catalogue so that nobody looks for them; none has columns, parameters or places.
 """
@@ -15,12 +15,12 @@ class ExcludedEffect:
     Attributes
     ----------
     name : family name, as an effect of the catalogue has one.
-    about : what it is, in one line.
-    law : what it does, in one sentence.
-    measured_by : why it cannot be missing: what measures it, or which body of the model has it.
-    source : where it is written down.
-    signature : what it looks like in the residual: nothing, and why.
-    shown_by : which manoeuvre shows it: none.
+    about : the effect in one line.
+    law : its action, in one sentence.
+    measured_by : why it cannot be missing: the measurement that holds it, or the body of the model that has it.
+    source : publication of the law.
+    signature : its pattern in the residual: none, with the reason.
+    shown_by : the manoeuvre that excites it: none.
     """
 
     name: str
@@ -99,6 +99,6 @@ EXCLUDED: tuple[ExcludedEffect, ...] = (
         signature="none: rows they enter are formed only where they are measured or eliminated",
     ),
 )
-"""All of them, in the order of the catalogue's listing."""
+"""All excluded effects, in the order of the catalogue's listing."""
 EXCLUDED_NAMES = frozenset(one.name for one in EXCLUDED)
 """Names that no effect of the catalogue may have."""

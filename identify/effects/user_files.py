@@ -1,6 +1,6 @@
-"""Checks of a user's own effect classes: what is wrong in them is named with file, class and method.
+"""Checks of a user's own effect classes, whose faults are reported with file, class and method.
 
-In an effect that ships with lacet the same fault would be a bug, and crashes as one.
+The same fault in one of lacet's own effects is a bug, and raises its own exception.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect, Senso
 from lacet.identify.multibody.vectors import Array
 
 OWN_MODULES = "lacet_user_effects."
-"""What the names of modules made of a user's files begin with."""
+"""Prefix of the names of modules made from a user's files."""
 
 _TEXTS = ("name", "about", "signature", "shown_by", "source")
 T = TypeVar("T")
 
 _ROOMS = ("daq", "drivers", "identify", "services", "simulate")
-"""Packages of lacet: top-level ones before lacet was one package, and its insides since."""
+"""Packages of lacet, some of which were top-level packages in earlier versions."""
 _RENAMED = {"Effect": "PhysicalEffect"}
-"""Names of earlier versions, and what they are called now."""
+"""Names of earlier versions → present names."""
 
 
 def is_own(cls: type[Effect]) -> bool:
@@ -37,10 +37,10 @@ def is_own(cls: type[Effect]) -> bool:
 
 
 def check_imports(source: str, file: str) -> None:
-    """Check of what a user's file imports: names of `lacet` itself, and nothing from inside it.
+    """Check of the imports of a user's file: names of `lacet` itself, and none from inside it.
 
-    Raises UsageError with the line, and the line to write instead. A text that is no Python passes: it fails when it
-    is loaded, with its place.
+    Raises UsageError with the line, and the line to write instead. A text that is no Python passes: loading it reports
+    the place.
     """
     try:
         tree = ast.parse(source)
@@ -68,7 +68,7 @@ def _inside(module: str) -> bool:
 
 
 def vetted(cls: type[Effect]) -> None:
-    """Check of a user's effect class. Raises UsageError when one that has a name is incomplete."""
+    """Check of a user's effect class. Raises UsageError where a class with a name is incomplete."""
     if not is_own(cls) or "name" not in vars(cls):
         return
     if not issubclass(cls, PhysicalEffect | SensorFault):
@@ -129,12 +129,12 @@ def _call(cls: type[Effect], method: str, function: Callable[[], T]) -> T:
         return function()
     except LacetError:
         raise
-    except Exception as cause:  # as above: theirs to see, with its place
+    except Exception as cause:  # as above: the user's fault, reported with its place
         raise UsageError(f"{_place(cls)}.{method} fails: {_line(cls, cause)}{type(cause).__name__}: {cause}") from cause
 
 
 def _line(cls: type[Effect], cause: Exception) -> str:
-    """``line 12: ``, the deepest line of the user's file on the way to a fault."""
+    """``line 12: ``, the deepest line of the user's file in the traceback of a fault."""
     file, number, trace = _file(cls), 0, cause.__traceback__
     while trace is not None:
         number = trace.tb_lineno if trace.tb_frame.f_code.co_filename == file else number

@@ -82,7 +82,7 @@ class Expression:
 
     @cached_property
     def angles(self) -> tuple[Expression, ...]:
-        """Arguments with symbols of its sines, cosines and tangents (those of roots and arc functions are no angles)."""
+        """Arguments with symbols of its sines, cosines and tangents; those of roots and arc functions are no angles."""
         nodes = (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
         calls = [n for n in nodes if isinstance(n.func, ast.Name) and n.func.id in ("sin", "cos", "tan")]
         found = (Expression(ast.unparse(a), a, self.functions) for call in calls for a in call.args)

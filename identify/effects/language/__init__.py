@@ -1,1 +1,1 @@
-"""The language of one-line effects: expressions in the measured states, with units, linear in their parameters."""
+"""Language of one-line effects: expressions in the measured states, with units, linear in their parameters."""

@@ -1,4 +1,4 @@
-"""Effect classes made from one-line effects: their variants, parameters and regressor columns."""
+"""Effect classes of one-line effects: their variants, parameters and regressor columns."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
 
 WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0
-"""A plausible effect stays within a wheel's static load [N], that load at a wheel's radius and at a metre [N·m]."""
+"""Bounds of a plausible effect: a wheel's static load [N], and that load at a wheel's radius and at a metre [N·m]."""
 _DRAWS = 512
 _WIDER = (1.0, 2.0, 4.0, 8.0)
-"""Multiples of its states' usual size at which a law is evaluated that is zero within (a stop with a wide gap)."""
+"""Multiples of its states' usual range at which a law is evaluated that is zero within (a stop with a wide gap)."""
 
 
 class OneLine(PhysicalEffect):
-    """An effect written as one line. `effect_class` makes a subclass of each line."""
+    """An effect written as one line; `effect_class` makes a subclass for each line."""
 
     line: ClassVar[Line]
     bounds: ClassVar[dict[str, tuple[float, float]]]
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """The places its line leaves open: both axles (one value left and right) and each corner."""
+        """The variants at the places its line allows: both axles (one value left and right) and each corner."""
         first = {name: values[0] for name, values in cls.grids.items()}
         return [cls(where, dict(first)) for where in cls.line.places]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The line's parameters, with the unit that follows from the law."""
+        """The line's parameters, with the units that follow from the law."""
         out: list[Parameter] = []
         for name in self.line.parameters:
             low, high = self.bounds[name]
@@ -53,14 +53,14 @@ class OneLine(PhysicalEffect):
                 yield (f"{law.row}.{corner}" if corner else law.row), corner, law
 
     def lacks(self, motion: Motion) -> tuple[str, ...]:
-        """Channels of its states that a run has not, in the rows that the run has."""
+        """Channels of its states that a run lacks, in the rows that the run has."""
         uses = [
             (use, corner) for row, corner, law in self.acted_on() for use in law.uses.values() if row in motion.rows
         ]
         return tuple(dict.fromkeys(channel for use, corner in uses for channel in use.lacks(motion, corner)))
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The law's parts at the rows acted on. Raises UsageError where one has no finite value."""
+        """The law's terms in the rows acted on. Raises UsageError where one has no finite value."""
         out: dict[str, Array] = {}
         names = list(self.line.parameters)
         for row, corner, law in self.acted_on():
@@ -89,7 +89,7 @@ def one_line_effects(text: str, vehicle: Vehicle, reference: str) -> Sequence[Ef
 
 
 def effect_class(line: Line) -> type[OneLine]:
-    """The effect class of a line that has a name. Raises LineFault when no plausible size of a parameter follows."""
+    """The effect class of a line that has a name. Raises LineFault where no plausible size of a parameter follows."""
     law = "; ".join(f"{law.named}: {law.text}" for law in line.rows)
     states = ", ".join(dict.fromkeys(use.state.name.replace("_", " ") for use in line.states.values()))
     attributes: dict[str, Any] = {
@@ -106,9 +106,9 @@ def effect_class(line: Line) -> type[OneLine]:
 
 
 def _plausible(line: Line, parameter: str) -> tuple[float, float]:
-    """± the largest value with which the law stays within a plausible force at the usual sizes of its states.
+    """± the largest value with which the law stays within a plausible force at the usual range of its states.
 
-    A parameter in several rows must stay within in each; of the constants tried those count that allow most.
+    A parameter in several rows is bounded by each; of the shape constants tried, those count that allow most.
     """
     sizes: list[float] = []
     for shape in itertools.product(*line.grids.values()):
@@ -126,7 +126,7 @@ def _plausible(line: Line, parameter: str) -> tuple[float, float]:
 
 
 def _size(law: RowLaw, term: Expression, constants: dict[str, float]) -> float:
-    """Plausible force ÷ the largest |term| at usual states; 0 where the term is zero or not finite throughout."""
+    """Plausible force ÷ the largest |term| in the usual range of its states; 0 where the term is zero or not finite."""
     plausible = WHEEL_FORCE
     if law.first_row.unit == "N·m":
         plausible = CAR_MOMENT if law.first_row.kind == "chassis" else WHEEL_MOMENT

@@ -1,4 +1,4 @@
-"""Laws that are linear in their parameters, as parameter → measured expression with its physical dimension."""
+"""Decomposition of a law that is linear in its parameters: parameter → measured expression with its dimension."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt, "min": np.minimum, "max": np.maximum,
     "exp": np.exp, "log": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "tan": np.tan, "atan": np.arctan,
 }  # fmt: skip
-"""Functions a one-line effect may use."""
+"""Functions that a one-line effect may use."""
 LARGEST_POWER = 8.0
 MOST_PARTS, DEEPEST = 300, 40
-"""Numbers, names and operations in one expression, and how deep they may be nested."""
+"""Largest number of nodes (numbers, names, operations) of one expression, and largest depth of nesting."""
 
 Terms = dict[str, ast.expr]
-"""Parameter → its factor; the term without a parameter has the empty name."""
+"""Parameter → its factor; the term without a parameter has an empty name."""
 
 
 def within_size(expression: Expression) -> None:
-    """Check of an expression's size. Raises ExpressionFault when it is too large to be a law."""
+    """Check of an expression's size. Raises ExpressionFault where it is too large to be a law."""
 
     def depth(node: ast.AST) -> int:
         return 1 + max((depth(child) for child in ast.iter_child_nodes(node)), default=0)
@@ -41,8 +41,8 @@ def within_size(expression: Expression) -> None:
 def terms_of(expression: Expression, parameters: Set[str]) -> dict[str, Expression]:
     """The terms of an expression that is linear in `parameters`: parameter → factor, in the order written.
 
-    Exact: the tree is expanded, no numbers are tried. Raises ExpressionFault with the place where it is not linear, and
-    where something stands without a parameter.
+    Exact: the tree is expanded symbolically. Raises ExpressionFault with the place where it is not linear, or where a
+    term has no parameter.
     """
     found = _expanded(expression, expression.tree, parameters)
     if "" in found:
@@ -104,7 +104,7 @@ def _scaled(expression: Expression, node: ast.BinOp, parameters: Set[str]) -> Te
     if isinstance(node.op, ast.Div) and right:
         raise expression.fault(node.right, f"{' and '.join(right)} stands in a divisor, {_REMEDY.format(right[0])}")
     if left and right:
-        for part in (node.left, node.right):  # what is not linear in itself is reported first
+        for part in (node.left, node.right):  # a factor that is not linear by itself is reported first
             _expanded(expression, part, parameters)
         both = " and ".join(dict.fromkeys((*left, *right)))
         says = f"{both} are multiplied" if len({*left, *right}) > 1 else f"{both} appears squared"
@@ -123,18 +123,18 @@ class Dimensions:
     Parameters
     ----------
     names : dimension of every name but ``pi``.
-    units : dimension of a number by the place where it stands; other numbers are plain.
+    units : dimension of a number by its place; other numbers are plain.
     """
 
     def __init__(self, expression: Expression, names: Mapping[str, Dimension], units: Mapping[int, Dimension]):
         self.expression, self.names, self.units = expression, names, units
 
     def of(self, node: ast.expr | None = None) -> Dimension:
-        """The dimension of a part, by default of the whole. Raises ExpressionFault where parts do not fit."""
+        """The dimension of a part, by default of the whole. Raises ExpressionFault where dimensions do not agree."""
         return self._of(self.expression.tree if node is None else node) or NUMBER
 
     def _of(self, node: ast.expr) -> Dimension | None:
-        """None for a bare zero, which fits everything: max(0, travel)."""
+        """The dimension of a part; None for a bare zero, which agrees with every dimension: max(0, travel)."""
         if isinstance(node, ast.Constant):
             return None if node.value == 0 and node.col_offset not in self.units else self._number(node)
         if isinstance(node, ast.Name):

@@ -1,12 +1,12 @@
-"""An effect written as one line: ``bump = suspension: p * travel**2 * sign(rate)``.
+"""Parser of one-line effects: ``bump = suspension: p * travel**2 * sign(rate)``.
 
 ::
 
     [NAME =] WHERE: LAW [; WHERE: LAW …] [, CONSTANT = VALUES UNIT …] [, PARAMETER in LOW..HIGH UNIT …] [# what it is]
 
-The law is read, never run (`multibody.expression`). It must be linear in its parameters, the names that
-are nothing else; constants that are not linear are listed after it and searched. Units are checked, and a parameter's
-follows.
+The law is parsed, never executed (`multibody.expression`). It must be linear in its parameters, the names without any
+other meaning; constants in which it is not linear are listed after it and searched. Units are checked, and those of
+the parameters follow.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from lacet.identify.effects.language.units import FORCE, LENGTH, TIME, Dimension
 from lacet.identify.multibody.expression import CONSTANTS, Expression, ExpressionFault
 
 LONGEST = 1000
-"""Characters of a line."""
+"""Length of the longest line [characters]."""
 MOST_SHAPES = 100
-"""Combinations of constants that are tried."""
+"""Largest number of combinations of shape constants."""
 KINDS = ("suspension", "tyre", "spin")
 PLACES = ("front", "rear", "all", *CORNERS)
 _NUMBER = r"(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][-+]?\d+)?"
@@ -58,9 +58,9 @@ class RowLaw:
     Attributes
     ----------
     row : ``suspension``, ``tyre``, ``spin`` or a chassis row such as ``chassis.fx``.
-    place : ``front``, ``rear``, ``all`` or a corner, or empty where the effect's variants say.
+    place : ``front``, ``rear``, ``all`` or a corner; empty where each variant has its own.
     text : the law as written.
-    terms : parameter → what it multiplies.
+    terms : parameter → its factor.
     uses : the states in it by name.
     """
 
@@ -72,21 +72,21 @@ class RowLaw:
 
     @property
     def named(self) -> str:
-        """``suspension.front``."""
+        """Row with place, ``suspension.front``."""
         return f"{self.row}.{self.place}" if self.place else self.row
 
     @property
     def first_row(self) -> Row:
-        """The row of the equations it acts in; of the wheels' four, which are alike, the first."""
+        """The row of the equations it acts in; of the four of the wheels, which are alike, the first."""
         return Row.parse(f"{self.row}.{CORNERS[0]}" if self.row in KINDS else self.row)
 
     @property
     def dimension(self) -> Dimension:
-        """Of the row: a force, or a moment."""
+        """Dimension of the row: of a force, or of a moment."""
         return FORCE * LENGTH if self.first_row.unit == "N·m" else FORCE
 
     def corners(self, where: str) -> tuple[str, ...]:
-        """The wheels it acts at, in the variant `where`; one empty name in a chassis row."""
+        """The corners it acts at in the variant `where`; one empty name in a chassis row."""
         if self.row not in KINDS:
             return ("",)
         place = self.place or where
@@ -95,11 +95,11 @@ class RowLaw:
 
 @dataclass(frozen=True)
 class Line:
-    """A one-line effect as read: name, laws by row, parameters, bounds and shape constants.
+    """A parsed one-line effect: name, laws by row, parameters, bounds and shape constants.
 
     Attributes
     ----------
-    name : of the effect, or empty; `text` the line without its comment, `about` the comment.
+    name : name of the effect, or empty; `text` : the line without its comment, `about` : the comment.
     rows : the law in each row.
     parameters : name → dimension, in the order written.
     bounds : plausible (low, high) [SI] of the parameters for which the line gives them.
@@ -126,7 +126,7 @@ class Line:
         return (fixed.pop(),) if len(fixed) == 1 else ("",)
 
     def unit(self, parameter: str) -> str:
-        """SI unit of a parameter; in kilograms where it multiplies an acceleration."""
+        """SI unit of a parameter; kilograms where it multiplies an acceleration."""
         uses = [law.uses[n].state for law in self.rows if parameter in law.terms
                 for n in law.terms[parameter].symbols if n in law.uses]  # fmt: skip
         inertial = any(state.dimension in (LENGTH / TIME**2, TIME**-2) for state in uses)
@@ -135,19 +135,19 @@ class Line:
 
     @property
     def states(self) -> dict[str, Use]:
-        """Every state in it."""
+        """Every state in its laws, by name."""
         return {name: use for law in self.rows for name, use in law.uses.items()}
 
 
 def read_line(text: str) -> Line:
-    """Read a line. Raises LineFault with the place and the remedy."""
+    """The effect that a line defines. Raises LineFault with the place and the remedy."""
     return _Reader(text).line()
 
 
 def read_lines(text: str, source: str) -> list[Line]:
-    """The lines of a file; empty ones and those of a comment alone are passed over.
+    """The effects that the lines of a file define; empty lines and comments are skipped.
 
-    Raises UsageError with file and line number where one cannot be read, has no name or has another's.
+    Raises UsageError with file and line number where one cannot be parsed, has no name or has another's.
     """
     out: list[Line] = []
     for number, written in enumerate(text.splitlines(), 1):
@@ -202,7 +202,7 @@ class _Reader:
         return Line(name, self.text[: self.end].strip(), self.about, laws, dimensions, held, grids, constants)
 
     def _split(self, start: int, stop: int, separator: str) -> Iterator[tuple[int, int]]:
-        """Places of the parts between separators that stand in no brackets."""
+        """Places of the parts between separators outside brackets."""
         depth = 0
         for at in range(start, stop):
             character = self.text[at]
@@ -230,7 +230,7 @@ class _Reader:
             raise LineFault(self.text, f"'{name}' says where an effect acts: give the effect another name", *place)
         return name, at + 1
 
-    # -- what stands after the law ------------------------------------------------------------------------------------
+    # -- clauses after the law ----------------------------------------------------------------------------------------
 
     def _clause(
         self, start: int, stop: int, grids: dict[str, tuple[float, ...]], constants: dict[str, Dimension],
@@ -336,7 +336,7 @@ class _Reader:
                 says = f"'{wrong}' is no unit that is known here (after a number stands its unit, or an operator)"
                 raise ExpressionFault(text, says, at, at + len(str(wrong))) from None
             units[number.start()] = (factor, dimension)
-            text = text[:at] + " " * length + text[at + length :]  # same length: places stay what they are
+            text = text[:at] + " " * length + text[at + length :]  # same length, so that places stay valid
         strange = re.search(r"[^\x20-\x7e]", text)
         if strange:
             known = {"·": "*", "×": "*", "−": "-", "–": "-", "÷": "/", "²": "**2", "³": "**3"}
@@ -370,7 +370,7 @@ class _Reader:
         return uses
 
     def _no_misspelt_state(self, expression: Expression, node: ast.Name) -> None:
-        """Refusal of a parameter whose name is nearly that of a state: it is a misspelt state."""
+        """Check that a parameter's name is not nearly that of a state, and so a misspelt state."""
         name = node.id
         stem = next((s for s in STATES if len(s) > 3 and name.startswith(f"{s}_")), "")
         if stem and STATES[stem].wheel:

@@ -1,7 +1,7 @@
 """States that a one-line effect may use: measured motion and loads, each with its unit and usual range.
 
-A wheel's state (``travel``) is that of the wheel whose row it stands in. ``travel_other`` is that of the other side of
-the axle, ``travel_fl`` that of a wheel by name; a chassis row has no wheel of its own and takes wheels by name only.
+A wheel's state (``travel``) is that of the wheel whose row the law is in. ``travel_other`` is that of the other side of
+the axle, ``travel_fl`` that of a wheel by name; a law in a chassis row has wheels by name only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lacet.identify.effects.language.units import FORCE, LENGTH, NUMBER, TIME, D
 from lacet.identify.multibody.vectors import Array, dot
 
 ACROSS = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}
-"""The other side of the axle."""
+"""Corner → the other corner of its axle."""
 _SPEED, _ACCEL, _TURN, _TORQUE = LENGTH / TIME, LENGTH / TIME**2, TIME**-1, FORCE * LENGTH
 
 
@@ -26,9 +26,9 @@ _SPEED, _ACCEL, _TURN, _TORQUE = LENGTH / TIME, LENGTH / TIME**2, TIME**-1, FORC
 class State:
     """A measured quantity that a one-line effect may use.
 
-    `low` and `high` are usual on a lively drive of a passenger car [SI]: they give a parameter of a user's law its
-    plausible size, and nothing else. `wheel` or `body` takes it from the motion, (N,). `channels` are those it needs,
-    ``{c}`` for the wheel; `tyre` says that it also needs what the wheel's tyre row needs.
+    `low` and `high` bound its usual range on a lively drive of a passenger car [SI], from which the plausible size of a
+    user's parameters follows. `wheel` or `body` extracts it from the motion, (N,). `channels` are those it needs,
+    ``{c}`` for the wheel; `tyre` : whether it also needs the channels of the wheel's tyre row.
     """
 
     name: str
@@ -125,7 +125,7 @@ _ALL = (
 STATES: dict[str, State] = {state.name: state for state in _ALL}
 """Every state by name."""
 SUFFIXES = ("other", *CORNERS)
-"""What may follow the name of a wheel's state after ``_``."""
+"""Suffixes that may follow the name of a wheel's state after ``_``."""
 
 
 @dataclass(frozen=True)
@@ -140,14 +140,14 @@ class Use:
         return {"own": corner, "other": ACROSS.get(corner, "")}.get(self.wheel, self.wheel)
 
     def value(self, motion: Motion, corner: str) -> Array:
-        """(N,) its values in a row of `corner` (empty for a chassis row)."""
+        """(N,) values in a row of `corner` (empty for a chassis row)."""
         if self.state.wheel is not None:
             return self.state.wheel(motion.corners[self.corner(corner)])
         assert self.state.body is not None
         return self.state.body(motion)
 
     def lacks(self, motion: Motion, corner: str) -> list[str]:
-        """Channels it needs that a run has not."""
+        """Channels that it needs and a run lacks."""
         c, has = self.corner(corner), motion.channels
         channels = [channel.format(c=c) for channel in self.state.channels]
         if self.state.tyre:
@@ -157,7 +157,7 @@ class Use:
 
 
 def use_of(name: str) -> Use | None:
-    """The state that a name stands for, or None where it is no state."""
+    """The state that a name denotes, or None where it is no state."""
     if name in STATES:
         return Use(STATES[name], "own" if STATES[name].wheel else "")
     stem, _, suffix = name.rpartition("_")
@@ -167,5 +167,5 @@ def use_of(name: str) -> Use | None:
 
 
 def all_names() -> list[str]:
-    """Every name that stands for a state, suffixes included."""
+    """Every name that denotes a state, suffixes included."""
     return [*STATES, *(f"{s.name}_{suffix}" for s in _ALL if s.wheel for suffix in SUFFIXES)]

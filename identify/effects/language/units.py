@@ -1,4 +1,4 @@
-"""Physical dimensions: powers of mass, length and time, and units as a user writes them. Angles are plain numbers."""
+"""Physical dimensions, powers of mass, length and time, and units as users write them; angles are plain numbers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Dimension:
 
     @classmethod
     def of(cls, mass: int = 0, length: int = 0, time: int = 0) -> Dimension:
-        """A dimension from whole powers."""
+        """The dimension with these whole powers."""
         return cls(Fraction(mass), Fraction(length), Fraction(time))
 
     def __mul__(self, other: Dimension) -> Dimension:
@@ -35,7 +35,7 @@ class Dimension:
 
     @property
     def plain(self) -> bool:
-        """Whether it is a plain number (or an angle)."""
+        """Whether it is that of a plain number (or an angle)."""
         return self == Dimension()
 
     @property
@@ -66,11 +66,11 @@ UNITS: dict[str, tuple[float, Dimension]] = {
     "rad": (1.0, NUMBER), "mrad": (1e-3, NUMBER), "deg": (math.pi / 180.0, NUMBER), "°": (math.pi / 180.0, NUMBER),
     "%": (1e-2, NUMBER),
 }  # fmt: skip
-"""Units a line may use: factor to SI, dimension."""
+"""Units that a line may use: factor to SI, dimension."""
 
 
 def read_unit(text: str) -> tuple[float, Dimension, int]:
-    """The longest unit that `text` begins with, ``m/s`` or ``N·s²/m``: factor to SI, dimension, characters.
+    """The longest unit at the beginning of `text`, ``m/s`` or ``N·s²/m``: factor to SI, dimension, its length.
 
     ``m/speed`` begins with ``m`` only. Raises ValueError with the word that is no unit.
     """
@@ -92,7 +92,7 @@ def read_unit(text: str) -> tuple[float, Dimension, int]:
 
 
 def whole_unit(text: str) -> tuple[float, Dimension]:
-    """A text that is a unit and nothing else (``N s/m``, ``N*s/m``, ``-`` too). Raises ValueError where it is none."""
+    """Factor to SI and dimension of a unit (``N s/m``, ``N*s/m``, ``-``). Raises ValueError where the text is none."""
     written = re.sub(r"\s*[*·]\s*|(?<=[A-Za-z²³])\s+(?=[A-Za-z])", "·", text.strip())
     written = re.sub(r"/\(([^()]*)\)", lambda below: "/" + below[1].replace("·", "/"), written)
     if written in ("", "-", "1"):
