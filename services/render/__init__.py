@@ -1,1 +1,1 @@
-"""Rendering for people: every sentence, table, plot, report and page of HTML."""
+"""Rendering of results for people: sentences, tables, plots, reports and pages of HTML."""

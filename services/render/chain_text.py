@@ -1,4 +1,4 @@
-"""Chains in words: what was assumed when one was read."""
+"""Notes of a chain in words: the assumptions made when it was read."""
 
 from __future__ import annotations
 

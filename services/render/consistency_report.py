@@ -1,4 +1,4 @@
-"""Sentences on physical consistency: whether a fit can exist, the nearest that can, and what the runs leave open."""
+"""Sentences on the physical consistency of a fit, the nearest consistent one, and what the runs do not determine."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lacet.services.render.identifiability import open_direction
 
 
 def left_open(fitted: Fit) -> list[str]:
-    """What the runs of a fit merge or leave no better known than plausible, one line each; never empty."""
+    """Parameters that the runs of a fit merge or leave no better known than plausible, one line each; never empty."""
     known = Information.of(fitted)
     found = [
         *explain_grouping(fitted.base, fitted.model, fitted.runs),
@@ -21,7 +21,7 @@ def left_open(fitted: Fit) -> list[str]:
 
 
 def consistency_words(found: Consistency) -> str:
-    """Whether bodies with the fitted values can exist, in one line."""
+    """Whether rigid bodies with the fitted values exist, in one line."""
     if not found.judged:
         return "cannot be judged: these runs tell no body's parameters"
     if found.consistent:
@@ -38,7 +38,7 @@ def consistency_words(found: Consistency) -> str:
 
 
 def body_fault_words(fault: BodyFault | None) -> str:
-    """What is impossible about a body; an empty string when nothing is."""
+    """The condition that a body violates; an empty string where there is none."""
     match fault:
         case None:
             return ""
@@ -54,7 +54,7 @@ def body_fault_words(fault: BodyFault | None) -> str:
 
 
 def consistency_text(found: Consistency, mended: ConsistentFit) -> str:
-    """In lines for a reader."""
+    """The consistency analysis as lines of text."""
     lines = [f"Physical consistency: {consistency_words(found)}."]
     for body in found.bodies:
         if body.separable and not body.possible:

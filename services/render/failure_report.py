@@ -1,4 +1,4 @@
-"""Where a model fails, as pieces of HTML and as one self-contained file."""
+"""Failure analysis of a model as sections of HTML and as one self-contained file."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from lacet.services.render.figures.failure_plots import (
 from lacet.services.render.html import details, page, picture, pre, section
 
 MOST_ROWS = 3
-"""Rows whose pictures are shown; the others' numbers are in the tables."""
+"""Number of rows shown in pictures; the others are in the tables."""
 
 
 def where_pieces(found: FailureAnalysis) -> list[str]:
-    """Everything found, the map first."""
+    """The failure analysis as sections of HTML, the map first."""
     out = [
         f'<p class="big">{html.escape(failure_sentences(found))}</p>',
         picture(map_figure(found.parts, found.phases)),
@@ -42,7 +42,7 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
             own.append(picture(against_figure(against)))
         if row in found.spectra:
             own.append(picture(spectrum_figure(found.spectra[row])))
-        # Some thirty panels take seconds to lay out: for the worst row only.
+        # Some thirty panels take seconds to lay out, hence for the worst row only.
         if k == 0 and (every := found.against(row, every=True)):
             own.append(details(f"{row} against every state", picture(against_figure(every))))
         out += own if k == 0 else [details(row, *own)]
@@ -53,7 +53,7 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
 
 
 def write_where(found: FailureAnalysis, file: Path, name: str, number: int, effects: Sequence[str]) -> None:
-    """One self-contained HTML file on version `number` of the study `name`, with `effects` beyond the base model."""
+    """Write one self-contained HTML file on version `number` of study `name`, with `effects` beyond the base model."""
     added = ", ".join(effects) or "nothing"
     head = (
         f"<h1>{html.escape(name)}: where the model fails</h1>"

@@ -1,4 +1,4 @@
-"""Where a model fails, in sentences and tables."""
+"""Failure analysis of a model in sentences and tables."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lacet.services.render.tables import table
 
 
 def failure_sentences(found: FailureAnalysis) -> str:
-    """Where the model fails, in a few sentences."""
+    """Rows, phases and states in which the model fails, in a few sentences."""
     row = found.worst[0]
     ratio = found.ratios.get(row, float("nan"))
     if found.failing:
@@ -60,7 +60,7 @@ def phase_table(found: FailureAnalysis, most: int = 6) -> str:
 
 
 def follows_table(found: FailureAnalysis, most: int = 3) -> str:
-    """The states that each of the worst rows follows."""
+    """The states that the residual of each of the worst rows depends on."""
     lines = [
         [row if k == 0 else "", f.state, f"{100 * f.part:.0f} %", f"{f.rms:.3g} {f.row_unit}", f"{f.p:.2g}"]
         for row in found.worst
@@ -70,7 +70,7 @@ def follows_table(found: FailureAnalysis, most: int = 3) -> str:
 
 
 def explainable_table(found: FailureAnalysis) -> str:
-    """How much is left to explain, row by row."""
+    """Explainable residual, row by row."""
     lines = [
         [
             row, f"{x.rms:.3g}", f"{x.floor:.3g}", x.unit, f"{100 * x.part:.0f} %",

@@ -1,4 +1,4 @@
-"""Pieces of a self-contained HTML page."""
+"""Elements of a self-contained HTML page."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ details { margin: 0.6rem 0; } summary { cursor: pointer; } .fail { color: #b3261
 
 
 def page(title: str, body: str) -> str:
-    """A whole page."""
+    """A complete page."""
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>\n'
         f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>\n'
@@ -36,16 +36,16 @@ def section(title: str, *pieces: str) -> str:
 
 
 def details(title: str, *pieces: str) -> str:
-    """What is folded away until asked for."""
+    """A section that is folded until opened."""
     return f"<details><summary>{html.escape(title)}</summary>{''.join(pieces)}</details>"
 
 
 def pre(text: str) -> str:
-    """Text as it is."""
+    """Preformatted text."""
     return f"<pre>{html.escape(text)}</pre>"
 
 
 def picture(figure: Figure) -> str:
-    """A figure inside the page."""
+    """A figure embedded in the page."""
     data = base64.b64encode(png(figure)).decode("ascii")
     return f'<p><img alt="" src="data:image/png;base64,{data}"></p>'

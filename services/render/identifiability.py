@@ -1,4 +1,4 @@
-"""What runs and equations leave open, in words: why a parameter or a derived value has none, and what would show it."""
+"""Identifiability in words: why a parameter or a derived value is not determined, and which run would determine it."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def unidentified(why: Unidentified | None) -> str:
 
 
 def open_direction(found: Undetermined | Combination | Merged) -> str:
-    """What the equations of a fit leave open or merge, with what hardly moves in the runs."""
+    """A direction that the equations of a fit merge or do not determine, and the quantities that hardly vary."""
     match found:
         case Undetermined(names, why):
             text = f"{listed(names)} {'is' if len(names) == 1 else 'are'} not determined"
@@ -67,7 +67,7 @@ def open_direction(found: Undetermined | Combination | Merged) -> str:
 
 
 def _weakness(why: SmallTravel | SmallChange | None) -> str:
-    """What hardly moves, after a colon."""
+    """The quantity that hardly varies, after a colon."""
     match why:
         case None:
             return ""
@@ -82,12 +82,12 @@ def _weakness(why: SmallTravel | SmallChange | None) -> str:
 
 
 def _milli(metres: float) -> str:
-    """Thousandths to two digits; below a tenth of a millionth it is rounding."""
+    """Thousandths to two digits; values below a tenth of a millionth count as rounding errors."""
     return f"{1e3 * metres:.2g}" if metres >= 1e-7 else "0"
 
 
 def open_parameters(why: OpenParameters | None) -> str:
-    """Parameters that the runs used leave open, and the runs that show them; an empty string where there are none."""
+    """Parameters that the runs used do not determine, and the runs that excite them; an empty string without any."""
     if why is None:
         return ""
     if not why.names:
@@ -98,7 +98,7 @@ def open_parameters(why: OpenParameters | None) -> str:
 
 
 def rows_not_judged(comparison: Comparison) -> list[str]:
-    """A sentence for each row whose error is what the runs used leave open, those with one reason together."""
+    """A sentence for each row whose error the parameters' uncertainty explains, those of one reason together."""
     alike: dict[str, list[str]] = {}
     for row, score in comparison.scores.items():
         if not score.judged:
@@ -118,7 +118,7 @@ def not_derived(why: OpenParameters | RowMissing | ImpossibleCar | None) -> str:
 
 
 def structurally(why: RowsNotFormed | HeldTogether | None) -> str:
-    """Why the equations hold no value of a parameter, whatever the run; an empty string where they do."""
+    """Why no row determines a parameter, whatever the run; an empty string where one does."""
     match why:
         case None:
             return ""
@@ -131,7 +131,7 @@ def structurally(why: RowsNotFormed | HeldTogether | None) -> str:
 
 
 def joint_position(found: JointPosition) -> str:
-    """What gives a joint of the car its position."""
+    """The source of a joint's position."""
     if found.fixed is not None:
         return _FIXED[found.fixed]
     table = f"bench table {found.table}" if found.table else ""

@@ -1,4 +1,4 @@
-"""The model of a car in print: its tree, its parameters, and which of them are identified."""
+"""Model of a car in print: its tree, its parameters, and which of them are identified."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
 
 
 def _alike(reasons: Mapping[str, str]) -> dict[str, list[str]]:
-    """What has the same reason together."""
+    """Names grouped by their reason."""
     out: dict[str, list[str]] = {}
     for name, why in reasons.items():
         out.setdefault(why, []).append(name)

@@ -1,4 +1,4 @@
-"""What is implausible in a run, in sentences."""
+"""Sentences of the plausibility checks of a run."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from lacet.identify.validation.plausibility import Doubt, Symptom
 
 
 def sentence(doubt: Doubt) -> str:
-    """A channel whose unit, sign or axes cannot be right, with what it looks like, in one line."""
+    """An implausible channel (unit, sign or axes) and its likely cause, in one line."""
     value, other = doubt.value, doubt.other
     names = ", ".join(doubt.subject)
     match doubt.symptom:

@@ -1,4 +1,4 @@
-"""How far a long computation is, as a line of text: the sentence of each step that it reports."""
+"""Progress of a long computation as a line of text: the sentence of each step that it reports."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ _COUNTED = {
     Stage.STATES_FOLLOWED: "what the residual follows",
     Stage.EXPLAINABLE_RESIDUAL: "what is left to explain",
 }
-"""Stages that say how many parts are done, where these are counted."""
+"""Stages with the number of parts done, where these are counted."""
 
 _PERCENT = {Stage.READING_LOG: "reading", Stage.DECODING_LOG: "decoding", Stage.WRITING_LOG: "writing"}
-"""Stages that say how many hundredths are done, where these are counted."""
+"""Stages with the per cent done, where these are counted."""
 
 _PLAIN = {
     Stage.STRUCTURE: "looking at the structure of the equations",
@@ -66,7 +66,7 @@ def sentence(step: Step) -> str:
 
 
 def in_words(show: Callable[[str], object]) -> Progress:
-    """A progress callback that hands each step's sentence to `show`."""
+    """A progress callback that passes each step's sentence to `show`."""
 
     def progress(step: Step) -> None:
         show(sentence(step))

@@ -1,4 +1,4 @@
-"""Rows of the equations in words: names, level of colour, why one is absent, what reading left out, residuals."""
+"""Rows of the equations in words: names, level of colour, reason of absence, notes of reading, residuals."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def row_absence(why: RowAbsence) -> str:
 
 
 def run_notes(notes: Iterable[RunNote]) -> list[str]:
-    """What a reader of a run's results must know, one line each; channels with the same gaps share a line."""
+    """Notes on how a run was read, one line each; channels with the same gaps share a line."""
     notes = list(notes)
     alike: dict[str, list[str]] = {}
     for note in notes:
@@ -65,7 +65,7 @@ def run_notes(notes: Iterable[RunNote]) -> list[str]:
 
 
 def colour_words(score: RowScore) -> str:
-    """What a row's residual looks like beside the noise floor; an empty string where it was not compared."""
+    """How a row's residual compares with the noise floor; an empty string where it was not compared."""
     match score.colour:
         case None:
             return ""
@@ -80,7 +80,7 @@ def colour_words(score: RowScore) -> str:
 
 
 def explainable(found: ExplainableResidual) -> str:
-    """How much of a row's residual smooth functions of the measured states explain."""
+    """The part of a row's residual that smooth functions of the measured states explain."""
     if not found.something and not found.depends_on_history:
         what = "nothing left to find that follows the measured states"
         return f"{what}; the residual is louder than the sensor sheet says" if found.rms > FAILS * found.floor else what
@@ -125,7 +125,7 @@ def _intervals(holes: tuple[tuple[float, float], ...]) -> str:
 
 
 def row_label(row: Row) -> dict[str, str]:
-    """A row of the equations as the page names it: `label` for a small field, `about` in words, `unit`."""
+    """Names of a row on the page: `label` for a small field, `about` in words, `unit`."""
     if row.kind == "chassis":
         return {"label": row.place.capitalize(), "about": f"chassis, {_CHASSIS[row.place]}", "unit": row.unit}
     label, about = _KINDS[row.kind]
@@ -133,7 +133,7 @@ def row_label(row: Row) -> dict[str, str]:
 
 
 def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:
-    """A row's score with what the page shows of it: whether the row `fails`, and its `level` of colour, 0 to 4."""
+    """A row's score with its verdict for the page: whether the row `fails`, and its `level` of colour, 0 to 4."""
     ratio = float(score["ratio"])
     return {
         **score,

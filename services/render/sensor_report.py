@@ -1,4 +1,4 @@
-"""Sensors checked against the rig file, in tables and sentences: noise, latencies, bias by noise."""
+"""Check of the sensors against the rig file in tables and sentences: noise, latencies, bias from noise."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.services.render.tables import number, table
 
 LEVEL = 0.01
-"""Significance of the two tests of bias: an alarm one set of runs in a hundred gives by chance."""
+"""Significance level of the two tests of bias: one set of runs in a hundred is rejected by chance."""
 
 CLEAR = 3.0
-"""Differences of this many of their σ are shown."""
+"""Size of the differences shown, in their own σ."""
 
 _WORDS = {
     "as the sheet": "as the sheet",
@@ -72,7 +72,7 @@ def latency_table(timings: Timings) -> str:
 
 
 def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1) -> str:
-    """A table whose last column is text, to the left."""
+    """A table whose last column is text, left-aligned."""
     width = max(len(row[-1]) for row in (head, *rows))
     lines = table(
         [*head[:-1], head[-1].ljust(width)], [[*row[:-1], row[-1].ljust(width)] for row in rows], text_columns
@@ -81,7 +81,7 @@ def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1
 
 
 def bias_text(found: Mapping[str, Any], most: int = 12) -> str:
-    """Both tests in words, and the values that noise moves, from the check's result."""
+    """Both tests in words, and the values that noise biases, from the check's result."""
     values = found["values"]
     lines: list[str] = []
     p_plain, p_corrected = found["plain"]["p"], found["corrected"]["p"]
@@ -122,7 +122,7 @@ def _percent(value: float, d: Mapping[str, Any]) -> str:
 
 
 def distrusted(trust: tuple[str, float]) -> str:
-    """What to say of latencies when the model lacks something."""
+    """Warning about latencies where the model lacks something."""
     return (
         f"The model leaves {trust[1]:.1f} times the noise floor in {trust[0]}: something is missing in it, and "
         "latencies follow what is missing. Distrust them until lacet diagnose has found it."

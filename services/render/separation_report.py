@@ -1,4 +1,4 @@
-"""Which run to drive next to separate effects, in sentences and a table."""
+"""The run to drive next to distinguish effects, in sentences and a table."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lacet.services.render import tables
 
 
 class RecommendedRun(Protocol):
-    """A run that could be driven, as far as its sentence shows it."""
+    """Properties of a possible run that its sentence shows."""
 
     @property
     def manoeuvre(self) -> str:
@@ -19,22 +19,22 @@ class RecommendedRun(Protocol):
 
     @property
     def after(self) -> float:
-        """Separation, or √λ of a single effect, after a run as long as allowed."""
+        """Separation, or √λ of a single effect, after a run of the longest duration."""
         ...
 
     @property
     def seconds(self) -> float | None:
-        """The shortest duration tried that is enough, or None."""
+        """The shortest duration that suffices, or None."""
         ...
 
     @property
     def sentence(self) -> str:
-        """What the run would show."""
+        """The result expected of the run."""
         ...
 
 
 def next_text(result: Mapping[str, Any], most: int) -> str:
-    """The table and the sentence."""
+    """The table of runs and the recommendation."""
     if "next" not in result:
         return ""
     found = result["next"]
@@ -79,7 +79,7 @@ def _values(effect: Mapping[str, Any]) -> str:
 
 
 def hint(tied: bool, untestable: bool, folder: object) -> str:
-    """What to type when candidates are tied, or cannot be tested; or nothing."""
+    """The command to type when candidates are tied, or cannot be tested; else an empty string."""
     if tied:
         return f"Which run tells them apart: lacet diagnose {folder} --next"
     if untestable:
@@ -92,7 +92,7 @@ def _names(keys: Sequence[str]) -> str:
 
 
 def run_sentence(keys: Sequence[str], label: str, seconds: float, now: float, after: float, longest: float) -> str:
-    """What a run of `seconds` of a manoeuvre would show of the effects `keys`, `now` and `after` `longest` seconds."""
+    """Result expected of `seconds` of a manoeuvre for the effects `keys`, `now` and `after` `longest` seconds."""
     if len(keys) == 1:
         return (
             f"To {_names(keys)}: drive {label}, {seconds:g} s (at its largest plausible size it would stand out "
@@ -105,7 +105,7 @@ def run_sentence(keys: Sequence[str], label: str, seconds: float, now: float, af
 
 
 def recommendation(keys: Sequence[str], now: float, best: RecommendedRun | None, tied_now: bool, why: str) -> str:
-    """What to drive, or that it is of no use; `why` a single effect cannot be tested at present."""
+    """The run to drive, or that none is of use; `why` : reason why a single effect cannot be tested at present."""
     alone = len(keys) == 1
     needed = SHOWS if alone else NEEDED
     if now >= needed and alone and not why:
@@ -141,6 +141,6 @@ def short(x: float) -> str:
 
 
 def percent(separation: float) -> str:
-    """How often the wrong one is picked."""
+    """Probability of choosing the wrong effect."""
     part = 100.0 * wrong_pick(separation)
     return "less than 0.1 %" if part < 0.1 else f"{part:.1f} %" if part < 10.0 else f"{part:.0f} %"

@@ -1,4 +1,4 @@
-"""Sections of a study's report, as pieces of HTML with pictures."""
+"""Sections of a study's report as HTML with figures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lacet.services.render.identifiability import rows_not_judged
 
 
 class Version(Protocol):
-    """A version of a study's model, as far as a report shows it."""
+    """Properties of a version of a study's model that a report shows."""
 
     @property
     def number(self) -> int:
@@ -27,7 +27,7 @@ class Version(Protocol):
 
     @property
     def note(self) -> str:
-        """What changed."""
+        """Description of the change."""
         ...
 
     @property
@@ -42,7 +42,7 @@ class Version(Protocol):
 
 
 def head(base: Version, now: Version, used: int, held_out: int, diagnosis: Mapping[str, Any] | None) -> str:
-    """Title, numbers of runs, and how far the error fell from the `base` model to the present one."""
+    """Title, numbers of runs, and the fall of the error from the `base` model to the present one."""
     first = base.result["rows"]
     rows = now.result["rows"]
     added = ", ".join(now.effects) or "nothing"
@@ -61,19 +61,19 @@ def head(base: Version, now: Version, used: int, held_out: int, diagnosis: Mappi
 
 
 def error_falls(versions: Sequence[Version]) -> str:
-    """How the error fell, version by version."""
+    """Fall of the error, version by version."""
     return section("The error falls", picture(study_plots.fall_figure(versions)), pre(tables.history(versions)))
 
 
 def base_model_fails(found: FailureAnalysis) -> list[str]:
-    """Where the base model fails."""
+    """Failure analysis of the base model."""
     return [f"<h3>The base model</h3>{''.join(where_pieces(found))}"]
 
 
 def present_model_fails(
     now: Version, row: str, before: Sequence[Comparison], after: Sequence[Comparison], found: FailureAnalysis
 ) -> list[str]:
-    """A row before and after, in the run in which it was worst, and where the present model fails."""
+    """A row before and after, in the run with its largest error, and the failure analysis of the present model."""
     having = [c for c in before if row in c.scores]
     old = max(having, key=lambda c: c.scores[row].ratio)
     new = next(c for c in after if c.name == old.name)
@@ -92,7 +92,7 @@ def where_it_fails(pieces: Sequence[str]) -> str:
 
 
 def findings(versions: Sequence[Version], diagnoses: Mapping[int, Mapping[str, Any] | None]) -> str:
-    """What was found missing in each version that was diagnosed."""
+    """Diagnosis of each version that has one."""
     found_parts: list[str] = []
     for v in versions:
         found = diagnoses.get(v.number)
@@ -108,7 +108,7 @@ def findings(versions: Sequence[Version], diagnoses: Mapping[int, Mapping[str, A
 
 
 def against_measurement(after: Mapping[str, list[Comparison]], progress: Progress) -> str:
-    """Every run, measured and modelled."""
+    """Measured and modelled rows of every run."""
     pieces: list[str] = []
     for title, kind in (("Run used", "used"), ("Run held out", "held")):
         for part in after[kind]:
@@ -119,7 +119,7 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
 
 
 def _validation(part: Comparison) -> list[str]:
-    """Measurement, model and error by kind of row, and the colour of the residual."""
+    """Measurement, model and error by kind of row, and the whiteness of the residual."""
     figures = [study_plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
     if part.whiteness:
         figures += [validation_plots.spectrum_figure(part), validation_plots.acf_figure(part)]
@@ -127,7 +127,7 @@ def _validation(part: Comparison) -> list[str]:
 
 
 def derived_values(now: Version, curves: Mapping[str, DamperCurve]) -> str:
-    """What an engineer thinks in, the damper curves, and the states that all of it covers."""
+    """Derived values, damper curves, and the ranges that all of it covers."""
     if not now.result.get("derived"):
         return ""
     pieces = [pre(tables.derived(now.result))]
@@ -139,7 +139,7 @@ def derived_values(now: Version, curves: Mapping[str, DamperCurve]) -> str:
 
 
 def parameters(now: Version) -> str:
-    """The parameters with their intervals, and those that cannot be identified."""
+    """Parameters with their intervals, and those that are not identified."""
     unknown = "".join(
         f"<tr><td>{html.escape(p['name'])}</td><td class=text>{html.escape(p['why'])}</td></tr>"
         for p in now.result["not_identifiable"]

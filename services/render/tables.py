@@ -1,4 +1,4 @@
-"""Results as plain text tables."""
+"""Plain text tables of results."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def parameters(result: Mapping[str, Any]) -> str:
 
 
 def derived(result: Mapping[str, Any]) -> str:
-    """The derived values, those of one kind on one line: corners or axles beside each other."""
+    """Derived values, those of one kind on one line: corners or axles beside each other."""
     groups: dict[str, list[Mapping[str, Any]]] = {}
     for d in result.get("derived") or []:
         kind, _, where = d["name"].partition(".")
@@ -86,7 +86,7 @@ def derived(result: Mapping[str, Any]) -> str:
     lines: list[list[str]] = []
     for kind, members in groups.items():
         if all(d["identifiable"] and d["value"] == 0.0 for d in members):
-            continue  # no bar in the model, no bench table: nothing to tell
+            continue  # no bar in the model, no bench table: no value
         cells = [_derived(d) for d in members]
         places = [d["name"].partition(".")[2] for d in members]
         where = "" if kind == members[0]["name"] else "/".join(places)
@@ -117,7 +117,7 @@ def not_derived(result: Mapping[str, Any]) -> str:
 
 
 def ranges(result: Mapping[str, Any]) -> str:
-    """The states the runs cover, which bound every verdict."""
+    """Ranges of the states covered by the runs, within which every verdict holds."""
     seen = result.get("ranges") or {}
     lines: list[list[str]] = []
     for kind, factor, unit in (("travel", 1e3, "mm"), ("rate", 1e3, "mm/s"), ("load", 1.0, "N")):
@@ -138,7 +138,7 @@ def ranges(result: Mapping[str, Any]) -> str:
 
 
 def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
-    """What a robust fit counted less, worst first."""
+    """Stretches that a robust fit weighted less, worst first."""
     found = result["bad_seconds"]
     lines = [[b["run"], b["row"], f"{b['start']:g} to {b['stop']:g} s", f"{b['weight']:.2f}"] for b in found[:most]]
     more = f"\n  and {len(found) - most} more" if len(found) > most else ""
@@ -146,13 +146,13 @@ def bad_seconds(result: Mapping[str, Any], most: int = 12) -> str:
 
 
 def unknowns(result: Mapping[str, Any]) -> str:
-    """What is not identifiable, and why."""
+    """Parameters that are not identified, with the reason."""
     lines = [f"  {item['name']}: {item['why']}" for item in result["not_identifiable"]]
     return "\n".join(lines)
 
 
 def left_out(result: Mapping[str, Any]) -> str:
-    """The rows without a measured left side by run, those with the same reason together."""
+    """Rows without a measured left side by run; rows with the same reason share a line."""
     alike: dict[tuple[str, str], list[str]] = {}
     for place, why in result["rows_left_out"].items():
         run, row = place.rsplit(": ", 1)
@@ -178,7 +178,7 @@ def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def _mark(score: Mapping[str, Any]) -> str:
-    """Beside a ratio: failed, or not to be judged."""
+    """Mark beside a ratio: failed, or not judged."""
     if not score.get("judged", True):
         return " ?"
     return " !" if fails(score["ratio"]) else "  "
@@ -204,7 +204,7 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
 
 
 def _in_families(keys: Sequence[str], most: int = 3) -> list[str]:
-    """Effects by name; of a family with more than `most` only how many."""
+    """Effects by name; of a family with more than `most` only the number."""
     families: dict[str, list[str]] = {}
     for key in keys:
         families.setdefault(key.partition(".")[0], []).append(key)
@@ -229,7 +229,7 @@ def fall_by_row(versions: Sequence[Any]) -> str:
 
 
 def history(versions: Sequence[Any]) -> str:
-    """How the error fell, version by version."""
+    """Fall of the error, version by version."""
     lines: list[list[str]] = []
     for v in versions:
         used, held = v.result["rows"]["used"], v.result["rows"]["held"]

@@ -1,4 +1,4 @@
-"""Sentences of a ranking: the verdict of a diagnosis, and why each candidate got its answer."""
+"""Sentences of a ranking: the verdict of a diagnosis, and the reason of each candidate's answer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def says(d: Diagnosis) -> str:
 
 
 def why(d: Diagnosis, c: Candidate) -> str:
-    """Why a candidate of a diagnosis got its answer, in plain sentences with numbers."""
+    """The reason of a candidate's answer, in plain sentences with numbers."""
     text = reason_text(c, d.effects.get(c.key), d.draws)
     best = d.best.key if d.best else ""
     match c.pending:
@@ -80,7 +80,7 @@ def unit_of(c: Candidate) -> str:
     return Row.parse(c.rows[0]).unit if c.rows else "N"
 
 
-# -- why one candidate got its answer ----------------------------------------------------------------------------------
+# -- the reason of one candidate's answer ------------------------------------------------------------------------------
 
 
 def _untestable(c: Candidate) -> str:
@@ -243,12 +243,12 @@ def _last(q: Parameter) -> str:
 
 
 def _two_digits(half: float) -> str:
-    """An interval with two digits, without a power of ten up to a million."""
+    """An interval to two digits, without a power of ten up to a million."""
     return f"{float(f'{half:.2g}'):g}"
 
 
 def _rounded(value: float, half: float) -> str:
-    """To the second digit of its interval."""
+    """A value to the second digit of its interval."""
     if not half > 0.0 or not np.isfinite(half):
         return f"{value:.3g}"
     return f"{value:.{max(0, 1 - int(np.floor(np.log10(half))))}f}"
@@ -263,7 +263,7 @@ def print_diagnosis(result: Mapping[str, Any], most: int, why: bool) -> None:
 
 
 def print_change(item: Mapping[str, Any], what: str = "Added") -> None:
-    """One line: how far the error fell."""
+    """Print the change of the error in one line."""
     used, held = item["used"], item["held"]
     text = f"{what} {item['effect']}: error ÷ floor {used['before']:.2f} → {used['after']:.2f} on the runs used"
     if held["before"] == held["before"]:

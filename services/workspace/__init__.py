@@ -1,1 +1,1 @@
-"""The workspace: studies in folders, runs loaded and checked, fits and rankings kept, results as plain data."""
+"""Workspace: studies in folders, runs loaded and checked, fits and rankings made and stored, results as plain data."""

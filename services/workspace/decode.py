@@ -1,4 +1,4 @@
-"""A whole log or capture decoded anew: from its raw frames to a log that holds both."""
+"""Decoding of a whole log or capture: from its raw frames to a new log that holds both."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lacet.services.acquisition.stream_decoder import Decoder, closing_record, d
 def decode_log(
     raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, progress: Progress = silent
 ) -> dict[str, Any]:
-    """Decode the raw frames of a log into another; whole or not at all.
+    """Decode the raw frames of a log into a new one, which is complete or not written at all.
 
     Parameters
     ----------
     raw, output : the log read, and the one written; an existing file is replaced.
     rig, documents : files to use instead of those recorded.
-    progress : receives how many hundredths are done.
+    progress : receives the per cent done.
 
     Returns the result of ``lacet decode`` (``docs/json.md``). Raises LacetError where nothing can be decoded.
     """
@@ -59,13 +59,13 @@ def decode_log(
 
 
 def open_decoder(reader: LogReader, rig_file: str | None, documents: list[Path]) -> Decoder:
-    """The decoder for a log: its own rig and documents, unless others are given.
+    """The decoder of a log: by its own rig and documents, unless others are given.
 
-    Next to a rig file that is given, the files it names win over the recorded ones.
+    The files that a given rig file names take precedence over the recorded ones.
 
     Raises
     ------
-    LacetError : no rig is known, or a file has faults, or fits nothing that the rig uses.
+    LacetError : no rig is known, or a file has faults, or the rig uses none of its name.
     """
     recorded = dict(reader.start.documents)
     if rig_file is not None:

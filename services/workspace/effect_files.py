@@ -1,4 +1,4 @@
-"""A folder of a user's own effects: its Python files, and the file of its one-line effects."""
+"""Folder of a user's own effects: its Python files, and the file of its one-line effects."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.identify.effects.language.parser import LineFault, read_lines
 from lacet.identify.effects.user_files import OWN_MODULES, check_imports
 
 LINES = "lines.txt"
-"""The file of one-line effects in a user's folder."""
+"""Name of the file of one-line effects in a user's folder."""
 
 
 def own_classes(folder: Path) -> list[type[Effect]]:
@@ -56,11 +56,11 @@ def load_file(file: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, file)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # data classes look themselves up there
+    sys.modules[name] = module  # data classes find their module there
     try:
         # The text itself: bytecode kept from before would hide an edit within the same second that keeps the size.
         exec(compile(text, str(file), "exec"), module.__dict__)
-    except Exception as cause:  # whatever a user's file raises is theirs to see, with its place
+    except Exception as cause:  # every exception of a user's file is reported with its place
         del sys.modules[name]
         raise UsageError(f"{file}: cannot be loaded: {type(cause).__name__}: {cause}") from cause
     return module

@@ -1,4 +1,4 @@
-"""Where a version of a study's model fails: analysed on the study's runs, and as plain data."""
+"""Failure analysis of a version of a study's model, on the study's runs, and its result as plain data."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from lacet.services.workspace.study import Version
 def analyse_version(
     work: Work, version: Version, progress: Progress | None = None, row: str = "", run: str = ""
 ) -> FailureAnalysis:
-    """Analyse where a version fails, in all rows and runs or in those asked for.
+    """The failure analysis of a version, in all rows and runs or in those asked for.
 
-    Raises UsageError for a row or run that there is not.
+    Raises UsageError for an unknown row or run.
     """
     progress = progress or work.progress
     fitted = work.fitted(version)
@@ -41,7 +41,7 @@ def analyse_version(
 
 
 def failure_result(version: Version, found: FailureAnalysis) -> dict[str, Any]:
-    """The analysis of a version as plain data (``docs/json.md``, ``where``)."""
+    """The failure analysis of a version as plain data (``docs/json.md``, ``where``)."""
     return plain(
         {
             "version": version.number,

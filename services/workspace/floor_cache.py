@@ -1,7 +1,7 @@
-"""What a ranking has to simulate, kept in the study: the noise floor, and the noise in the candidates' columns.
+"""Cache of a ranking's simulations in the study: the noise floor, and the noise in the candidates' columns.
 
-Files are in ``.cache`` of the study's folder, which may be removed at any time. Their names say what they were made
-from: contents of runs, rig, vehicle and the user's effects, filters, model, number of draws and lacet's own sources.
+Files are in ``.cache`` of the study's folder, which may be removed at any time. Their names hold a digest of their
+origin: contents of runs, rig, vehicle and user's effects, filters, model, number of draws and lacet's own sources.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.workspace.study import Study, Version
 
 KEPT = 6
-"""Files kept of each kind; the oldest go."""
+"""Number of files kept of each kind; the oldest are removed."""
 
 
 def floor_key(study: Study, version: Version) -> str:
@@ -38,7 +38,7 @@ def floor_key(study: Study, version: Version) -> str:
 
 
 def load_floor(study: Study, key: str) -> NoiseFloor | None:
-    """The noise floor kept under a key, or None."""
+    """The noise floor stored under a key, or None."""
     arrays = _load(study, f"floor-{key}")
     if arrays is None:
         return None
@@ -51,26 +51,26 @@ def load_floor(study: Study, key: str) -> NoiseFloor | None:
 
 
 def save_floor(study: Study, key: str, floor: NoiseFloor) -> NoiseFloor:
-    """Keep a noise floor; returns it as it will be read again, in single precision."""
+    """Store a noise floor; returns it as it will be read, in single precision."""
     single = {f"{d}|{row}": a.astype(np.float32) for d, part in enumerate(floor.draws) for row, a in part.items()}
     _save(study, f"floor-{key}", single)
     return NoiseFloor.of(tuple({row: a.astype(np.float32).astype(float) for row, a in p.items()} for p in floor.draws))
 
 
 def load_noise(study: Study, key: str) -> RegressorNoise | None:
-    """The noise in the columns kept under a key, or None."""
+    """The noise in the columns stored under a key, or None."""
     arrays = _load(study, f"noise-{key}")
     return None if arrays is None else RegressorNoise.from_arrays(arrays)
 
 
 def save_noise(study: Study, key: str, noise: RegressorNoise) -> None:
-    """Keep the noise in the columns."""
+    """Store the noise in the columns."""
     _save(study, f"noise-{key}", noise.arrays())
 
 
 @cache
 def _sources() -> bytes:
-    """Digest of the identifying sources: another lacet simulates anew."""
+    """Digest of the identification's sources, so that another version of lacet simulates anew."""
     digest = hashlib.sha256()
     for file in sorted(Path(str(lacet.identify.__file__)).parent.rglob("*.py")):
         digest.update(file.read_bytes())
@@ -82,12 +82,12 @@ def _load(study: Study, name: str) -> dict[str, np.ndarray] | None:
     try:
         with np.load(file, allow_pickle=False) as found:
             return dict(found)
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile):  # absent, or cut off while it was written
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile):  # absent, or truncated while it was written
         return None
 
 
 def _save(study: Study, name: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Write whole or not at all. A folder that cannot be written to costs time, and nothing else."""
+    """Write a complete file or none. A folder without write access costs time only."""
     folder = study.folder / ".cache"
     part = folder / f"{name}.{os.getpid()}.npz"
     try:

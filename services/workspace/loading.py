@@ -1,4 +1,4 @@
-"""Loading of runs from files: rig and vehicle found, doubtful channels left out and reported."""
+"""Loading of runs from files, with their rig and vehicle; doubtful channels are left out and reported."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from lacet.services.render.rows import row_absence, run_notes
 
 @dataclass(frozen=True)
 class Loaded:
-    """Drives with the car and rig they belong to, and what a user must know about them, one line each.
+    """Prepared runs with their vehicle and rig, and warnings for the user, one line each.
 
-    `runs` are what the prepared runs were made from, channels left out gone.
+    `runs` : the runs that they were prepared from, without the channels left out.
     """
 
     vehicle: Vehicle
@@ -64,9 +64,9 @@ def check_reference(used: str, held: str) -> None:
 def load_chain(
     path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
 ) -> Chain:
-    """The tree of a SYMORO ``.par`` file; `values` and `gravity` as in `Chain.from_par`.
+    """The chain of a SYMORO ``.par`` file; `values` and `gravity` as in `Chain.from_par`.
 
-    Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
+    Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when it does not exist.
 
     Examples
     --------
@@ -100,11 +100,11 @@ def load(
     filters: Filters | None = None,
     progress: Progress = silent,
 ) -> Loaded:
-    """Open runs and bring each together; `progress` receives how many are.
+    """The runs of files, prepared for fitting; `progress` receives the number prepared.
 
-    A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are told apart
-    by their folders. Raises the error of the first when none can, UsageError when a run is given twice or runs differ
-    in wheel reference.
+    A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are
+    distinguished by their folders. Raises the error of the first when none can, UsageError when a run is given twice or
+    runs differ in wheel reference.
     """
     if not paths:
         raise UsageError("no run given")

@@ -1,4 +1,4 @@
-"""The model of a car: its tree, its parameters, and which of them its equations and its runs identify."""
+"""Model of a car as plain data: its tree, its parameters, and those that its equations and its runs identify."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ RUNS = (".mcap", ".parquet", ".csv", ".mf4", ".mdf")
 
 @dataclass(frozen=True)
 class Asked:
-    """A model on a vehicle, and the runs it is to be identified with, if any."""
+    """A model on a vehicle with the runs for its identification, if any."""
 
     vehicle: Vehicle
     reference: str
@@ -36,7 +36,7 @@ class Asked:
 
     @property
     def brakes(self) -> str:
-        """``off`` when any run declares it, for its spin rows; without runs they are taken to be off."""
+        """``off`` where any run declares it, for its spin rows, and without runs."""
         declared = {run.recording.brakes for run in self.loaded.prepared} if self.loaded else {"off"}
         return "off" if "off" in declared else sorted(declared)[0]
 
@@ -44,7 +44,7 @@ class Asked:
 def find_model(
     files: Sequence[Path], reference: str | None, rig: str | None, vehicle: str | None, progress: Progress
 ) -> Asked:
-    """From the words of the command line: a vehicle, a study or a run first, then runs."""
+    """The model of the command line's arguments: a vehicle, a study or a run first, then runs."""
     first = files[0] if files else Path(vehicle or "peugeot-406")
     if first.is_dir():
         if len(files) > 1 or rig or vehicle or reference:
@@ -80,7 +80,7 @@ def _of_study(study: Study, progress: Progress) -> Asked:
 
 
 def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
-    """The tree and the parameters as plain data (``docs/json.md``, ``info``)."""
+    """The tree and the parameters of a model as plain data (``docs/json.md``, ``info``)."""
     progress(Step(Stage.STRUCTURE))
     found = structure(asked.vehicle, asked.reference, asked.model.physics, asked.brakes, asked.rig)
     by_name: dict[str, Estimate] = {}

@@ -1,4 +1,4 @@
-"""A study's report as one HTML file: its history, analyses and comparisons, computed and put together."""
+"""Report of a study as one HTML file: its history, analyses and comparisons."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lacet.services.workspace.session import Work
 
 
 def write_report(work: Work, file: Path, progress: Progress = silent) -> None:
-    """Write the report of a study: how the error fell, where the model failed, what was missing, the parameters."""
+    """Write the report of a study: fall of the error, failure analysis, missing effects, parameters."""
     study = work.study
     versions = study.versions()
     now, first = study.version(), versions[0]

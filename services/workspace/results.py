@@ -1,4 +1,4 @@
-"""Results as plain data: what the commands write as JSON and the workbench sends (``docs/json.md``)."""
+"""Results as plain data, as commands write them in JSON and the workbench sends them (``docs/json.md``)."""
 
 from __future__ import annotations
 

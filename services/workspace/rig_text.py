@@ -1,4 +1,4 @@
-"""A rig file's text with other latencies, everything else as it was: comments, order, spelling."""
+"""Rig file text with other latencies; comments, order and spelling are unchanged."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LATENCY = re.compile(r"^(\s*latency\s*=\s*)[^#\s]+(.*)$")
 def with_latencies(text: str, latencies: Mapping[str, float]) -> str:
     """The text of a rig file with these latencies [s] by sensor name, to a hundredth of a millisecond.
 
-    A row that gives none gets one after its name.
+    A sensor without a latency gets one after its name.
     """
     lines = text.splitlines()
     heads = [i for i, line in enumerate(lines) if _TABLE.match(line)] + [len(lines)]

@@ -1,4 +1,4 @@
-"""Sensors checked against the rig file: noise, latencies and the bias by noise, as plain data."""
+"""Check of the sensors against the rig file, as plain data: noise, latencies, and bias from noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.services.render.sensor_report import not_testable, unmeasured
 
 DISTRUST = 1.5
-"""A row this many times above its noise floor: the model lacks something, which latencies then follow."""
+"""Residual ÷ noise floor of a row from which latencies are not trusted: the model lacks something that biases them."""
 
 
 def noise_result(levels: Sequence[NoiseLevel]) -> list[dict[str, Any]]:
@@ -38,7 +38,7 @@ def _unit(family: str) -> str:
 
 
 def latency_result(timings: Timings, trust: tuple[str, float]) -> dict[str, Any]:
-    """Latencies as plain data; `trust`: the row farthest above its floor, and how far."""
+    """Latencies as plain data; `trust` : the row farthest above its floor, and its ratio."""
     return {
         "time_base": timings.base,
         "settled": timings.settled,
@@ -57,10 +57,9 @@ def latency_result(timings: Timings, trust: tuple[str, float]) -> dict[str, Any]
 
 @dataclass(frozen=True)
 class Difference:
-    """A value by plain least squares, by the fit with the sheet's correction, and with instruments.
+    """One value by plain least squares, by the bias-corrected fit, and by instrumental variables.
 
-    `plain_off` and `fit_off` : how far the first two are from the third, in σ of that difference; `plain_half` and
-    `fit_half` half of the 95 % interval of the differences.
+    `plain_half` and `fit_half` : half of the 95 % intervals of the first two's differences from the third.
     """
 
     name: str
@@ -74,17 +73,17 @@ class Difference:
 
     @property
     def plain_z(self) -> float:
-        """Plain least squares against the instruments, in σ."""
+        """Plain least squares minus instrumental variables, in σ of the difference."""
         return 1.96 * (self.plain - self.instruments) / self.plain_half if self.plain_half > 0.0 else 0.0
 
     @property
     def fit_z(self) -> float:
-        """The corrected fit against the instruments, in σ."""
+        """The corrected fit minus instrumental variables, in σ of the difference."""
         return 1.96 * (self.fit - self.instruments) / self.fit_half if self.fit_half > 0.0 else 0.0
 
 
 def differences(found: Instruments, vehicle: Vehicle) -> list[Difference]:
-    """Every estimated parameter, then the whole vehicle's values that the runs determine."""
+    """The difference of every estimated parameter, then of the whole vehicle's values that the runs determine."""
     iv, of = found.fit, found.of
     least = iv.theta + found.plain.difference
 
@@ -116,7 +115,7 @@ def differences(found: Instruments, vehicle: Vehicle) -> list[Difference]:
 
 
 def bias_result(found: Instruments, vehicle: Vehicle) -> dict[str, Any]:
-    """Both tests and every value, as plain data."""
+    """Both tests of bias and every value as plain data."""
 
     def test(contrast: Contrast) -> dict[str, Any]:
         return {"statistic": contrast.statistic, "directions": contrast.directions, "p": contrast.p}

@@ -25,12 +25,12 @@ from lacet.services.workspace.results import change_result, diagnosis_result, fi
 from lacet.services.workspace.study import Study, Version
 
 MOST_EFFECTS = 10
-"""Effects that a search for missing ones adds at most."""
+"""Largest number of effects that a search for missing ones adds."""
 
 
 def fit_run(path: str | Path) -> dict[str, Any]:
-    """Fit the base model to one run that carries its rig and vehicle (a log): what a worker does with it."""
-    # On one thread, as the command line has it: the same log then gives the same digits everywhere.
+    """A fit of the base model to one run that holds its rig and vehicle (a log), as a worker makes it: plain data."""
+    # On one thread, as on the command line, so that a log gives the same digits everywhere.
     with threadpool_limits(1):
         return _fit_run(path)
 
@@ -44,12 +44,12 @@ def _fit_run(path: str | Path) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Search:
-    """A search for missing effects.
+    """Result of a search for missing effects.
 
     Attributes
     ----------
-    diagnoses : every ranking, the first first.
-    changes : of each effect that was added, error ÷ noise floor before and after, as plain data.
+    diagnoses : all rankings, in order.
+    changes : error ÷ noise floor before and after each effect that was added, as plain data.
     """
 
     diagnoses: tuple[Diagnosis, ...]
@@ -62,7 +62,7 @@ class Search:
 
 
 class Work:
-    """A study at work: its runs are loaded once, and fits are made when asked for.
+    """An open study: its runs, loaded once, and its versions' fits, made when first used and kept.
 
     Examples
     --------
@@ -113,13 +113,13 @@ class Work:
         return self._fits[version.number]
 
     def knowledge(self, version: Version) -> Knowledge:
-        """The parameter knowledge of a version, from the runs used."""
+        """Uncertainty of a version's parameters, from the runs used."""
         if version.number not in self._knowledge:
             self._knowledge[version.number] = Knowledge.of(self.fitted(version))
         return self._knowledge[version.number]
 
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str) -> Version:
-        """Fit a model, score it on all runs and keep it as the study's new version."""
+        """Fit a model, score it on all runs and store it as the study's new version."""
         number = max((v.number for v in self.study.versions()), default=0) + 1
         version = Version(number, effects, note)
         fitted = self.fitted(version)
@@ -129,18 +129,18 @@ class Work:
         try:
             self.study = self.study.record(effects, note, result)
         finally:
-            if self.study.current != number:  # another writer's version has this number now
+            if self.study.current != number:  # another writer's version has taken this number
                 self.forget(number)
         return self.study.version()
 
     def forget(self, number: int) -> None:
-        """Let go of what was computed for a version's number."""
+        """Remove the cached computations of a version's number."""
         for kept in (self._fits, self._knowledge, self._floors):
             kept.pop(number, None)
         self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
 
     def comparisons(self, version: Version, held: bool) -> list[Comparison]:
-        """A version against the runs used, or held out."""
+        """Comparisons of a version with the runs used, or with those held out."""
         key = (version.number, held)
         if key not in self._compared:
             fitted = self.fitted(version)
@@ -154,12 +154,12 @@ class Work:
         return self._compared[key]
 
     def pairs(self, version: Version) -> list[tuple[Comparison, PreparedRun]]:
-        """Every run of a version with its comparison, those used first."""
+        """Every run of a version with its comparison, runs used first."""
         used = zip(self.comparisons(version, held=False), self.loaded.prepared, strict=True)
         return [*used, *zip(self.comparisons(version, held=True), self.held, strict=True)]
 
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
-        """The noise floor of a version's fit on the runs used, simulated once and kept in the study."""
+        """The noise floor of a version's fit on the runs used, simulated once and stored in the study."""
         if version.number not in self._floors:
             key = floor_key(self.study, version)
             found = load_floor(self.study, key)
@@ -170,7 +170,7 @@ class Work:
         return self._floors[version.number]
 
     def diagnose(self, progress: Progress | None = None) -> Diagnosis:
-        """Rank what is missing in the current version, and keep the finding."""
+        """Rank what is missing in the current version, and store the diagnosis."""
         version = self.study.version()
         fitted = self.fitted(version)
         floor = self.floor(version, progress)
@@ -189,11 +189,11 @@ class Work:
         diagnosed: Callable[[Diagnosis], None] = lambda _: None,
         added: Callable[[Mapping[str, Any]], None] = lambda _: None,
     ) -> Search:  # fmt: skip
-        """Rank what is missing and add the best, again and again until nothing is missing.
+        """Rank what is missing and add the best effect, repeatedly until none is missing.
 
         Parameters
         ----------
-        most : effects added at most; 0 ranks once and adds nothing.
+        most : largest number of effects added; 0 ranks once and adds nothing.
         diagnosed, added : called after each ranking, and after each effect with the change of the error as plain data.
         """
         diagnoses: list[Diagnosis] = []
@@ -210,7 +210,7 @@ class Work:
             added(changes[-1])
 
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
-        """Add an effect to the current version, with the shape constants the last diagnosis found unless given."""
+        """Add an effect to the current version, with these shape constants or those found by the last diagnosis."""
         version = self.study.version()
         if key in version.effects:
             raise UsageError(f"{key} is in the model already (version {version.number})")
@@ -221,7 +221,7 @@ class Work:
         return self.record({**version.effects, key: {**effect.shape, **(shape or {})}}, f"added {key}")
 
     def remove(self, key: str) -> Version:
-        """Take an effect out again: a new version without it. Raises UsageError when it is not in the model."""
+        """Remove an effect: a new version without it. Raises UsageError when it is not in the model."""
         version = self.study.version()
         if key not in version.effects:
             raise UsageError(f"{key} was not added to version {version.number}")

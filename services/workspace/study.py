@@ -1,13 +1,13 @@
-"""A study: the sequence of models of one car and their errors, a folder of text files that can be kept in git.
+"""Study: a folder of text files with the sequence of models of one car and their errors, fit for version control.
 
 ::
 
     study.json          the runs used and held out, the filters, the present version
-    rig.toml            copies, so that the folder says all there is to know
+    rig.toml            copies, so that the folder is complete
     vehicle.toml
     effects/            the user's own effects, one Python file each
     versions/001.json   a model, its fit, its errors on every run; one file a version, never changed afterwards
-    diagnoses/001.json  what was found missing in that version
+    diagnoses/001.json  the diagnosis of that version
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ Runs = tuple[tuple[str, ...], tuple[str, ...]]
 
 @dataclass(frozen=True)
 class Version:
-    """One model of a study.
+    """One model of a study, with its fit and scores.
 
     `number` counts from 1; `effects` are the effects beyond the base model, as key → shape constants, in the order
-    they were added; `note` says what changed; `result` is what fitting and scoring it gave (see ``docs/json.md``);
-    `parent` is the version it was made from, 0 for the first; `runs` the paths of those it was fitted to and of those
-    held out, None in files from before a study's runs could be chosen anew (`Study.runs_of` knows).
+    they were added; `note` describes the change; `result` holds fit and scores (``docs/json.md``); `parent` is the
+    version it was made from, 0 for the first; `runs` the paths of the runs used and of those held out, None in files of
+    lacet versions that did not store them (see `Study.runs_of`).
 
     Examples
     --------
@@ -63,11 +63,11 @@ class Version:
 
 @dataclass(frozen=True)
 class Study:
-    """A study folder.
+    """A folder with the runs, rig, vehicle and model versions of one car.
 
-    `used` and `held` are paths of runs, `filters` the signal chain's settings, `draws` the number of noise-floor
-    simulations, `current` the number of the version that commands work on. `before` are the runs of versions that do
-    not say theirs, once others were chosen.
+    `used` and `held` are paths of runs, `filters` the filter settings, `draws` the number of noise-floor simulations,
+    `current` the number of the version that commands use. `before` : runs of the versions without runs of their own,
+    once others were chosen.
 
     Examples
     --------
@@ -95,7 +95,7 @@ class Study:
         filters: Filters | None = None,
         draws: int = DEFAULT_DRAWS,
     ) -> Study:
-        """Make a new study folder. Raises UsageError when there is one already, or a run is both used and held out."""
+        """A new study folder. Raises UsageError when there is one already, or a run is both used and held out."""
         if (folder / _FILE).exists():
             raise UsageError(f"{folder} is a study already: choose another folder, or go on: lacet study {folder}")
         _refuse_both(used, held)
@@ -115,7 +115,7 @@ class Study:
 
     @classmethod
     def open(cls, folder: str | Path) -> Study:
-        """Open a study folder. Raises UsageError when it is none, or its file cannot be read."""
+        """The study of a folder. Raises UsageError when it is none, or its file cannot be read."""
         path = Path(folder) / _FILE
         if not path.is_file():
             raise UsageError(f"{folder} is no study (no {_FILE} in it); make one: lacet study new {folder} --use RUN…")
@@ -148,18 +148,18 @@ class Study:
         return [self.folder / name for name in (self.held if held else self.used)]
 
     def effects(self, reference: str) -> dict[str, Effect]:
-        """The catalogue with the study's own effects, and what can differ between the runs used."""
+        """The catalogue with the study's own effects, and effects that differ between the runs used."""
         runs = [Path(name).stem for name in self.used]
         return catalogue(self.vehicle, reference, own_classes(self.folder / "effects"), runs)
 
     def model(self, version: Version, reference: str) -> Model:
-        """The model of a version: the base and what was added."""
+        """The model of a version: the base model and the effects added."""
         known = self.effects(reference)
         added = [replace(find_effect(key, known), shape=dict(shape)) for key, shape in version.effects.items()]
         return Model.of([*base_model(self.vehicle, reference), *added])
 
     def versions(self) -> list[Version]:
-        """All versions, the first first."""
+        """All versions, in order."""
         files = sorted((self.folder / "versions").glob("[0-9]*.json"))
         return [_version(file) for file in files]
 
@@ -172,16 +172,16 @@ class Study:
         return _version(file)
 
     def runs_of(self, version: Version) -> Runs:
-        """The runs a version was fitted to and those held out."""
+        """The runs that a version used and those held out."""
         return version.runs or self.before or (self.used, self.held)
 
     def at(self, version: Version) -> Study:
-        """The same study with the runs of a version, for this session only."""
+        """The same study with the runs of a version; nothing is written."""
         used, held = self.runs_of(version)
         return replace(self, used=used, held=held)
 
     def with_runs(self, used: Sequence[Path], held: Sequence[Path]) -> Study:
-        """The same study with other runs; they are kept once a version is recorded with them.
+        """The same study with other runs, which are stored once a version is recorded with them.
 
         Raises UsageError when no run is used, or one is both used and held out.
         """
@@ -192,9 +192,9 @@ class Study:
         return replace(self, used=chosen[0], held=chosen[1], before=self.before or (self.used, self.held))
 
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str, result: Mapping[str, Any]) -> Study:
-        """Write a new version and make it the current one. Earlier versions are never changed.
+        """Write a new version and make it the current one; earlier versions are never changed.
 
-        Raises UsageError when another writer made a version meanwhile: this one was not made from that.
+        Raises UsageError when another writer has recorded a version meanwhile, which this one is not based on.
         """
         with self._only_writer():
             now = Study.open(self.folder).current
@@ -221,11 +221,11 @@ class Study:
         return study
 
     def with_draws(self, draws: int) -> Study:
-        """The same study with another number of noise-floor simulations, for this session only."""
+        """The same study with another number of noise-floor simulations; nothing is written."""
         return replace(self, draws=draws)
 
     def record_diagnosis(self, result: Mapping[str, Any]) -> None:
-        """Keep what was found missing in the current version."""
+        """Store the diagnosis of the current version."""
         _write(self.folder / "diagnoses" / f"{self.current:03d}.json", {"format": FORMAT, **result})
 
     def diagnosis(self, number: int | None = None) -> Mapping[str, Any] | None:
@@ -248,7 +248,7 @@ class Study:
 
     @contextmanager
     def _only_writer(self) -> Generator[None]:
-        """Keep a second writer out. Raises UsageError when there is one."""
+        """Lock against a second writer. Raises UsageError when there is one."""
         lock = self.folder / ".writing"
         try:
             lock.touch(exist_ok=False)
@@ -301,12 +301,12 @@ def _refuse_both(used: Sequence[Path], held: Sequence[Path]) -> None:
 
 
 def _write(file: Path, body: Mapping[str, Any]) -> None:
-    """Write whole or not at all: a study cut off while writing keeps its last good state."""
+    """Write a complete file or none: a study interrupted while writing keeps its last good state."""
     beside = file.with_suffix(".tmp")
     beside.write_text(json.dumps(body, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     beside.replace(file)
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Paths are kept relative to the folder, so that folder and runs can move together."""
+    """A path relative to the folder, so that folder and runs can be moved together."""
     return os.path.relpath(path.resolve(), folder.resolve())

@@ -1,4 +1,4 @@
-"""The one-line effects of a study: the file that holds them, lines put in and removed."""
+"""One-line effects of a study: the file that holds them, and its changes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _HEAD = """\
 
 
 def own_folder(study: Study) -> Path:
-    """Where a study's own effects are."""
+    """Folder of a study's own effects."""
     return study.folder / "effects"
 
 
@@ -43,7 +43,7 @@ def own_classes(study: Study) -> dict[str, list[str]]:
 
 
 def with_name(text: str, study: Study | None = None) -> tuple[type[OneLine], str]:
-    """A line as an effect, and the line as it is stored: one without a name gets the first free ``own1``, ``own2`` ….
+    """The effect of a line, and the line as it is stored: one without a name gets the first free ``own1``, ``own2`` ….
 
     Raises LineFault where it cannot be read.
     """
@@ -56,7 +56,7 @@ def with_name(text: str, study: Study | None = None) -> tuple[type[OneLine], str
 
 
 def line_result(cls: type[OneLine], vehicle: Vehicle, reference: str) -> dict[str, Any]:
-    """How a line was read, as plain data (``docs/json.md``, ``effect``)."""
+    """The interpretation of a line as plain data (``docs/json.md``, ``effect``)."""
     line, effects = cls.line, cls.variants(vehicle, reference)
     return {
         "effect": cls.name,
@@ -75,8 +75,8 @@ def line_result(cls: type[OneLine], vehicle: Vehicle, reference: str) -> dict[st
 def may_have(study: Study, cls: type[OneLine]) -> bool:
     """Whether the study has an effect of this name, a line that can be replaced.
 
-    Raises UsageError when another effect has the name, or a version of the study has the effect with another law: what
-    a version says must not change afterwards.
+    Raises UsageError when another effect has the name, or a version of the study has the effect with another law: a
+    version must not change afterwards.
     """
     own = {one.name: one for one in own_lines(study)}
     if cls.name not in own:
@@ -92,7 +92,7 @@ def may_have(study: Study, cls: type[OneLine]) -> bool:
 
 
 def put(study: Study, cls: type[OneLine], text: str) -> bool:
-    """Store a line in the study; one of the same name is replaced, and True returned. Raises as `may_have`."""
+    """Store a line in the study; True when it replaces one of the same name. Raises as `may_have`."""
     there = may_have(study, cls)
     _write(study, [*(line for line in _stored(study) if _name_of(line) != cls.name), text])
     return there
@@ -113,7 +113,7 @@ def take_out(study: Study, name: str) -> None:
 
 
 def _same(text: str) -> str:
-    """A line whatever its spaces."""
+    """A line without its spaces."""
     return " ".join(text.split())
 
 
@@ -137,4 +137,4 @@ def _write(study: Study, lines: list[str]) -> None:
     file.parent.mkdir(exist_ok=True)
     beside = file.with_suffix(".tmp")
     beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    beside.replace(file)  # whole or not at all
+    beside.replace(file)  # complete or not at all

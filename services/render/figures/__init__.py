@@ -1,1 +1,1 @@
-"""Pictures for people: matplotlib figures of values and plain data."""
+"""Figures of values and plain data, drawn with matplotlib."""

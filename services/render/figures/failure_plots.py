@@ -1,4 +1,4 @@
-"""Pictures of where a model fails."""
+"""Figures of the failure analysis: residual map, phases, states, spectra, restoring-force surfaces."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ COLOURS = dict(
         strict=True,
     )
 )  # fmt: skip
-"""One colour a phase, the same in every picture."""
+"""Colour of each manoeuvre phase, the same in every figure."""
 _BROKEN = re.compile(r"(?<=cornering) |(?<=,) | (?=in a bend)")
-"""Where the name of a phase may be broken."""
+"""Places in the name of a phase at which a line may break."""
 MOST = 5.0
-"""Error ÷ floor up to which the colours reach at least."""
+"""Smallest upper end of the colour scale, error ÷ floor."""
 LEAST, UTMOST = 0.5, 50.0
-"""Where they begin, and end at most."""
+"""Lower end of the colour scale, and largest upper end, error ÷ floor."""
 _MILLI = {"m": "mm", "m/s": "mm/s"}
 
 
 def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
-    """Residual map, row × time in units of the noise floor, one panel a run, its phases as a strip above."""
+    """Residual map: row × time in units of the noise floor, one panel a run, its phases as a strip above."""
     maps = [residual_map(part) for part in parts]
     rows = list(dict.fromkeys(row for one in maps for row in one.rows))
     lengths = [float(one.edges[-1] - one.edges[0]) for one in maps]
@@ -192,7 +192,7 @@ def spectrum_figure(spectrum: RowSpectrum) -> Figure:
 
 
 def explainable_figure(explainable: Mapping[str, ExplainableResidual]) -> Figure:
-    """Composition of each row's residual: noise, what follows the states, their history, the rest."""
+    """Composition of each row's residual: noise, dependence on states, on their history, the rest."""
     rows = list(explainable)
     figure = Figure(figsize=(9.4, 1.1 + 0.25 * len(rows)), layout="constrained")
     axes = figure.subplots()
@@ -229,7 +229,7 @@ def explainable_figure(explainable: Mapping[str, ExplainableResidual]) -> Figure
 
 
 def _norm(*fields: NDArray[np.float64]) -> LogNorm:
-    """Colours by the logarithm of error ÷ floor, alike for all fields."""
+    """Logarithmic colour scale of error ÷ floor, common to all fields."""
     high = max((float(np.nanmax(field)) for field in fields if np.isfinite(field).any()), default=1.0)
     return LogNorm(LEAST, float(np.clip(high, MOST, UTMOST)))
 
@@ -241,7 +241,7 @@ def _bar(bar: Colorbar, norm: LogNorm) -> None:
 
 
 def _root_scale(axes: Axes, high: float) -> None:
-    """Roots along the axis, so that rows at the floor stay to be seen beside one far above it."""
+    """Square-root scale of an axis, so that rows at the floor remain visible beside one far above it."""
     axes.set_xscale("function", functions=(lambda x: np.sqrt(np.maximum(x, 0.0)), np.square))
     decades = 10.0 ** np.arange(int(log10(high)) + 1)
     ticks = [0.0, 1.0, *(float(x) for x in np.outer(decades, (2.0, 5.0, 10.0)).ravel() if x <= high)]
@@ -249,7 +249,7 @@ def _root_scale(axes: Axes, high: float) -> None:
 
 
 def _handy(unit: str) -> tuple[float, str]:
-    """A state's unit as engineers read it."""
+    """Factor and name of the unit in which engineers read a state."""
     return (1e3, _MILLI[unit]) if unit in _MILLI else (1.0, unit)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a study, drawn with matplotlib without a display."""
+"""Figures of a study, drawn with matplotlib without a display."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _COLUMNS = 2
 
 
 def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Figure:
-    """Measured, modelled and error of some rows (default: all) of a run."""
+    """Measured and modelled rows of a run and their difference, for some rows (default: all)."""
     names = list(rows or part.measured)
     lines = -(-len(names) // _COLUMNS)
     width = 6.0 * min(_COLUMNS, len(names)) if len(names) > 1 else 9.2

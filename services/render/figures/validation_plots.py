@@ -1,4 +1,4 @@
-"""Pictures of a validation: measurement, model and error by kind of row, residual spectra, autocorrelation, dampers."""
+"""Figures of a validation: measurement, model and error by kind of row, residual spectra, autocorrelation, dampers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KINDS = ("chassis", "suspension", "tyre", "spin")
 
 
 def draw_comparison(part: Comparison, folder: Path, stem: str) -> list[Path]:
-    """A picture for each kind of row of a run (figures 4 to 10 of the paper), and two of the residuals' colour."""
+    """Write a figure for each kind of row of a run (figures 4 to 10 of the paper), and two of its whiteness."""
     figures = {f"{stem}-{kind}": comparison_figure(part, rows) for kind, rows in kinds(part).items()}
     if part.whiteness:
         figures |= {f"{stem}-spectrum": spectrum_figure(part), f"{stem}-autocorrelation": acf_figure(part)}
@@ -27,7 +27,7 @@ def draw_comparison(part: Comparison, folder: Path, stem: str) -> list[Path]:
 
 
 def draw_dampers(curves: Mapping[str, DamperCurve], folder: Path, stem: str) -> list[Path]:
-    """The damper curves of all corners as one picture; none when no suspension row was measured."""
+    """Write the damper curves of all corners as one figure; none when no suspension row was measured."""
     return _written({stem: damper_figure(curves)}, folder) if curves else []
 
 
@@ -73,7 +73,7 @@ def acf_figure(part: Comparison) -> Figure:
 
 
 def damper_figure(curves: Mapping[str, DamperCurve]) -> Figure:
-    """Damper force against travel rate at each corner, with its 95 % band, over the rates seen."""
+    """Damper force against travel rate at each corner, with its 95 % band, over the rates covered."""
     figure = Figure(figsize=(9.2, 6.2), layout="constrained")
     grid = list(figure.subplots(2, 2, squeeze=False, sharex=True, sharey=True).flat)
     for axes, (corner, curve) in zip(grid, curves.items(), strict=False):
