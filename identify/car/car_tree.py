@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from scipy.interpolate import CubicSpline
 
 from lacet.daq.vehicle import Corner, KinematicTable
 from lacet.identify.multibody.chain import Chain, Joint
-from lacet.identify.multibody.vectors import Array, rotation, rpy, turn
+from lacet.identify.multibody.vectors import Array, rotation, rpy
 
 CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
 """Corners of the branches, in the paper's order."""
@@ -135,7 +135,15 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
         zero = np.zeros_like(steer)
         return zero, zero, zero
-    axis = np.array([-math.tan(corner.caster), -corner.side * math.tan(corner.kingpin_inclination), 1.0])
+    spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination)
+    turned = steer + corner.side * corner.static_toe  # toe-in steers the left wheel to the right
+    return spline(turned), spline(turned, 1), spline(turned, 2)
+
+
+@lru_cache(maxsize=64)
+def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
+    """Carrier pitch by its yaw [rad], for an axis that leans rearward by `caster` and to the right by `lean` [rad]."""
+    axis = np.array([-math.tan(caster), -math.tan(lean), 1.0])
     axis = axis / np.linalg.norm(axis)
     delta = np.linspace(-1.0, 1.0, 401)  # rad about the kingpin: beyond any steering lock
     c, s = np.cos(delta), np.sin(delta)
@@ -143,14 +151,18 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     # Elements of the rotation about `axis` (Rodrigues) that give the three angles.
     yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
     pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
-    spline = CubicSpline(yaw, pitch)
-    turned = steer + corner.side * corner.static_toe  # toe-in steers the left wheel to the right
-    return spline(turned), spline(turned, 1), spline(turned, 2)
+    return CubicSpline(yaw, pitch)
 
 
-def carrier_to_body(steer: Array, camber: Array, pitch: Array, v: Array) -> Array:
-    """Vectors `v` (3, …, N) rotated from carrier to body axes: Rz(steer) Rx(camber) Ry(pitch) v; angles (N,) [rad]."""
-    return turn(2, steer, turn(0, camber, turn(1, pitch, v)))
+def carrier_axes(steer: Array, camber: Array, pitch: Array) -> Array:
+    """Rotation from carrier to body axes, (3, 3, N): Rz(steer) Rx(camber) Ry(pitch); angles (N,) [rad]."""
+    (ca, sa), (cb, sb), (cg, sg) = ((np.cos(angle), np.sin(angle)) for angle in (steer, camber, pitch))
+    out = np.empty((3, 3, steer.size))
+    x, z = sb * sg, sb * cg
+    out[0, 0], out[0, 1], out[0, 2] = ca * cg - sa * x, -sa * cb, ca * sg + sa * z
+    out[1, 0], out[1, 1], out[1, 2] = sa * cg + ca * x, ca * cb, sa * sg - ca * z
+    out[2, 0], out[2, 1], out[2, 2] = -cb * sg, sb, cb * cg
+    return out
 
 
 def orientation(angles: tuple[float, ...]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,16 +21,16 @@ from lacet.identify.car.car_tree import (
     WHEEL,
     CarChain,
     car_chain,
-    carrier_to_body,
+    carrier_axes,
     kinematics,
     kingpin_pitch,
     orientation,
 )
 from lacet.identify.car.motion import BrakingLeftOut, CornerMotion, FlatRoad, GroundLaserOffset, Motion
-from lacet.identify.car.road import ABOVE, Road
+from lacet.identify.car.road import ABOVE, Road, RoadPlane
 from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, Row, RowAbsence, Torque, available, needs
 from lacet.identify.multibody.chain import FrameMotion
-from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
+from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
@@ -45,66 +45,79 @@ def reconstruct(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = 
     return build_motion(bring_together(run, vehicle, rig, filters or Filters()))
 
 
-def build_motion(recording: Recording) -> Motion:
-    """The motion of a recording: each sample depends on the same sample of the signals only."""
+def build_motion(recording: Recording, still: Motion | None = None, moved: Collection[str] = CORNERS) -> Motion:
+    """The motion of a recording: each sample depends on the same sample of the signals only.
+
+    Parameters
+    ----------
+    still : a motion that differs by channels of the corners `moved` alone, ground lasers apart: other corners are its.
+    """
     grid, signals, vehicle, rig = recording.t, recording.signals, recording.vehicle, recording.rig
     values, reference = signals.value, recording.reference
     n = grid.size
     body = _body_motion(signals, rig, n)
     attitude = body_attitude(values, rig)
     road = Road(signals, rig, vehicle, n)
-    normal, normal_rate, flat = road.normal(attitude, body.omega)
+    plane = road.plane(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
-    grounds = () if flat else road.grounds
+    grounds = () if plane.flat else road.grounds
     rows, left_out = available(values, vehicle, reference, recording.brakes, grounds)
-    geometry = {c: _geometry(vehicle.corners[c], signals, road, q, qd, qdd) for c in CORNERS}
-    frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body))
-    corners: dict[str, CornerMotion] = {}
-    for c, part in geometry.items():
-        axle = _turned(_CAR, CARRIER[c], frames)
-        wheel = frames[WHEEL[c] - 1]
-        assert wheel is not None
-        spin_axis = part.spin_axis
-        lean, lean_rate = dot(spin_axis, normal), dot(part.spin_axis_rate, normal) + dot(spin_axis, normal_rate)
-        tilt = np.sqrt(1.0 - lean**2)
-        height, height_rate = road.height(c, normal, normal_rate, part.centre, part.dp_ds * part.rate)
-        torques = _torques(c, part, spin_axis, rows, values)
-        corners[c] = CornerMotion(
-            travel=part.travel,
-            rate=part.rate,
-            accel=part.accel,
-            steer=part.steer,
-            camber=part.camber,
-            pitch=part.pitch,
-            centre=part.centre,
-            dp_ds=part.dp_ds,
-            dphi_ds=part.dphi_ds,
-            wheel_dphi_ds=torques[0],
-            torque_work=torques[1],
-            torque=torques[2],
-            force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal, spin_axis),
-            moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal, spin_axis),
-            spin_axis=spin_axis,
-            spin=part.spin,
-            spin_accel=part.spin_accel,
-            normal=normal,
-            height=height,
-            deflection=vehicle.corners[c].tyre_radius - height / tilt,
-            deflection_rate=-height_rate / tilt - height * lean * lean_rate / tilt**3,
-            centre_accel=carrier_to_body(part.steer, part.camber, part.pitch, axle.accel),
-            axle=axle,
-            wheel=wheel,
-        )
+    geometry = {c: _geometry(vehicle.corners[c], signals, road, q, qd, qdd) for c in CORNERS if c in moved}
+    wheels = [WHEEL[c] for c in geometry]
+    frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body), wanted=wheels)
+    corners = dict(still.corners) if still else {}
+    corners |= {c: _corner(vehicle.corners[c], part, frames, road, plane, rows, rig) for c, part in geometry.items()}
     masks, braking = _masks(recording, rows, grounds)
     why = RowAbsence(Absence.BRAKES_ALWAYS, (PRESSURE,))
     left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
-    extra = (FlatRoad(),) if flat else _beside_the_wheels(road.ahead)
+    extra = (FlatRoad(),) if plane.flat else _beside_the_wheels(road.ahead)
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
         rows=tuple(rows), left_out=left_out, usable=masks, channels=frozenset(values),
         notes=(*recording.notes, *extra, *braking), ahead=road.ahead,
     )  # fmt: skip
+
+
+def _corner(
+    corner: Corner, part: _Branch, frames: Sequence[FrameMotion | None], road: Road, plane: RoadPlane,
+    rows: Mapping[Row, Torque], rig: Rig,
+) -> CornerMotion:  # fmt: skip
+    """One corner's motion and loads, from its geometry and the motion of the chain's frames."""
+    c, values, spin_axis, normal = corner.name, road.signals.value, part.spin_axis, plane.normal
+    axle, wheel = _turned(_CAR, CARRIER[c], frames), frames[WHEEL[c] - 1]
+    assert wheel is not None
+    lean, lean_rate = dot(spin_axis, normal), dot(part.spin_axis_rate, normal) + dot(spin_axis, plane.rate)
+    tilt = np.sqrt(1.0 - lean**2)
+    height, height_rate = road.height(c, plane, part.centre, part.dp_ds * part.rate)
+    torques = _torques(c, part, spin_axis, rows, values)
+    return CornerMotion(
+        travel=part.travel,
+        rate=part.rate,
+        accel=part.accel,
+        steer=part.steer,
+        camber=part.camber,
+        pitch=part.pitch,
+        axes=part.axes,
+        centre=part.centre,
+        dp_ds=part.dp_ds,
+        dphi_ds=part.dphi_ds,
+        wheel_dphi_ds=torques[0],
+        torque_work=torques[1],
+        torque=torques[2],
+        force=_load_in_body(values, f"wheel.{c}.force", part, rig, normal),
+        moment=_load_in_body(values, f"wheel.{c}.moment", part, rig, normal),
+        spin_axis=spin_axis,
+        spin=part.spin,
+        spin_accel=part.spin_accel,
+        normal=normal,
+        height=height,
+        deflection=corner.tyre_radius - height / tilt,
+        deflection_rate=-height_rate / tilt - height * lean * lean_rate / tilt**3,
+        centre_accel=turned(part.axes, axle.accel),
+        axle=axle,
+        wheel=wheel,
+    )
 
 
 def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:
@@ -213,7 +226,7 @@ def _into_frame6(body: FrameMotion) -> FrameMotion:
     return FrameMotion(T @ body.omega, T @ body.omega_dot, T @ body.accel)
 
 
-def _turned(car: CarChain, number: int, frames: list[FrameMotion | None]) -> FrameMotion:
+def _turned(car: CarChain, number: int, frames: Sequence[FrameMotion | None]) -> FrameMotion:
     """A frame's motion in body-like axes (x forward, y left, z up at zero angles)."""
     frame = frames[number - 1]
     assert frame is not None
@@ -231,6 +244,7 @@ class _Branch:
     steer: Array
     camber: Array
     pitch: Array
+    axes: Array
     centre: Array
     dp_ds: Array
     dphi_ds: Array
@@ -271,10 +285,11 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
     for k, (position, velocity, acceleration) in enumerate(joints):
         q[first + k], qd[first + k], qdd[first + k] = position, velocity, acceleration
     ones = np.ones(n)
-    camber_axis = turn(2, steer, unit(0) * ones)
-    spin_axis = turn(2, steer, turn(0, camber, unit(1) * ones))
+    pitch = joints[5][0] + kingpin
+    axes = carrier_axes(steer, camber, pitch)
+    camber_axis, spin_axis = np.stack([np.cos(steer), np.sin(steer), zero]), axes[:, 1]
     return _Branch(
-        travel, speed, accel, steer, camber, joints[5][0] + kingpin,
+        travel, speed, accel, steer, camber, pitch, axes,
         centre=np.stack([joints[1][0], joints[0][0], centre_z]),
         dp_ds=np.stack([table.slope[1], table.slope[0], ones]),
         dphi_ds=unit(2) * table.slope[2] + camber_axis * table.slope[3] + spin_axis * table.slope[4],
@@ -284,11 +299,9 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
     )  # fmt: skip
 
 
-def _load_in_body(
-    values: Mapping[str, Array], channel: str, part: _Branch, rig: Rig, normal: Array, spin_axis: Array
-) -> Array:
+def _load_in_body(values: Mapping[str, Array], channel: str, part: _Branch, rig: Rig, normal: Array) -> Array:
     """A wheel load in body axes (3, N), from the axes that the rig declares for it."""
-    load = values.get(channel)
+    load, spin_axis = values.get(channel), part.spin_axis
     if load is None:
         return np.zeros_like(spin_axis)
     sensor = rig.sensor_of(channel)
@@ -303,4 +316,4 @@ def _load_in_body(
         raise RunError(rig.name, [f"{channel}: wheel loads cannot be in heading axes; use carrier, tydex_c or body"])
     if sensor is not None and axes == "sensor":  # mounted at an angle in the carrier
         load = orientation(sensor.orientation) @ load
-    return turn(2, part.steer, turn(0, part.camber, turn(1, part.pitch, load)))
+    return turned(part.axes, load)

@@ -45,6 +45,7 @@ class CornerMotion:
     ----------
     travel, rate, accel : suspension travel s [m], compression positive, and its derivatives.
     steer, camber, pitch : carrier attitude Rz(steer) Rx(camber) Ry(pitch) [rad].
+    axes : (3, 3, N) that rotation, from carrier to body axes.
     centre : wheel centre from the body origin [m].
     dp_ds, dphi_ds : wheel-centre position and carrier rotation per unit of travel, from the bench tables.
     wheel_dphi_ds : the same for the wheel: equal to dphi_ds, or without its part about the spin axis in a suspension
@@ -75,6 +76,7 @@ class CornerMotion:
     steer: Array
     camber: Array
     pitch: Array
+    axes: Array
     centre: Array
     dp_ds: Array
     dphi_ds: Array

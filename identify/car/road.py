@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from lacet.daq.channels import CORNERS
@@ -13,6 +15,18 @@ from lacet.identify.signals.reconstruct import Signals
 ABOVE = 0.005
 """Largest distance along x of a ground laser from its wheel's centre at which it measures the road under the tyre [m].
 """
+
+
+@dataclass(frozen=True)
+class RoadPlane:
+    """Plane of the road under the car: unit `normal` (3, N) in body axes, its `rate` [1/s], and whether it is `flat`.
+
+    It is flat where fewer than three lasers measure the ground: the normal is then that of a level road.
+    """
+
+    normal: Array
+    rate: Array
+    flat: bool
 
 
 class Road:
@@ -47,8 +61,8 @@ class Road:
         z = mount[2] - self.signals.value[f"laser.{c}.ground"][0]
         return np.stack([np.full(self.n, mount[0]), np.full(self.n, mount[1]), z])
 
-    def normal(self, attitude: Array | None, omega: Array) -> tuple[Array, Array, bool]:
-        """(3, N) unit normal of the plane through the ground-laser points, its rate, and whether a flat road is taken.
+    def plane(self, attitude: Array | None, omega: Array) -> RoadPlane:
+        """Plane through the points of the road that the ground lasers measure.
 
         `attitude`, `omega` : of the body, for a flat road where there are fewer than three lasers.
         """
@@ -60,23 +74,23 @@ class Road:
             up = np.concatenate([-fit @ z, np.ones((1, self.n))])
             size = np.linalg.norm(up, axis=0)
             normal, swing = up / size, np.concatenate([-fit @ z_rate, np.zeros((1, self.n))]) / size
-            return normal, swing - normal * dot(normal, swing), False
+            return RoadPlane(normal, swing - normal * dot(normal, swing), flat=False)
         normal = unit(2) * np.ones(self.n)
         if attitude is not None:
             roll, pitch, _ = attitude
             normal = turn(0, -roll, turn(1, -pitch, normal))
-        return normal, cross(normal, omega), True
+        return RoadPlane(normal, cross(normal, omega), flat=True)
 
-    def height(self, c: str, normal: Array, normal_rate: Array, centre: Array, velocity: Array) -> tuple[Array, Array]:
+    def height(self, c: str, plane: RoadPlane, centre: Array, velocity: Array) -> tuple[Array, Array]:
         """(N,) height of a wheel centre above the road along its normal [m], and its rate [m/s].
 
-        `normal`, `centre` and their rates `normal_rate`, `velocity` : (3, N), relative to the body.
+        `centre` (3, N) and its rate `velocity` : relative to the body.
         """
         if c not in self.grounds:
             return np.full(self.n, self.vehicle.corners[c].height), np.zeros(self.n)
         ground_rate = self.signals.scalar(f"laser.{c}.ground", self.n)[1]
         gap = centre - self.point(c)
-        return dot(gap, normal), dot(velocity + unit(2) * ground_rate, normal) + dot(gap, normal_rate)
+        return dot(gap, plane.normal), dot(velocity + unit(2) * ground_rate, plane.normal) + dot(gap, plane.rate)
 
 
 def laser_mount(rig: Rig, corner: Corner) -> Array:

@@ -21,9 +21,8 @@ from lacet.identify.multibody.chain_notes import ChainNote
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, STANDARD_GRAVITY, wrench, wrench_regressor
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, refuse_missing
 from lacet.identify.multibody.symoro import read_par
-from lacet.identify.multibody.vectors import Array, cross, rotation, unit
+from lacet.identify.multibody.vectors import Array, cross, rotation
 
-_Z = unit(2)
 GRAVITY = (0.0, 0.0, -STANDARD_GRAVITY)
 """Default acceleration of gravity in the ground frame [m/s²], z up."""
 
@@ -211,7 +210,12 @@ class Chain:
         if turning is None:
             return v
         c, s = turning
-        return np.stack([c * v[0] + s * v[1], c * v[1] - s * v[0], v[2]])
+        x = c * v[0]
+        x += s * v[1]
+        v[1] *= c
+        v[1] -= s * v[0]
+        v[0] = x
+        return v
 
     def from_frame(self, k: int, q: Array, v: Array) -> Array:
         """Vectors `v` (3, …, N) rotated from frame k into the axes of its antecedent."""
@@ -227,8 +231,9 @@ class Chain:
         return self._step[k][:, None] + self._turn[k][:, 2:] * r
 
     def propagate(
-        self, q: Array, qd: Array, qdd: Array, start: int = 0, base: FrameMotion | None = None
-    ) -> list[FrameMotion | None]:
+        self, q: Array, qd: Array, qdd: Array, start: int = 0, base: FrameMotion | None = None,
+        wanted: Collection[int] | None = None,
+    ) -> list[FrameMotion | None]:  # fmt: skip
         """Motion of every frame from joint positions, velocities and accelerations.
 
         Parameters
@@ -236,31 +241,49 @@ class Chain:
         q, qd, qdd : (n, N) joint positions [rad, m] and their derivatives.
         start : number of the body whose motion is given (0: the ground).
         base : motion of that body in its own axes; by default the ground at rest under gravity.
+        wanted : numbers of the bodies whose motion is wanted, by default all.
 
-        Returns one entry a body (index j − 1); bodies that do not descend from `start` are None.
+        Returns one entry a body (index j − 1); bodies that do not descend from `start` are None, and so may be those
+        that are not wanted.
         """
         samples = q.shape[1]
         if base is None:
             still = np.zeros((3, samples))
             base = FrameMotion(still, still, np.repeat(-self.gravity[:, None], samples, axis=1))
-        frames: list[FrameMotion | None] = [None] * self.n
+        # Each frame's three vectors side by side, (3, 3, N), so that they are turned together.
+        given = np.stack([base.omega, base.omega_dot, base.accel], axis=1)
+        found: list[Array | None] = [None] * self.n
+        needed = None if wanted is None else {j for body in wanted for j in self.table.path(body)}
         for k, joint in enumerate(self.joints):
-            ant = base if joint.ant == start else (frames[joint.ant - 1] if joint.ant else None)
-            if ant is None or k + 1 == start:
-                continue
-            p = self.origin(k, q[k])
-            accel = ant.accel + cross(ant.omega_dot, p) + cross(ant.omega, cross(ant.omega, p))
-            turning = self._turning(k, q[k])
-            carried, omega_dot, accel = (self._into(k, turning, v) for v in (ant.omega, ant.omega_dot, accel))
-            if joint.sigma == FIXED:
-                frames[k] = FrameMotion(carried, omega_dot, accel)
-                continue
-            rate, rate_dot = _Z * qd[k], _Z * qdd[k]
-            if joint.sigma == 0:
-                frames[k] = FrameMotion(carried + rate, omega_dot + rate_dot + cross(carried, rate), accel)
-            else:
-                frames[k] = FrameMotion(carried, omega_dot, accel + rate_dot + 2.0 * cross(carried, rate))
-        return frames
+            ant = given if joint.ant == start else (found[joint.ant - 1] if joint.ant else None)
+            if ant is not None and k + 1 != start and (needed is None or k + 1 in needed):
+                found[k] = self._next(k, ant, q[k], qd[k], qdd[k])
+        return [None if v is None else FrameMotion(v[:, 0], v[:, 1], v[:, 2]) for v in found]
+
+    def _next(self, k: int, ant: Array, q: Array, qd: Array, qdd: Array) -> Array:
+        """Motion of frame k in its own axes from its antecedent's, (3, 3, N): ω, ω̇ and specific force side by side."""
+        joint, turning = self.joints[k], self._turning(k, q)
+        out = self._into(k, turning, ant)
+        omega, omega_dot, accel = out[:, 0], out[:, 1], out[:, 2]
+        if joint.d or joint.b:
+            p = self._into(k, turning, np.repeat(self._step[k][:, None], q.size, axis=1))
+            accel += cross(omega_dot, p) + cross(omega, cross(omega, p))
+        if joint.sigma == 1 or joint.r:
+            r = joint.r + (q if joint.sigma == 1 else 0.0)
+            accel[0] += (omega_dot[1] + omega[0] * omega[2]) * r
+            accel[1] += (omega[1] * omega[2] - omega_dot[0]) * r
+            accel[2] -= (omega[0] ** 2 + omega[1] ** 2) * r
+        if joint.sigma == 0:
+            omega_dot[0] += omega[1] * qd
+            omega_dot[1] -= omega[0] * qd
+            omega_dot[2] += qdd
+            omega[2] += qd
+        elif joint.sigma == 1:
+            twice = 2.0 * qd
+            accel[0] += omega[1] * twice
+            accel[1] -= omega[0] * twice
+            accel[2] += qdd
+        return out
 
     def inverse_dynamics(
         self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, parameters: ArrayLike | Mapping[str, float]

@@ -10,13 +10,11 @@ Array = NDArray[np.float64]
 
 def cross(a: Array, b: Array) -> Array:
     """a × b for (3, N) arrays (either may be (3, 1))."""
-    return np.stack(
-        [
-            a[1] * b[2] - a[2] * b[1],
-            a[2] * b[0] - a[0] * b[2],
-            a[0] * b[1] - a[1] * b[0],
-        ]
-    )
+    out = np.empty((3, *np.broadcast_shapes(a.shape[1:], b.shape[1:])))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[j], b[k], out=out[i])
+        out[i] -= a[k] * b[j]
+    return out
 
 
 def dot(a: Array, b: Array) -> Array:
@@ -32,6 +30,15 @@ def turn(axis: int, angle: Array, v: Array) -> Array:
     out[axis] = v[axis]
     out[i] = c * v[i] - s * v[j]
     out[j] = s * v[i] + c * v[j]
+    return out
+
+
+def turned(R: Array, v: Array) -> Array:
+    """Vectors `v` (3, …, N) turned by a rotation of each sample, R (3, 3, N): R v."""
+    columns = R.reshape(3, 3, *(1,) * (v.ndim - 2), R.shape[-1])
+    out = columns[:, 0] * v[0]
+    out += columns[:, 1] * v[1]
+    out += columns[:, 2] * v[2]
     return out
 
 

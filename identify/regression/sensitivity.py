@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.channels import CHANNELS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
@@ -25,8 +26,12 @@ from lacet.identify.signals.reconstruct import Recording, Signals
 Perturbation = Mapping[str, Array]
 """Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""
 
+Input = tuple[str, int, int]
+"""A channel, its component, and the order of the derivative of it that is meant."""
+
 _PARTS = ("value", "rate", "accel")
-_COPIES = 12
+_COPIES = 17
+"""So many changed copies go through at once: what one corner's instruments have as inputs."""
 _COARSE = 0.04
 """Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
 
@@ -54,10 +59,10 @@ class Sensitivity:
 
     recording: Recording
     comb: NDArray[np.intp]
-    coarse: Mapping[tuple[str, int, int], Mapping[str, Array]]
+    coarse: Mapping[Input, Mapping[str, Array]]
 
     @cached_property
-    def slopes(self) -> Mapping[tuple[str, int, int], Mapping[str, Array]]:
+    def slopes(self) -> Mapping[Input, Mapping[str, Array]]:
         """As `coarse`, at every sample (N,)."""
         t, at = self.recording.t, self.recording.t[self.comb]
         return {
@@ -78,24 +83,21 @@ class Sensitivity:
         active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
         before = residual(build_motion(coarse), active, theta)
-        inputs = [
-            (channel, k, order)
-            for order, part in enumerate(_PARTS)
-            for channel, array in getattr(coarse.signals, part).items()
-            for k in range(array.shape[0])
-        ]
-        slopes: dict[tuple[str, int, int], dict[str, Array]] = {}
+        slopes = {key: dict[str, Array]() for key in _inputs(coarse.signals)}
+        unmoved: dict[int, Motion] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
-        for start in range(0, len(inputs), _COPIES):
-            group = inputs[start : start + _COPIES]
+        for corner, group in _groups(coarse.signals):
             steps = [recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order] for channel, _, order in group]
-            after = residual(build_motion(_copies(coarse, group, steps)), active, theta)
+            copies = _copies(coarse, len(group))
+            if corner and len(group) not in unmoved:
+                unmoved[len(group)] = build_motion(copies)
+            changed = _stepped(copies, group, steps)
+            moved = build_motion(changed, unmoved[len(group)], [corner]) if corner else build_motion(changed)
+            after = residual(moved, active, theta)
             for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
                 part = slice(copy * comb.size, (copy + 1) * comb.size)
-                found = _slopes(before, {row: a[part] for row, a in after.items()}, step)
-                if found:
-                    slopes[key] = found
-        return cls(recording, comb, slopes)
+                slopes[key] = _slopes(before, {row: a[part] for row, a in after.items()}, step)
+        return cls(recording, comb, {key: found for key, found in slopes.items() if found})
 
     def on(self, recording: Recording) -> Sensitivity:
         """The same slopes on the same run with other noise."""
@@ -153,16 +155,45 @@ def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
     return np.asarray(keep)
 
 
-def _copies(recording: Recording, group: Sequence[tuple[str, int, int]], steps: Sequence[float]) -> Recording:
-    """As many copies of a recording as there are inputs, end to end, each with its own input moved by a step."""
-    n, count = recording.t.size, len(group)
-    parts: dict[str, dict[str, Array]] = {
-        part: {name: np.tile(array, count) for name, array in getattr(recording.signals, part).items()}
-        for part in _PARTS
-    }
+def _inputs(signals: Signals) -> list[Input]:
+    """Every component of every channel and of its derivatives."""
+    return [
+        (channel, k, order)
+        for order, part in enumerate(_PARTS)
+        for channel, array in getattr(signals, part).items()
+        for k in range(array.shape[0])
+    ]
+
+
+def _groups(signals: Signals) -> list[tuple[str, list[Input]]]:
+    """Inputs to be changed in one pass, with the corner that alone they move, or "" for those that may move all."""
+    by_corner: dict[str, list[Input]] = {}
+    for one in _inputs(signals):
+        channel = CHANNELS[one[0]]
+        # A ground laser turns the road's plane under every wheel.
+        corner = "" if channel.family == "laser.ground" else channel.corner or ""
+        by_corner.setdefault(corner, []).append(one)
+    return [
+        (corner, inputs[start : start + _COPIES])
+        for corner, inputs in by_corner.items()
+        for start in range(0, len(inputs), _COPIES)
+    ]
+
+
+def _copies(recording: Recording, count: int) -> Recording:
+    """As many copies of a recording end to end."""
+    return recording.at(np.tile(np.arange(recording.t.size), count))
+
+
+def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) -> Recording:
+    """Each copy with its own input moved by a step."""
+    n = copies.t.size // len(group)
+    parts = {part: dict[str, Array](getattr(copies.signals, part)) for part in _PARTS}
+    for part, channel in {(_PARTS[order], channel) for channel, _, order in group}:
+        parts[part][channel] = parts[part][channel].copy()
     for copy, ((channel, k, order), step) in enumerate(zip(group, steps, strict=True)):
         parts[_PARTS[order]][channel][k, copy * n : (copy + 1) * n] += step
-    return replace(recording.at(np.tile(np.arange(n), count)), signals=Signals(**parts))
+    return copies.with_signals(Signals(**parts))
 
 
 def _slopes(before: Mapping[str, Array], after: Mapping[str, Array], step: float) -> dict[str, Array]:

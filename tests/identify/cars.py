@@ -169,15 +169,17 @@ def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Record
     A_t = A.transpose(0, 2, 1)
     inverse = A_t @ np.linalg.inv(A @ A_t)  # smallest change; rounding is mended by iterating
     size = np.max(np.abs(start))
+    rest = start
     for _ in range(40):
-        step = -np.einsum("nij,nj->ni", inverse, left({})).T
+        step = -np.einsum("nij,nj->ni", inverse, rest).T
         place = 0
         for name, scale in _FREE.items():
             width = CHANNELS[name].width
             values[name] = values[name] + scale * step[place : place + width]
             place += width
-        if np.max(np.abs(left({}))) < 1e-13 * size:
+        rest = left({})
+        if np.max(np.abs(rest)) < 1e-13 * size:
             break
-    assert np.max(np.abs(left({}))) < 1e-11 * size, "some row cannot be fulfilled"
+    assert np.max(np.abs(rest)) < 1e-11 * size, "some row cannot be fulfilled"
     assert values["imu.accel"].shape == (3, n)
     return record.with_signals(replace(record.signals, value=values))

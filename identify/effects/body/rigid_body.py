@@ -7,12 +7,12 @@ from typing import ClassVar, Self
 import numpy as np
 
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL, car_chain, carrier_to_body
+from lacet.identify.car.car_tree import AXLE, CHASSIS, WHEEL, car_chain
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS, wrench, wrench_regressor
-from lacet.identify.multibody.vectors import Array, cross, dot
+from lacet.identify.multibody.vectors import Array, cross, dot, turned
 
 # Largest plausible values: a loaded light truck's chassis; an axle (hub, brake, knuckle, share of the arms) of at most
 # 100 kg within 0.2 m of its wheel centre; a wheel of at most 60 kg and 0.4 m.
@@ -113,8 +113,7 @@ class RigidBody(PhysicalEffect):
             to_carrier = car_chain().to_body[self.number - 1]
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
             spin, dphi_ds = moment[1], corner.wheel_dphi_ds
-        attitude = (corner.steer, corner.camber, corner.pitch)
-        both = carrier_to_body(*attitude, np.stack([force, moment], axis=1))
+        both = turned(corner.axes, np.stack([force, moment], axis=1))
         force, moment = both[:, 0], both[:, 1]
         centre, dp_ds, dphi_ds = (v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, dphi_ds))
         about_origin = moment + cross(centre, force)

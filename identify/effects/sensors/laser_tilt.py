@@ -57,7 +57,7 @@ class LaserTilt(SensorFault):
         """(N,) of the road across the axis the beams turn about: −n_x / n_z or n_y / n_z."""
         signals, n = recording.signals, recording.t.size
         road = Road(signals, recording.rig, recording.vehicle, n)
-        normal = road.normal(body_attitude(signals.value, recording.rig), unit(2) * np.zeros(n))[0]
+        normal = road.plane(body_attitude(signals.value, recording.rig), unit(2) * np.zeros(n)).normal
         return -normal[0] / normal[2] if self.where == "pitch" else normal[1] / normal[2]
 
     @property

@@ -18,7 +18,7 @@ from lacet.identify.car.car_tree import (
     FIRST_JOINT,
     WHEEL,
     car_chain,
-    carrier_to_body,
+    carrier_axes,
     kinematics,
     kingpin_pitch,
 )  # fmt: skip
@@ -28,6 +28,7 @@ from lacet.identify.car.rows import CHASSIS_ROWS
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY, move_parameters
+from lacet.identify.multibody.vectors import turned
 from tests.identify import cars
 
 CHAIN = car_chain().chain
@@ -235,7 +236,9 @@ def test_carrier_attitude(steer: float, camber: float, pitch: float, seed: int) 
     """Rz(steer) Rx(camber) Ry(pitch), by SciPy; and the chain's carrier frame has the same attitude."""
     v = np.random.default_rng(seed).normal(size=(3, 1))
     R = Rotation.from_euler("ZXY", [steer, camber, pitch]).as_matrix()
-    np.testing.assert_allclose(carrier_to_body(*(np.array([a]) for a in (steer, camber, pitch)), v), R @ v, atol=1e-12)
+    np.testing.assert_allclose(
+        turned(carrier_axes(*(np.array([a]) for a in (steer, camber, pitch))), v), R @ v, atol=1e-12
+    )
     q = np.zeros((42, 1))
     for c in CORNERS:
         first = FIRST_JOINT[c] - 1

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lacet.daq.channels import CHANNELS
+from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
@@ -56,6 +58,21 @@ def compare(drive: PreparedRun, found: dict[str, Array], brute: dict[str, Array]
         left = found.get(row, np.zeros_like(series)) - series
         off = np.sqrt(np.mean(left**2))
         assert off <= tolerance * size + 1e-6 * strongest, f"{what} {row}: off {off:.3g} of {size:.3g}"
+
+
+@pytest.mark.parametrize("channel", sorted(c for c in CHANNELS if CHANNELS[c].corner == "fr"))
+def test_one_corners_channels_move_that_corner_alone(seen, channel: str) -> None:
+    """A motion that takes its other corners from an unmoved one is the motion built anew, to the last bit."""
+    drive, _, effects, theta = seen
+    signals = drive.recording.signals
+    if channel not in signals.value:
+        pytest.skip("not an instrument of this rig")
+    moved = {channel: 1.01 * signals.value[channel] + 1e-3}
+    record = drive.recording.with_signals(signals.changed(moved, drive.recording.filters.rate))
+    anew = residual(build_motion(record), effects, theta)
+    shared = residual(build_motion(record, drive.motion, ["fr"]), effects, theta)
+    same = all(np.array_equal(anew[row], shared[row]) for row in anew)
+    assert same is (CHANNELS[channel].family != "laser.ground")
 
 
 def test_zeros(seen) -> None:
