@@ -1,1 +1,1 @@
-"""Acquisition: from wires and captures to logs and topics, live or replayed; its transports own the sockets."""
+"""Acquisition: from wires and captures to logs and the bus, live or replayed; its transports own the sockets."""

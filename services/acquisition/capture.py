@@ -1,4 +1,4 @@
-"""Simulated samples as the bytes the sensors would have sent: frames bus by bus, and a capture of them."""
+"""Simulated captures: samples encoded as the sensors' bytes, in frames bus by bus."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lacet.drivers import open_driver
 from lacet.simulate import SimulatedMotion
 
 BATCH_NS = 50_000_000
-"""Frames are stored in batches of this length [ns], as a recorder would."""
+"""Duration of the batches of frames in a capture [ns], as a recorder's."""
 
 
 def encode_rig(blocks: Mapping[str, Block], rig: Rig) -> tuple[dict[str, Frames], dict[str, str]]:
@@ -27,7 +27,7 @@ def encode_rig(blocks: Mapping[str, Block], rig: Rig) -> tuple[dict[str, Frames]
     Returns
     -------
     frames : by bus, all sensors of a bus merged in the order of their stamps.
-    documents : file name → text of what the drivers used (DBC).
+    documents : file name → text of the files that the drivers used (DBC).
 
     Raises
     ------
@@ -58,7 +58,7 @@ def merged(source: str, parts: Iterable[Frames]) -> Frames:
 
 
 def simulated_start(name: str, motion: SimulatedMotion, rig: Rig, vehicle_text: str, start_ns: int) -> StartRecord:
-    """What a recorder would write before a simulated run, without the documents of the drivers."""
+    """The start record of a simulated run, without the documents of the drivers."""
     when = datetime.fromtimestamp(start_ns / 1e9, UTC)
     return StartRecord(
         run_id=f"{when:%Y%m%dT%H%M%SZ}-{name}",

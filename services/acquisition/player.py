@@ -1,4 +1,4 @@
-"""Replay: the raw frames of a capture onto the wires, in the time they came or faster."""
+"""Replay of a capture: its raw frames sent on the wires, in their own time or faster."""
 
 from __future__ import annotations
 
@@ -14,23 +14,24 @@ from lacet.daq.frames import Frames
 from lacet.services.acquisition.transports.base import Sender
 
 TICK = 0.005
-"""Frames due within this time are sent together [s]: sleeping for each frame would cost more than sending it. Arrival
-stamps at the receiver are late by at most this."""
-_WINDOW_NS = 10_000_000  # capture time sent at once when there is no clock to keep [ns]
+"""Period of sending [s]: frames due within it are sent together.
+
+Sleeping for each frame would cost more than sending it. Arrival stamps at the receiver are late by at most this."""
+_WINDOW_NS = 10_000_000  # capture time sent at once at full speed [ns]
 _CAN_CEILING = 8_000  # frames/s; a 1 Mbit/s bus carries no more 8-byte frames, and SocketCAN shows no receiver's queue
-_ROOM_PATIENCE = 2.0  # s; how long to wait for a receiver that does not read
+_ROOM_PATIENCE = 2.0  # s; longest wait for a receiver that does not read
 
 
 @dataclass
 class Progress:
-    """How far a replay is.
+    """Progress of a replay.
 
     Attributes
     ----------
     sent, total : frames per pass.
     capture_seconds : position in the capture [s]; `capture_length`: its duration [s].
-    late : how late the last frames were sent [s].
-    rounds : passes finished.
+    late : delay of the last frames sent [s].
+    rounds : passes completed.
     """
 
     sent: int = 0
@@ -49,14 +50,14 @@ def replay(
     stop: Event | None = None,
     report: Callable[[Progress], None] = lambda progress: None,
 ) -> Progress:
-    """Send frames on open senders, each source in its own order, the sources in step with each other.
+    """Send frames on open senders, each source in its own order, the sources synchronised.
 
     Parameters
     ----------
     frames, senders : by bus name; every source has a sender.
-    speed : factor on the capture's own time; None for as fast as receivers on this machine take it without loss.
+    speed : factor on the capture's own time; None for the highest speed without loss at receivers on this machine.
     loop : begin again at the end until `stop` is set.
-    stop : set it to end early.
+    stop : ends the replay when set.
     report : called about four times a second.
     """
     stop = stop or Event()
@@ -64,7 +65,7 @@ def replay(
     progress = Progress(total=sum(map(len, frames.values())))
     if not frames:
         return progress
-    # A stamp that went back is sent with the frame before it: the order on the wire is the order in the capture.
+    # A frame whose stamp steps back is sent with the one before it: the order on the wire is that in the capture.
     due = {source: np.maximum.accumulate(batch.t_ns) for source, batch in frames.items()}
     first_ns = min(int(times[0]) for times in due.values())
     last_ns = max(int(times[-1]) for times in due.values())
@@ -82,7 +83,7 @@ def replay(
 
 
 def _now_and_then(report: Callable[[Progress], None]) -> Callable[[Progress], None]:
-    """`report`, but no more than four times a second."""
+    """`report`, called at most four times a second."""
     reported = time.monotonic()
 
     def seldom(progress: Progress) -> None:

@@ -1,4 +1,4 @@
-"""The one live loop: wires → queue → log of raw frames → decoder → log of blocks and bus."""
+"""Recorder, the live loop: wires → queue → log of raw frames → decoder → log of blocks and bus."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.reader import Reader
 
 BATCH = 0.1
-"""Frames are decoded and written together for this long [s]."""
+"""Duration of a batch of frames that are decoded and written together [s]."""
 QUEUE_FRAMES = 60_000
-"""Frames the queue holds: some eight seconds of a full rig."""
+"""Capacity of the queue in frames: some eight seconds of a full rig."""
 
 
 class LiveDecoder(Protocol):
-    """What the loop needs of `services.acquisition.stream_decoder.Decoder`."""
+    """Interface of the decoder that the loop needs (`services.acquisition.stream_decoder.Decoder`)."""
 
     def feed(self, frames: Frames) -> list[Block]:
-        """Blocks that the batch completes."""
+        """Blocks completed by the batch."""
         ...
 
     def finish(self) -> list[Block]:
-        """What was still waiting at the end."""
+        """Blocks of incomplete data at the end."""
         ...
 
     def losses(self) -> Losses:
@@ -40,22 +40,22 @@ class LiveDecoder(Protocol):
         ...
 
     def ledger(self) -> Losses:
-        """Everything counted so far, by bus, then what."""
+        """All counts so far, by bus, then name."""
         ...
 
 
 @dataclass
 class Health:
-    """The last second of a recording.
+    """State of a recording in the last second.
 
     Attributes
     ----------
-    seconds : since the start [s].
+    seconds : time since the start [s].
     frames : bus → frames/s received.
     samples : channel → samples/s.
     losses : source → cause → number since the start.
     down : buses whose wire is not open.
-    waiting : frames in the queue.
+    waiting : number of frames in the queue.
     """
 
     seconds: float
@@ -68,7 +68,7 @@ class Health:
 
 @dataclass
 class Summary:
-    """A finished recording. `frames` and `samples` by bus and channel, `losses` by source and cause."""
+    """Totals of a finished recording: `frames` and `samples` by bus and channel, `losses` by source and cause."""
 
     reason: str
     seconds: float
@@ -80,14 +80,14 @@ class Summary:
 
 
 class Recorder:
-    """Records until it is stopped. Neither a dead link, nor the bus, nor a full disk ends it.
+    """Recorder of a run, which only `stop` ends: no dead link, failing bus or full disk does.
 
     Parameters
     ----------
     receivers : one for each bus.
-    decoder : makes blocks of frames.
+    decoder : decoder of frames into blocks.
     log : open log; closed by `run`.
-    publisher : the bus, None to do without.
+    publisher : publisher on the bus; None for none.
     axes : channel → axes where the rig declares others than the vocabulary (as given to the log).
     notify : called with plain sentences for the user.
     report : called once a second.
@@ -134,11 +134,11 @@ class Recorder:
 
         Returns
         -------
-        Summary : the log is closed and the manifest is published.
+        Summary : totals; the log is closed and the manifest is published.
 
         Raises
         ------
-        BaseException : a bug in a reader or a driver; the log is closed, and says so.
+        BaseException : a bug in a reader or a driver; the log is closed with that reason.
         """
         started = time.monotonic()
         for reader in self.readers:
@@ -191,11 +191,11 @@ class Recorder:
                 return f"nothing came for {until_idle:g} s"
 
     def _gather(self) -> list[Frames]:
-        """Everything that comes within one batch time."""
+        """All frames received within one batch time."""
         until = time.monotonic() + BATCH
         out: list[Frames] = []
         while (remaining := until - time.monotonic()) > 0.0:
-            # Sleeping and then taking all costs less than being woken for every piece.
+            # Sleeping and then draining the queue costs less than waking up for every item.
             time.sleep(remaining)
             out += self.queue.drain()
         return out
@@ -227,7 +227,7 @@ class Recorder:
     def _store_block(self, block: Block, sequence: int) -> bytes:
         try:
             return self._log.write_block(block)
-        except LogWriteError as error:  # the bus still gets it, numbered as before
+        except LogWriteError as error:  # the block is still published, with the same number
             self._log_failed(error)
             return block_to_bytes(block, sequence, self._axes.get(block.channel))
 
@@ -244,7 +244,7 @@ class Recorder:
             self._notify(f"THE LOG CANNOT BE WRITTEN ANY FURTHER; publishing goes on. {error}")
 
     def losses(self) -> dict[str, dict[str, int]]:
-        """The loss ledger: bus (or channel, of what the disk did not take) → cause → number since the start."""
+        """The loss ledger: bus (or channel, for losses of the disk) → cause → number since the start."""
         out: dict[str, Counter[str]] = {}
         for reader in self.readers:
             out[reader.receiver.source] = Counter(reader.losses())

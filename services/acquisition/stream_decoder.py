@@ -1,4 +1,4 @@
-"""From raw frames to blocks by a rig's drivers: the same for the live recorder, batch by batch, and for whole logs."""
+"""Decoder of raw frames into blocks by a rig's drivers, for the live recorder, batch by batch, and for whole logs."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lacet.drivers.framework.base import Driver, State
 NO_LOSS = frozenset(
     {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}
 )
-"""Entries of a ledger that do not say that something the sensor sent was lost on the way."""
+"""Entries of a ledger that are no losses in transit of what a sensor sent."""
 
 WINDOW_NS = 100_000_000
 """Duration of the blocks that `write_decoded` stores [ns]."""
@@ -28,7 +28,7 @@ WINDOW_NS = 100_000_000
 
 @dataclass
 class _Wired:
-    """A sensor of the rig with its driver and the driver's memory."""
+    """A sensor of the rig with its driver and the driver's state."""
 
     sensor: Sensor
     driver: Driver
@@ -36,12 +36,12 @@ class _Wired:
 
 
 class Decoder:
-    """The drivers of a rig, fed with frames.
+    """Decoder of a rig's frames by the drivers of its sensors.
 
     Parameters
     ----------
     rig : sensors without a driver or a bus are left out.
-    documents : file name → text, recorded with a run; they win over files on disk.
+    documents : file name → text, recorded with a run; they take precedence over files on disk.
 
     Raises
     ------
@@ -52,7 +52,7 @@ class Decoder:
         self.rig = rig
         self._wired: list[_Wired] = []
         self.documents: dict[str, str] = {}
-        """File name → full text of every file the drivers use."""
+        """File name → full text of every file that the drivers use."""
         for sensor in rig.sensors:
             if sensor.driver is None or sensor.bus is None:
                 continue
@@ -63,11 +63,11 @@ class Decoder:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels that the drivers can deliver and the rig lists."""
+        """Channels that the drivers can decode and the rig lists."""
         return tuple(name for wired in self._wired for name in wired.driver.channels if name in wired.sensor.channels)
 
     def feed(self, frames: Frames) -> list[Block]:
-        """Decode a batch of one bus; the next batch of that bus goes on where it ends."""
+        """Blocks of a batch of one bus, whose next batch continues it."""
         self._received[frames.source] += len(frames)
         blocks: list[Block] = []
         for wired in self._wired:
@@ -77,7 +77,7 @@ class Decoder:
         return blocks
 
     def finish(self) -> list[Block]:
-        """The samples still waiting for frames that will not come."""
+        """Blocks at the end of the stream, from samples with frames missing."""
         blocks: list[Block] = []
         for wired in self._wired:
             found, wired.state = wired.driver.finish(wired.state)
@@ -85,9 +85,9 @@ class Decoder:
         return blocks
 
     def ledger(self) -> dict[str, dict[str, int]]:
-        """Counts so far by bus: ``received`` frames, ``samples``, and by cause what was lost or left aside.
+        """Counts so far by bus: ``received`` frames, ``samples``, and by cause those lost or not used.
 
-        ``unknown_ident`` are frames of a CAN bus that no driver knows; ``no_driver`` those of a bus without any.
+        ``unknown_ident`` counts frames of a CAN bus that no driver decodes; ``no_driver`` frames of a bus without one.
         """
         out: dict[str, dict[str, int]] = {}
         for source in sorted({*self._received, *(wired.sensor.bus or "" for wired in self._wired)}):
@@ -106,7 +106,7 @@ class Decoder:
         return out
 
     def losses(self) -> dict[str, dict[str, int]]:
-        """What of `ledger` is a loss, without zeros."""
+        """The entries of `ledger` that are losses, without zeros."""
         rows = {
             source: {cause: number for cause, number in causes.items() if number and cause not in NO_LOSS}
             for source, causes in self.ledger().items()
@@ -119,7 +119,7 @@ class Decoder:
 
 
 def decode_frames(decoder: Decoder, frames: list[Frames]) -> dict[str, Block]:
-    """Decode whole buses in one go, to the end; blocks by channel."""
+    """Blocks by channel of whole buses, decoded to the end."""
     parts: dict[str, list[Block]] = defaultdict(list)
     for batch in frames:
         for block in decoder.feed(batch):
@@ -146,7 +146,7 @@ def write_decoded(writer: LogWriter, frames: list[Frames], blocks: Mapping[str, 
 
 
 def closing_record(reader: LogReader, decoder: Decoder, last_ns: int) -> StopRecord:
-    """The stop record of a decoded log: that of the raw one, with what decoding lost."""
+    """The stop record of a decoded log: that of the raw log, with the losses of decoding."""
     losses = {source: dict(causes) for source, causes in (reader.stop.losses if reader.stop else {}).items()}
     for source, causes in decoder.losses().items():
         losses.setdefault(source, {}).update(causes)
@@ -156,7 +156,7 @@ def closing_record(reader: LogReader, decoder: Decoder, last_ns: int) -> StopRec
 
 
 def _windows(t_ns: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Window number, start and stop of the stretches of each window; a stamp that goes back stays in its window."""
+    """Window number, start and stop of the stretches of each window; a stamp that steps back stays in its window."""
     if not len(t_ns):
         return []
     window = np.maximum.accumulate(t_ns) // WINDOW_NS

@@ -1,4 +1,4 @@
-"""The worker: assembles runs from the bus alone, checks that nothing is missing, and works on them."""
+"""Worker: it assembles runs from the bus, requests missing blocks, and processes complete runs."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ from lacet.daq.rig import Rig
 
 RESULT = "result.json"
 PATIENCE = 10.0
-"""Silence after which a recorder is asked whether it still lives, and a run without a manifest is closed [s]."""
+"""Silence after which a recorder is asked for a sign of life, and a run without a manifest is closed [s]."""
 DEADLINE = 30.0
-"""Time to fetch what is missing, from the manifest on [s]."""
+"""Longest time to fetch missing blocks, from the manifest on [s]."""
 
 OnRun = Callable[[Path], dict[str, Any]]
-"""What is done with an assembled run: path of its log → what to put into the result."""
+"""Processing of an assembled run: path of its log → entries of the result."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What became of one run.
+    """Outcome of one run at a worker.
 
     Attributes
     ----------
-    path : the log, None when not even the start record was to be had.
-    complete : everything the recorder published is in it, checksums included.
-    missing : channel → ranges (first, last) of block numbers that are not.
+    path : the log; None when the start record was not received.
+    complete : whether the log holds everything that the recorder published, checksums included.
+    missing : channel → ranges (first, last) of missing block numbers.
     notes : plain sentences: what is missing and why.
-    work : what `OnRun` gave, or ``{"error": …}``.
+    work : the result of `OnRun`, or ``{"error": …}``.
     """
 
     run_id: str
@@ -61,7 +61,7 @@ class RunResult:
     work: dict[str, Any]
 
     def payload(self) -> dict[str, Any]:
-        """As written to ``result.json``."""
+        """Content of ``result.json``."""
         return {
             "run_id": self.run_id,
             "rig": self.rig,
@@ -74,18 +74,18 @@ class RunResult:
 
 
 class Assembly:
-    """One run, as far as it has come over the bus.
+    """One run in the course of reception over the bus.
 
     Parameters
     ----------
-    folder : where its blocks are kept meanwhile.
-    deadline : time to fetch what is missing, from the manifest on [s].
+    folder : folder of its blocks until the log is written.
+    deadline : longest time to fetch missing blocks, from the manifest on [s].
 
     Attributes
     ----------
-    last_heard : when anything of it last came [s, monotonic].
-    until : when fetching ends [s, monotonic]; None before the manifest.
-    notes : plain sentences on what went wrong.
+    last_heard : time of its last message [s, monotonic].
+    until : end of fetching [s, monotonic]; None before the manifest.
+    notes : faults, as plain sentences.
     """
 
     def __init__(self, keys: Keys, folder: Path, deadline: float = DEADLINE):
@@ -100,7 +100,7 @@ class Assembly:
         self._fetched = 0
 
     def take(self, message: Message) -> None:
-        """Take what was published: a start record, a block or the manifest."""
+        """Process a message: a start record, a block or the manifest."""
         self.last_heard = time.monotonic()
         try:
             if message.kind == "block":
@@ -113,18 +113,18 @@ class Assembly:
             self.note(f"a {message.kind} that cannot be read: {error}")
 
     def take_manifest(self, payload: bytes) -> None:
-        """The run is over; from now on what is missing is fetched, for `deadline` [s]."""
+        """Process the manifest, the end of the run: missing blocks are fetched from now on, for `deadline` [s]."""
         self.manifest = manifest_from_bytes(payload)
         if self.until is None:
             self.until = time.monotonic() + self._deadline
 
     def note(self, text: str) -> None:
-        """Remember a plain sentence once."""
+        """Add a plain sentence, unless it is noted already."""
         if text not in self.notes:
             self.notes.append(text)
 
     def missing(self) -> dict[str, list[tuple[int, int]]]:
-        """Channel → ranges (first, last) of block numbers that are not here, as far as is known."""
+        """Channel → ranges (first, last) of missing block numbers, as far as is known."""
         if self.manifest is not None:
             ends = {name: tally.messages for name, tally in self.manifest.channels.items()}
         else:
@@ -133,7 +133,7 @@ class Assembly:
         return {name: spans for name, spans in gaps.items() if spans}
 
     def fetch(self, listener: BusListener) -> None:
-        """Ask the recorder once for everything that is missing, and again for channels whose checksum is wrong."""
+        """Request missing blocks from the recorder once, and again those of channels with a wrong checksum."""
         if self.start is None and (payload := listener.fetch(self.keys, "start")) is not None:
             self.start = start_from_bytes(payload)
         for channel, spans in self.missing().items():
@@ -159,16 +159,16 @@ class Assembly:
 
     @property
     def complete(self) -> bool:
-        """Everything that was published is here."""
+        """Whether everything published has been received."""
         return self.start is not None and self.manifest is not None and not self.missing() and not self.wrong()
 
     @property
     def fetched(self) -> int:
-        """Blocks that had to be asked for."""
+        """Number of blocks that had to be requested."""
         return self._fetched
 
     def write(self, path: Path) -> None:
-        """Write the run as a log of decoded blocks; whole or not at all."""
+        """Write the run as a log of decoded blocks: a complete file or none."""
         assert self.start is not None
         draft = path.with_name(path.name + ".part")
         axes = recorded_axes(self.start)
@@ -191,12 +191,12 @@ class Assembly:
                 self.note(f"{channel}, block {sequence}: {error}")
 
     def close(self) -> None:
-        """Give back the space of what was assembled."""
+        """Release the space of the run's blocks."""
         self._spool.close()
 
 
 def recorded_axes(start: StartRecord) -> dict[str, str]:
-    """Channel → axes the rig in a start record declares; empty when its text cannot be read."""
+    """Channel → axes that the rig in a start record declares; empty when its text cannot be read."""
     try:
         rig = Rig.parse(start.rig_text, "rig of the run")
     except LacetError:
@@ -205,13 +205,13 @@ def recorded_axes(start: StartRecord) -> dict[str, str]:
 
 
 class Worker:
-    """Listens for runs, assembles each, works on it, and publishes the result.
+    """Worker that receives runs from the bus, assembles and processes each, and publishes the results.
 
     Parameters
     ----------
-    folder : where logs and results go; nothing has to be in it.
+    folder : folder of logs and results; may be empty.
     name : this worker's name on the bus.
-    on_run : what to do with an assembled run.
+    on_run : processing of an assembled run.
     patience, deadline : see `PATIENCE`, `DEADLINE` [s].
     notify : called with plain sentences for the user.
     """
@@ -245,7 +245,7 @@ class Worker:
             message = self._listener.get(0.1)
             if message is not None:
                 self._take(message)
-                continue  # first everything that waits
+                continue  # waiting messages first
             for assembly in [a for a in self._runs.values() if self._is_over(a)]:
                 results.append(self._close(assembly, stop))
                 if once:
@@ -263,7 +263,7 @@ class Worker:
         self._runs[message.keys].take(message)
 
     def _is_over(self, assembly: Assembly) -> bool:
-        """Whether the run is at its end: its manifest is here, or its recorder has gone without one."""
+        """Whether the run has ended: its manifest has come, or its recorder has gone without one."""
         if assembly.manifest is not None:
             return True
         if time.monotonic() - assembly.last_heard < self._patience:
@@ -273,7 +273,7 @@ class Worker:
             assembly.take_manifest(payload)
             return True
         if self._listener.fetch(assembly.keys, "start", timeout=1.0) is not None:
-            assembly.last_heard = time.monotonic()  # it lives, and has nothing to say
+            assembly.last_heard = time.monotonic()  # the recorder is alive and has nothing to send
             return False
         return True
 

@@ -1,1 +1,1 @@
-"""One file a sub-command of ``lacet``, found by walking this folder."""
+"""Sub-commands of ``lacet``, one file each, found automatically in this folder."""

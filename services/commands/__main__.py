@@ -1,4 +1,4 @@
-"""The command ``lacet``: finds its sub-commands by walking ``services/commands`` and turns errors into plain text."""
+"""The command ``lacet``, which finds its sub-commands in ``services/commands`` and reports errors as plain text."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ The usual order:
 
 
 NO_COMMANDS = ("__main__", "progress")
-"""Modules of this folder that are no sub-command."""
+"""Modules of this folder that are no sub-commands."""
 
 
 def _files() -> dict[str, str]:
@@ -41,14 +41,14 @@ def _files() -> dict[str, str]:
 
 
 def find_commands(only: str | None = None) -> dict[str, ModuleType]:
-    """Every sub-command module by name, in alphabetical order; or just one, which loads much quicker."""
+    """Sub-command modules by name, in alphabetical order; or only one, which loads much faster."""
     files = _files()
     names = [only] if only in files else list(files)
     return {name: importlib.import_module(f"{commands.__name__}.{files[name]}") for name in names}
 
 
 def _help(module: str) -> str:
-    """A sub-command's line of help, read from its source: loading all of them takes seconds."""
+    """Line of help of a sub-command, read from its source: importing all of them takes seconds."""
     source = importlib.resources.files(commands).joinpath(f"{module}.py").read_text(encoding="utf-8")
     for statement in ast.parse(source).body:
         match statement:
@@ -60,7 +60,7 @@ def _help(module: str) -> str:
 
 
 def _top_level() -> argparse.ArgumentParser:
-    """The command line without its sub-commands."""
+    """Parser of the command line without its sub-commands."""
     parser = argparse.ArgumentParser(
         prog="lacet", description=ABOUT, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -72,7 +72,7 @@ def _top_level() -> argparse.ArgumentParser:
 
 
 def build_overview() -> argparse.ArgumentParser:
-    """What ``lacet --help`` shows: every sub-command with its line of help, none of them loaded."""
+    """Parser of ``lacet --help``: every sub-command with its line of help, without importing them."""
     parser = _top_level()
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in _files().items():
@@ -81,7 +81,7 @@ def build_overview() -> argparse.ArgumentParser:
 
 
 def build_parser(only: str | None = None) -> argparse.ArgumentParser:
-    """The whole command line, or that of one sub-command."""
+    """Parser of the whole command line, or of one sub-command."""
     parser = _top_level()
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name, module in find_commands(only).items():
@@ -98,7 +98,7 @@ def build_parser(only: str | None = None) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one sub-command. Returns 0 done, 2 bad usage or input, 3 done with losses or nothing identifiable."""
+    """Run one sub-command. Returns 0: success, 2: bad usage or input, 3: losses, or nothing identifiable."""
     words = sys.argv[1:] if argv is None else list(argv)
     try:
         if not words or words[0] not in _files():  # help, the version, or a word that is no command
@@ -106,12 +106,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser(words[0] if words else None).parse_args(words)
     except BrokenPipeError:
         return _unread()
-    from threadpoolctl import threadpool_limits  # here, because `lacet --help` is to answer at once
+    from threadpoolctl import threadpool_limits  # imported here, so that `lacet --help` is fast
 
     try:
-        # Matrices here are small: more threads gain nothing (measured), and the other cores are the recorder's.
+        # Matrices are small: more threads gain nothing (measured), and other cores are left to the recorder.
         with threadpool_limits(1), contextlib.ExitStack() as stack:
-            if args.json == "-":  # standard output is for the result alone; what is for people goes to standard error
+            if args.json == "-":  # standard output is for the result only, text for people goes to standard error
                 args.json = sys.stdout
                 stack.enter_context(contextlib.redirect_stdout(sys.stderr))
             return int(args.run(args))
@@ -123,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return BAD_INPUT
     except BrokenPipeError:
         return _unread()
-    except OSError as error:  # a folder that cannot be made, a full disk
+    except OSError as error:  # a folder that cannot be created, a full disk
         where = f"{error.filename}: " if error.filename else ""
         print(f"lacet {args.command}: {where}{error.strerror or error}", file=sys.stderr)
         return BAD_INPUT
@@ -133,7 +133,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _unread() -> int:
-    """Nobody reads on (``lacet … | head``): what is still to be written goes nowhere."""
+    """Exit when the reader of a pipe has gone (``lacet … | head``), discarding output still to be written."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return BAD_INPUT
 

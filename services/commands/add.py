@@ -1,4 +1,4 @@
-"""``lacet add``: add an effect to a study's model, and see the error fall."""
+"""``lacet add``: add an effect to a study's model and report the change of the error."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ version; lacet undo DIR goes back, lacet remove DIR EFFECT takes any effect out.
   lacet add DIR bump_stop.front --shape gap=0.03"""
 
 FAR = 10.0
-"""Times the largest value usual for a constant from which another unit was meant."""
+"""Factor over the largest usual value of a constant from which a wrong unit is suspected."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

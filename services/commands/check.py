@@ -1,4 +1,4 @@
-"""``lacet check``: are the sensors as the rig file says? Their noise, their latencies, and what noise does to a fit."""
+"""``lacet check``: check sensors against the rig file: noise, latencies, and the bias of a fit from noise."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Answer the questions; always 0 when they could be asked."""
+    """Run the checks asked for; returns 0 when they could be made."""
     asked = tuple(args.only or QUESTIONS)
     if args.write_rig is not None:
         if "latency" not in asked:
@@ -117,7 +117,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
-    """The runs and the model: a study's own, or the base model for runs named one by one."""
+    """The runs and the model: a study's own, or the base model for runs given one by one."""
     folders = [path for path in args.runs if path.is_dir()]
     if not folders:
         loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
@@ -141,7 +141,7 @@ def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
 
 
 def _write(file: Path, loaded: Loaded, timings: Timings) -> None:
-    """Write the rig with the latencies that differ, all of them shifted alike where one would be negative."""
+    """Write the rig file with the latencies that differ, all of them shifted alike where one would be negative."""
     latencies = {s.name: s.latency for s in loaded.rig.sensors}
     latencies |= {s.sensor: s.found for s in timings.sensors if s.testable and not s.agrees}
     if (lowest := min(latencies.values())) < 0.0:

@@ -1,4 +1,4 @@
-"""``lacet compare``: the model against the measurement, row by row."""
+"""``lacet compare``: compare the model with the measurement, row by row."""
 
 from __future__ import annotations
 

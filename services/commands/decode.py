@@ -1,4 +1,4 @@
-"""``lacet decode``: blocks from raw frames."""
+"""``lacet decode``: decode raw frames into blocks."""
 
 from __future__ import annotations
 

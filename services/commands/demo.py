@@ -116,7 +116,7 @@ def _make_room(out: Path) -> None:
 
 
 def _over_the_wires(capture: Path, out: Path, others: list[Path]) -> int:
-    """Replay, record and work in three processes, while the other captures are decoded here."""
+    """Replay, record and identify in three processes, while the other captures are decoded in this one."""
     wires, router = out / "wires.json", f"tcp/127.0.0.1:{_free_port()}"
     start = LogReader(capture).start
     (out / "rig.toml").write_text(start.rig_text, encoding="utf-8")
@@ -153,7 +153,7 @@ def _over_the_wires(capture: Path, out: Path, others: list[Path]) -> int:
 
 
 def _lacet(out: Path, command: str, *arguments: object) -> subprocess.Popen[bytes]:
-    """Start a sub-command in a process of its own; what it says goes to ``out/COMMAND.txt``."""
+    """Start a sub-command in a process of its own; its output goes to ``out/COMMAND.txt``."""
     (out / "worker").mkdir(exist_ok=True)
     text = (out / f"{command}.txt").open("wb")
     return subprocess.Popen(

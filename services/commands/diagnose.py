@@ -1,4 +1,4 @@
-"""``lacet diagnose``: which physical effect is missing."""
+"""``lacet diagnose``: rank the physical effects that may be missing."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _next(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
-    """What ``--next`` adds to the result, ready to print; nothing where it was not asked for."""
+    """Entries of the result for ``--next``, ready to print; empty without that option."""
     if args.next is None:
         return {}
     without = [word.strip() for word in args.without.split(",") if word.strip()]

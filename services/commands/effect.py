@@ -1,4 +1,4 @@
-"""``lacet effect``: a physical effect of one's own, written as one line."""
+"""``lacet effect``: a user's own physical effect, written as one line."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List, read, try, keep or remove."""
+    """List, parse, try, store or remove."""
     result: dict[str, Any] = {}
     if args.states:
         result = _states()
@@ -104,7 +104,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
 
 
 def _described(cls: type[OneLine], study: Study) -> dict[str, Any]:
-    """How a line was read."""
+    """The interpretation of a line."""
     line, effects = cls.line, cls.variants(study.vehicle, study.rig.wheel_reference)
     print(f"{cls.name}: {cls.about}")
     for law in line.rows:

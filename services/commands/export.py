@@ -1,4 +1,4 @@
-"""``lacet export``: a log for general viewers."""
+"""``lacet export``: export a log for general viewers."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def write_rows(path: Path, blocks: Mapping[str, Block]) -> None:
-    """Write one `Sample` message a sample to a new MCAP file, in time order; RunError when the disk fails."""
+    """Write one `Sample` message a sample to a new MCAP file, in time order. Raises RunError when the disk fails."""
     names = list(blocks)
     if not names:
         return
@@ -101,7 +101,7 @@ def write_rows(path: Path, blocks: Mapping[str, Block]) -> None:
 
 
 def sample(channel: str, t_ns: int, values: list[float], flags: int) -> pb.Sample:
-    """One sample as the message that viewers get."""
+    """The message of one sample for viewers."""
     about = CHANNELS[channel]
     seconds, nanos = divmod(t_ns, 10**9)
     message = pb.Sample(timestamp=Timestamp(seconds=seconds, nanos=nanos), flags=flags, unit=about.unit)

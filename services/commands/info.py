@@ -1,4 +1,4 @@
-"""``lacet info``: what a file holds, and what there is."""
+"""``lacet info``: contents of a file, and lists of channels, effects, rows and models."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Print what was asked for."""
+    """Print the information asked for."""
     status, result = DONE, dict[str, Any]()
     if args.channels:
         result["channels"] = _channels()

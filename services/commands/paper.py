@@ -1,4 +1,4 @@
-"""``lacet paper``: the paper's tables anew, side by side with its own numbers."""
+"""``lacet paper``: reproduce the paper's tables, side by side with its own values."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ A second call goes on where the first was stopped. Needs MuJoCo (extra sim).
 Exit code 3: a line of tables 1 to 4 is missed, or more of tables 5 to 7 than chance explains."""
 
 QUICK = 8.0
-"""Length of the runs with --quick [s]."""
+"""Duration of the runs with --quick [s]."""
 RARE = 0.01
-"""Chance below which the number of lines missed in tables 5 to 7 is no longer chance."""
+"""Probability below which the number of lines missed in tables 5 to 7 is no chance."""
 MARKER = ".lacet-paper"
 
 
@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _verdict(scored: list[Scored], ours: bool) -> tuple[str, bool]:
-    """What the lines come to, in words, and whether that is a failure."""
+    """The verdict on all lines in words, and whether it is a failure."""
     asked = [s for s in scored if s.verdict != WITHOUT]
     missed = [s.line.name for s in asked if s.verdict == MISSED]
     without = [s.line.name for s in scored if s.verdict == WITHOUT]
@@ -101,7 +101,7 @@ def _verdict(scored: list[Scored], ours: bool) -> tuple[str, bool]:
 
 
 def _laws(shapes: dict[str, dict[str, float]], hidden: list[dict[str, Any]]) -> str:
-    """Shape constants found by search beside those put in: lines whose laws are the same together."""
+    """Shape constants found by search beside the true ones; lines with equal laws are grouped."""
     alike: dict[str, list[str]] = {}
     for name, shape in shapes.items():
         real = next((effect["shape"] for effect in hidden if effect["name"] == name), {})

@@ -1,4 +1,4 @@
-"""``lacet plan``: which run to drive next."""
+"""``lacet plan``: rank the runs to drive next."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 @dataclass(frozen=True)
 class _Start:
-    """What a plan starts from: the present fit, or none before the first run."""
+    """Starting point of a plan: the present fit, or none before the first run."""
 
     fitted: Fit | None
     model: Model
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     names = kinds(_split(args.only), _split(args.without))
     with Line() as line:
         start = _start(args, line)
-        if start.fitted is not None:  # a name there is not is refused before the long work
+        if start.fitted is not None:  # unknown names are refused before the long computation
             chosen(quantities(start.fitted, start.vehicle), args.want)
         runs, assumed, problems = _runs(args, start, limits, names, line)
         if not runs:
@@ -179,7 +179,7 @@ def _model(vehicle: Vehicle, reference: str, added: Sequence[str]) -> Model:
 def _runs(
     args: argparse.Namespace, start: _Start, limits: Limits, names: Sequence[str], line: Line
 ) -> tuple[list[PlannedRun], tuple[str, ...], list[str]]:
-    """The runs to choose from, what was assumed about the car, and what could not be made."""
+    """The runs to choose from, the assumptions about the car, and why some runs could not be simulated."""
     if args.like:
         line.show("reading runs")
         loaded = load(args.like, *start.files, start.filters)
@@ -243,7 +243,7 @@ def _ranked(runs: Sequence[PlannedRun], one: Ranked) -> dict[str, Any]:
 
 
 def _sentence(runs: Sequence[PlannedRun], ranking: Ranking, measured: bool) -> str:
-    """Which run is worth most, in one sentence."""
+    """The run of most worth, in one sentence."""
     if not ranking.targets:
         reason = "everything that a run of the library can show is known well enough"
         return f"No further run is needed: {reason}." if measured else "No run of the library shows anything."
@@ -263,7 +263,7 @@ def _two(value: float) -> str:
 
 
 def _print(result: Mapping[str, Any], most: int) -> None:
-    """The ranking, the best run's intervals, and the sentence."""
+    """Print the ranking, the best run's intervals, and the sentence."""
     if result["wanted"]:
         lines = [
             [

@@ -1,4 +1,4 @@
-"""Progress of a long task as one line: rewritten in place on a terminal, now and then a new line elsewhere."""
+"""Progress of a long task as one line: rewritten in place on a terminal, a new line from time to time elsewhere."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lacet.identify.progress import Step
 from lacet.services.render.progress import sentence
 
 PERIOD = 5.0
-"""Seconds between lines where the output is not a terminal."""
+"""Period of the lines where the output is not a terminal [s]."""
 
 
 class Line:
-    """Shows the latest text on standard error."""
+    """Progress line on standard error, showing the latest text."""
 
     def __init__(self, period: float = PERIOD):
         self._period = period
@@ -34,11 +34,11 @@ class Line:
             print(text, file=sys.stderr, flush=True)
 
     def progress(self, step: Step) -> None:
-        """Replace the line by what a computation is at."""
+        """Replace the line by the sentence of a computation's step."""
         self.show(sentence(step))
 
     def notify(self, text: str) -> None:
-        """A sentence that stays."""
+        """Print a sentence that is not replaced."""
         if self._status is not None:
             self._console.print(text)
         else:

@@ -1,4 +1,4 @@
-"""``lacet record``: the wires into a log and onto the bus."""
+"""``lacet record``: record the wires into a log and onto the bus."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ the run, 30 s at most. A dead link is reported and opened again; a full disk is 
 Exit code: 0, or 3 when frames were lost; what was lost where is printed and in the log."""
 
 
-_MANY = 6  # sources with the same loss that are no longer listed one by one
+_MANY = 6  # number of sources with the same loss from which they are summed
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Record; 0, or 3 when anything was lost."""
+    """Record. Returns 0, or 3 when anything was lost."""
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
     decoder = Decoder(rig)
@@ -164,7 +164,7 @@ def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
     if args.endpoints is not None:
         until = time.monotonic() + 10.0
         while not args.endpoints.exists() and time.monotonic() < until:
-            time.sleep(0.05)  # a replay that is just starting
+            time.sleep(0.05)  # for a replay that is starting
         named = read_endpoints(args.endpoints)
     named.update(parse_assignments(args.sources, rig.buses, "--from"))
     if unknown := sorted(set(named) - set(rig.buses)):
@@ -178,7 +178,7 @@ def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
 def _publisher(
     args: argparse.Namespace, rig: Rig, start: StartRecord, line: Line, stack: contextlib.ExitStack
 ) -> RunPublisher | None:
-    """The bus; None when it is not wanted or cannot be had, which never keeps a run from being recorded."""
+    """The publisher on the bus; None where it is not wanted or unavailable, which does not prevent recording."""
     if args.no_bus:
         return None
     try:
@@ -201,14 +201,14 @@ def _ready(args: argparse.Namespace) -> None:
 
 
 def describe(health: Health) -> str:
-    """The line of a second: rates, losses, dead wires."""
+    """The line of one second: rates, losses, wires that are down."""
     frames = ", ".join(f"{name} {rate:.0f}/s" for name, rate in health.frames.items())
     down = f"; DOWN: {', '.join(health.down)}" if health.down else ""
     lost = lost_text(health.losses)
     families: dict[str, list[float]] = {}
     for channel, rate in health.samples.items():
         families.setdefault(CHANNELS[channel].family, []).append(rate)
-    # One figure for the channels of a family; when they differ, the slowest shows.
+    # One rate for the channels of a family: the lowest, where they differ.
     rates = ", ".join(
         f"{family} {min(found):.0f}" + (f" to {max(found):.0f}" if max(found) > 1.05 * min(found) else "")
         for family, found in families.items()
@@ -217,7 +217,7 @@ def describe(health: Health) -> str:
 
 
 def lost_text(losses: dict[str, dict[str, int]]) -> str:
-    """``can0 kernel 12, serial0 bad_checksum 1``; a cause that many sources share is summed."""
+    """Losses as text, ``can0 kernel 12, serial0 bad_checksum 1``; a cause common to many sources is summed."""
     causes: dict[str, dict[str, int]] = {}
     for source, numbers in losses.items():
         for cause, number in numbers.items():

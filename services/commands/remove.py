@@ -1,4 +1,4 @@
-"""``lacet remove``: take an effect out of a study's model, and see the error rise or stay."""
+"""``lacet remove``: remove an effect from a study's model and report the change of the error."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``lacet replay``: a capture back onto the wires."""
+"""``lacet replay``: send a capture on the wires again."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ are arrival times. (To keep the stamps, decode the capture instead: lacet decode
   lacet replay run.mcap --loop                    again and again, until Ctrl-C"""
 
 
-_LINGER = 10.0  # s; how long the wires stay up after the last frame for a recorder that waits until nothing comes
+_LINGER = 10.0  # s; longest time that the wires stay open after the last frame, for a recorder that waits for silence
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -70,7 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay; 0 when every frame was sent, 3 when some were not or it was stopped."""
+    """Replay. Returns 0 when every frame was sent, 3 when some were not or it was stopped."""
     speed = _speed(args.speed)
     if args.wait and args.endpoints is None:
         raise UsageError("--wait waits for a recorder that was given the same --endpoints FILE: give that as well")
@@ -152,7 +152,7 @@ def _wait(args: argparse.Namespace, senders: dict[str, Sender], stop: Event) -> 
 
 
 def _linger(args: argparse.Namespace, senders: dict[str, Sender], stop: Event) -> None:
-    """Keep the wires up until the recorder is done: closing a pseudo-terminal discards what waits in it."""
+    """Keep the wires open until the recorder has finished: closing a pseudo-terminal discards its waiting bytes."""
     if args.endpoints is not None:
         until = time.monotonic() + _LINGER
         while ready_file(args.endpoints).exists() and time.monotonic() < until and not stop.wait(0.05):

@@ -1,4 +1,4 @@
-"""``lacet simulate``: runs of a car whose parameters are known."""
+"""``lacet simulate``: simulate runs of a car whose parameters are known."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ size and is printed. Bench tables are not simulated: wheel centres move along bo
 
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
-"""From one run of a campaign to the next the seed moves by this, so that campaigns of other seeds share nothing."""
+"""Difference of the seeds of successive runs of a campaign, so that campaigns of other seeds share no run."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -113,7 +113,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate; 0 when every run is written."""
+    """Simulate. Returns 0 when every run is written."""
     rig = Rig.load(args.rig)
     car, bars, assumed = _car(args.vehicle, rig)
     hidden = [*bars, *(Hidden.parse(text) for text in args.hide)]
@@ -163,10 +163,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]]:
-    """The car, its anti-roll bars, and what was assumed of it."""
+    """The car, its anti-roll bars, and the assumptions about it."""
     if named in CARS or not named.endswith(".toml"):
         return find_car(named), (), ()
-    from lacet.services.planning.nominal_car import known_values, planned_car  # loads the identification, 2 s
+    from lacet.services.planning.nominal_car import known_values, planned_car  # imports the identification: 2 s
 
     vehicle = Vehicle.load(named)
     like = planned_car(vehicle, known_values(vehicle, None, rig.wheel_reference))
@@ -174,7 +174,7 @@ def _car(named: str, rig: Rig) -> tuple[Car, tuple[Hidden, ...], tuple[str, ...]
 
 
 class _Hide(argparse.Action):
-    """Collects effects; with none given lists the known ones and ends."""
+    """Action that collects effects; without a value it lists the known ones and exits."""
 
     def __call__(self, parser: argparse.ArgumentParser, namespace: Any, values: Any, option_string: Any = None) -> None:
         if values is None:
@@ -196,7 +196,7 @@ def _setting(text: str) -> tuple[str, Any]:
 
 
 def _settings(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """Settings by manoeuvre: those of all, then its own."""
+    """Settings by manoeuvre: those for all, overridden by its own."""
     for_all: dict[str, Any] = {}
     own: dict[str, dict[str, Any]] = {name: {} for name in args.manoeuvre}
     for text in args.set:
@@ -209,7 +209,7 @@ def _settings(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 
 def _names(manoeuvres: list[Manoeuvre]) -> list[str]:
-    """File names: the manoeuvre's, numbered where one is driven more than once."""
+    """File names of the runs: the manoeuvre's, numbered where one is driven more than once."""
     names = [manoeuvre.name for manoeuvre in manoeuvres]
     return [name if names.count(name) == 1 else f"{name}-{names[:i].count(name) + 1}" for i, name in enumerate(names)]
 

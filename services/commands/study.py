@@ -1,4 +1,4 @@
-"""``lacet study``: make a study, and see how its error fell."""
+"""``lacet study``: create a study, or show the fall of its error."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Make or show a study."""
+    """Create or show a study."""
     new, folder = _words(args.words)
     if new:
         study, warnings = _new(args, folder)
@@ -99,7 +99,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
             work = Work(study, line.progress)
             work.record({}, "base model")
     except LacetError:
-        if not there:  # half a study would stand in the way of the next attempt
+        if not there:  # an incomplete study would prevent the next attempt
             shutil.rmtree(folder, ignore_errors=True)
         raise
     for warning in work.loaded.warnings:

@@ -1,4 +1,4 @@
-"""``lacet ui``: the workbench in the browser."""
+"""``lacet ui``: serve the workbench for the browser."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
-    # Loaded here, so that the other commands start without it.
+    # Imported here, so that the other commands start without it.
     server = importlib.import_module("lacet.services.workbench.server")
     server.serve(server.settings_of(args), args.open)
     write_result(args.json, "ui", {"folder": args.study})

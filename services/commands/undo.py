@@ -1,4 +1,4 @@
-"""``lacet undo``: go back to the version a study's present one was made from."""
+"""``lacet undo``: return to the version that a study's present one was made from."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Go back, print."""
+    """Return to it and print."""
     study = Study.open(args.study)
     if study.current <= 1:
         raise UsageError("the present version is the first: there is nothing to undo")

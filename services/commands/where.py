@@ -1,4 +1,4 @@
-"""``lacet where``: where, when and against what a model fails, and how much is left to explain."""
+"""``lacet where``: analyse in which rows, when and on what states a model fails, and its explainable residual."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Look and print."""
+    """Analyse and print."""
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line() as line:

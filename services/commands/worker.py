@@ -1,4 +1,4 @@
-"""``lacet worker``: the machine that identifies, somewhere else."""
+"""``lacet worker``: identify runs received over the network."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Work; 0 when every run was complete, 3 when one was not or could not be worked on."""
+    """Work. Returns 0 when every run was complete, 3 when one was not or could not be processed."""
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -93,12 +93,12 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
-    """Open the session as soon as the router is there; None when stopped before."""
+    """The bus session, opened as soon as the router answers; None when stopped before."""
     until = time.monotonic() + wait
     warned = False
     while not stop.is_set():
         try:
-            return open_session(connect=(router,), wait=1.0)  # no longer: a signal is not heard in there
+            return open_session(connect=(router,), wait=1.0)  # not longer: signals are not handled meanwhile
         except UsageError:
             if time.monotonic() > until:
                 raise
@@ -110,5 +110,5 @@ def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
 
 
 def fit(path: Path) -> dict[str, Any]:
-    """Fit the base model to a run (imported when it is needed: the worker starts at once)."""
+    """Fit of the base model to a run; imported on first use, so that the worker starts at once."""
     return importlib.import_module("lacet.services.workspace.session").fit_run(path)

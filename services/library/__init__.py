@@ -1,1 +1,1 @@
-"""The Python library: what `import lacet` offers for notebooks and scripts, on top of workspace and render."""
+"""Python library: functions and objects of `import lacet` for notebooks and scripts, on top of workspace and render."""

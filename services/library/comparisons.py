@@ -1,4 +1,4 @@
-"""Models held against runs, row by row."""
+"""Comparisons of fitted models with runs, row by row."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from lacet.services.workspace.loading import check_reference
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """A fitted model against runs: for each run and row, its error beside what the sensors' noise alone would leave.
+    """Comparison of a fitted model with runs: for each run and row, the error relative to the noise floor.
 
-    Made by `lacet.compare`; a mapping-like collection by run: ``comparison["rough"].scores["suspension.fl"].ratio``.
+    Returned by `lacet.compare`; a collection by run: ``comparison["rough"].scores["suspension.fl"].ratio``.
 
     Attributes
     ----------
@@ -83,7 +83,7 @@ class Comparison:
 def compare(
     fitted: Fit, runs: Runs | None = None, *, draws: int = SCORE_DRAWS, progress: Callable[[str], object] | None = None
 ) -> Comparison:
-    """Predict runs with a fitted model and score every row beside its noise floor.
+    """Predict runs with a fitted model and score every row relative to its noise floor.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def compare(
     runs : runs held out; by default those it was fitted to. Their sensor offsets are estimated with the sensor sheet's
         tolerances, as they belong to the run and not to the car.
     draws : simulations behind the noise floor.
-    progress : called with a sentence now and then, e.g. ``print``.
+    progress : called with a sentence at each step, e.g. ``print``.
 
     Raises UsageError when the wheel loads of `runs` are given at another point than those of the runs used.
 

@@ -1,4 +1,4 @@
-"""Short texts and small HTML tables of the library's objects, as a prompt and a notebook show them."""
+"""Representations of the library's objects, as short texts for a prompt and small HTML tables for a notebook."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import html
 from collections.abc import Sequence
 
 LONGEST = 1900
-"""Characters of a representation: more is no summary."""
+"""Length of the longest representation [characters]."""
 
 
 def shortened(text: str) -> str:
-    """A text cut at the end of a line, where it is longer than a representation may be."""
+    """A text, cut at the end of a line where it is longer than a representation may be."""
     if len(text) <= LONGEST:
         return text
     kept = text[: LONGEST - 40]
@@ -24,7 +24,7 @@ def html_of(text: str) -> str:
 
 
 def html_table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as HTML, its first column to the left and the others to the right."""
+    """A table as HTML, its first column left-aligned, the others right-aligned."""
 
     def line(cells: Sequence[str], tag: str) -> str:
         sides = ["left", *("right" for _ in cells[1:])]

@@ -1,4 +1,4 @@
-"""Models fitted to runs."""
+"""Fits of models to runs."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from lacet.services.workspace.session import fit_result
 class Fit:
     """A model fitted to runs by weighted least squares.
 
-    Made by `lacet.fit` and `lacet.add`.
+    Returned by `lacet.fit` and `lacet.add`.
 
     Attributes
     ----------
     model : the sum of effects that was fitted.
-    runs : the runs it was fitted to.
-    details : everything else: covariance matrices, residuals, sensor offsets, the equations.
+    runs : the runs used.
+    details : covariance matrices, residuals, sensor offsets, the equations.
 
     Examples
     --------
@@ -50,15 +50,15 @@ class Fit:
 
     @cached_property
     def parameters(self) -> tuple[Estimate, ...]:
-        """Every parameter of the model: value, unit, half of its 95 % interval, whether the runs identify it."""
+        """Estimates of all parameters of the model: value, unit, half of the 95 % interval, identifiability."""
         return tuple(estimates(self.details))
 
     def value(self, name: str) -> float:
-        """A parameter by name [SI]. Raises KeyError with the nearest match."""
+        """Value of a parameter by name [SI]. Raises KeyError with the nearest match."""
         return self._named(name).value
 
     def interval(self, name: str) -> tuple[float, float]:
-        """Its 95 % interval [SI], with what the sensor sheet's tolerances may add. Raises KeyError as `value` does."""
+        """95 % interval of a parameter [SI], the sensor sheet's tolerances included. Raises KeyError as `value`."""
         one = self._named(name)
         return one.value - one.half_sheet, one.value + one.half_sheet
 
@@ -70,7 +70,7 @@ class Fit:
 
     @cached_property
     def knowledge(self) -> Knowledge:
-        """What the runs leave open in predictions of other runs."""
+        """Joint uncertainty of the parameters, for predictions of other runs."""
         return Knowledge.of(self.details)
 
     @cached_property
@@ -79,7 +79,7 @@ class Fit:
         return {}
 
     def noise_floor(self, draws: int) -> NoiseFloor:
-        """The residual that the sensors' noise alone would leave, simulated `draws` times and kept."""
+        """The residual that the sensors' noise alone would leave, simulated `draws` times and stored."""
         if draws not in self._floors:
             self._floors[draws] = floor_of(self.details, draws)
         return self._floors[draws]
@@ -89,7 +89,7 @@ class Fit:
         return fit_result(self.details, self.runs.loaded, (), knowledge=self.knowledge)
 
     def summary(self) -> str:
-        """Parameters with their intervals, whole-vehicle and derived values, and what is not identifiable, as text."""
+        """Parameters with their intervals, whole-vehicle and derived values, and those not identifiable, as text."""
         result = self._result
         many = "s" if len(self.runs) > 1 else ""
         lines = [f"{self.runs.vehicle.name}, {len(self.runs)} run{many}, {self.runs.reference} wheel loads", ""]
@@ -157,14 +157,14 @@ def base_model(runs: Runs) -> Model:
 
 
 def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[str], object] | None = None) -> Fit:
-    """Fit a model to runs by weighted least squares, the bias of noise in the regressors removed.
+    """Fit a model to runs by weighted least squares, with correction of the bias from noise in the regressors.
 
     Parameters
     ----------
-    model : what to fit.
+    model : the model to fit.
     runs : the runs used.
     robust : give seconds with unusually large residuals less weight (Huber).
-    progress : called with a sentence now and then, e.g. ``print``.
+    progress : called with a sentence at each step, e.g. ``print``.
 
     Returns
     -------
@@ -195,13 +195,13 @@ def add(
     *,
     progress: Callable[[str], object] | None = None,
 ) -> Fit:
-    """Fit a model with one effect more, or several, to the same runs with the same options.
+    """Fit a model with one more effect, or several, to the same runs with the same options.
 
     Parameters
     ----------
-    fitted : the fit to begin with.
-    effect : an effect of the catalogue by its key, several keys, an effect of your own, or a candidate of a ranking,
-        whose shape constants are taken.
+    fitted : the fit of the present model.
+    effect : an effect of the catalogue by its key, several keys, a user's own effect, or a candidate of a ranking with
+        its shape constants.
     progress : as for `fit`.
 
     Raises

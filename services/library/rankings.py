@@ -16,14 +16,14 @@ from lacet.services.render.tables import table
 from lacet.services.render.verdicts import says
 
 SHOWN = 8
-"""Candidates shown in a representation."""
+"""Number of candidates in a representation."""
 
 
 @dataclass(frozen=True, repr=False)
 class Ranking:
-    """Effects that a fitted model may lack, each tried on its residual, best first.
+    """Effects that a fitted model may lack, each tested on its residual, best first.
 
-    Made by `lacet.rank`.
+    Returned by `lacet.rank`.
 
     Attributes
     ----------
@@ -51,7 +51,7 @@ class Ranking:
 
     @property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Every effect tried, best first; those that these runs cannot test last."""
+        """Every effect tested, best first; those that these runs cannot test last."""
         return self.details.candidates
 
     def explain(self) -> str:
@@ -80,16 +80,16 @@ def rank(
 ) -> Ranking:
     """Rank the effects that a fitted model may lack.
 
-    Each is tried on top of the model: how much of the error it takes away in parts of the runs it was not fitted to,
-    and whether simulated runs that lack nothing look like that by chance (docs/ranking.md).
+    Each is tested beside the model: the gain in cross-validation, and its family-wise p in simulated runs that lack
+    nothing (docs/ranking.md).
 
     Parameters
     ----------
-    fitted : the model, on its runs.
-    effects : those tried; by default the whole catalogue beyond the base model.
-    draws : simulated runs that lack nothing; at least 19, or no p is as low as 0.05.
-    seed : of the simulations.
-    progress : called with a sentence now and then, e.g. ``print``.
+    fitted : the fitted model with its runs.
+    effects : those tested; by default the whole catalogue beyond the base model.
+    draws : number of simulations that lack nothing; at least 19 for a p of 0.05.
+    seed : seed of the simulations.
+    progress : called with a sentence at each step, e.g. ``print``.
 
     Examples
     --------

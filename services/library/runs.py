@@ -1,4 +1,4 @@
-"""Runs loaded for identification, with the checks that the command line makes."""
+"""Runs loaded for identification, with the checks of units, signs and exchanged wheels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.services.workspace.loading import Loaded, default_filters, load
 
 
 class LoadingWarning(UserWarning):
-    """A doubt about a run that was loaded: a unit, a sign, exchanged wheels, a damaged interval.
+    """Warning about a run that was loaded: a unit, a sign, exchanged wheels, a damaged interval.
 
     Examples
     --------
@@ -28,13 +28,13 @@ class LoadingWarning(UserWarning):
 class Runs:
     """Prepared runs of one vehicle and rig: channels on one grid, motion, and rows of the equations.
 
-    Made by `lacet.load_runs`; a sequence of prepared runs, in the order of the files.
+    Returned by `lacet.load_runs`; a sequence of prepared runs, in the order of the files.
 
     Attributes
     ----------
     vehicle : geometry and a-priori values of the car.
-    rig : sensors, their places and their sensor sheet.
-    warnings : what the checks of units, signs and wheels found, one line each.
+    rig : sensors, their mounting and their sensor sheet.
+    warnings : findings of the checks of units, signs and wheels, one line each.
 
     Examples
     --------
@@ -61,7 +61,7 @@ class Runs:
 
     @property
     def reference(self) -> str:
-        """Point that the wheel loads are given at: ``contact`` or ``hub``."""
+        """Reference point of the wheel loads: ``contact`` or ``hub``."""
         return self.loaded.reference
 
     def __iter__(self) -> Iterator[PreparedRun]:
@@ -87,7 +87,7 @@ def load_runs(
     vehicle: str | Path | None = None,
     cutoff: float | None = None,
 ) -> Runs:
-    """Load runs for identification, with the checks of units, signs and exchanged wheels that the commands make.
+    """Load runs for identification, with checks of units, signs and exchanged wheels.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def load_runs(
     Returns
     -------
     Runs
-        The prepared runs. A run that cannot be used is left out, and `Runs.warnings` says why.
+        The prepared runs. A run that cannot be used is left out, with the reason in `Runs.warnings`.
 
     Raises
     ------

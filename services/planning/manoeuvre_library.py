@@ -1,4 +1,4 @@
-"""The library of a plan: standard manoeuvres at several speeds and amplitudes, within limits the user gives."""
+"""Library of manoeuvres for planning: standard manoeuvres at several speeds and amplitudes, within limits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,16 @@ from lacet.simulate import MANOEUVRES, Car, Manoeuvre, make_manoeuvre
 
 KMH = 1.0 / 3.6
 LOCK = 0.45
-"""Largest steering angle asked for [rad]."""
+"""Largest steering angle about the kingpin [rad]."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What may be driven: `speed` [m/s], `lateral` and `braking` acceleration [m/s²], `duration` [s], `bump` height
-    [m], `road` the worst class of road (A, B or C) there is."""
+    """Limits of what may be driven.
+
+    `speed` [m/s], `lateral` and `braking` acceleration [m/s²], `duration` [s], `bump` height [m], `road` : the worst
+    class of road available (A, B or C).
+    """
 
     speed: float = 100.0 * KMH
     lateral: float = 0.5 * G
@@ -34,8 +37,8 @@ class Limits:
 class Plan:
     """One manoeuvre of the library.
 
-    `words` say speed and amplitude; `lateral` is the acceleration aimed at [m/s²] where the amplitude is a steering
-    angle: that is made smaller when more than the limit comes out, and printed as it came out.
+    `words` : speed and amplitude; `lateral` : lateral acceleration aimed at [m/s²] where the amplitude is a steering
+    angle, which is reduced when the simulation exceeds the limit; the acceleration reached is printed.
     """
 
     manoeuvre: Manoeuvre
@@ -48,7 +51,7 @@ class Plan:
         return self.label_at(self.lateral or 0.0)
 
     def label_at(self, lateral: float) -> str:
-        """The label with the lateral acceleration that came out [m/s²]."""
+        """The label with the lateral acceleration reached [m/s²]."""
         return f"{self.manoeuvre.name} {self.words}" + (f", lateral {lateral:.1f} m/s²" if self.lateral else "")
 
     def made(self, **settings: Any) -> Plan:
@@ -76,14 +79,13 @@ def library(car: Car, limits: Limits, names: Sequence[str], duration: float) -> 
 
 
 def steering(car: Car, lateral: float, speed: float) -> float:
-    """Kingpin angle of the front wheels that holds a lateral acceleration [m/s²] in steady cornering, within the lock
-    [rad]."""
+    """Kingpin angle of the front wheels [rad] for a lateral acceleration [m/s²] in steady cornering, up to the lock."""
     understeer = (1.0 / car.front.cornering - 1.0 / car.rear.cornering) / car.gravity
     return min(LOCK, lateral * (car.wheelbase / speed**2 + max(understeer, 0.0)))
 
 
 def _speeds(limits: Limits, *wanted: float) -> list[float]:
-    """Speeds [km/h] cut at the limit, as m/s, the same one once."""
+    """Speeds [km/h] within the limit, as m/s, without duplicates."""
     return list(dict.fromkeys(min(speed * KMH, limits.speed) for speed in wanted))
 
 
@@ -158,7 +160,7 @@ _VARIANTS = {
 
 
 def check(limits: Limits) -> None:
-    """Raises UsageError for a limit that leaves nothing to drive."""
+    """Check of the limits. Raises UsageError for one that leaves nothing to drive."""
     for name, value, least, unit in (
         ("--max-speed", limits.speed / KMH, 15.0, "km/h"),
         ("--max-lateral", limits.lateral / G, 0.05, "g"),

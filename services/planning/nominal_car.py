@@ -1,7 +1,7 @@
-"""A car to plan with: the user's geometry, what is known of its parameters, and numbers of the class for the rest.
+"""Nominal car for planning: the user's geometry, known parameter values, and typical values for the rest.
 
-A plan needs the motion a run would bring, not the car itself: lengths of intervals follow from it to some ten per cent
-even where a spring is off by as much. Numbers are rounded, so that motions made once serve the next plan, too.
+A plan needs the motion of a run, not the car itself: widths of intervals follow from it to some ten per cent even where
+a spring is wrong by as much. Values are rounded, so that stored motions serve the next plan too.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from lacet.simulate import Car, Hidden, find_car
 from lacet.simulate.cars import Axle, Inertia
 
 CLASS = "peugeot-406"
-"""The simulated car whose unsprung parts, scaled by mass, and tyres stand for those not known."""
+"""Simulated car whose unsprung parts, scaled by mass, and tyres replace unknown ones."""
 KNOWN = 0.1
-"""An identified value is simulated with when its half-width is below this part of its size."""
+"""Largest half-width ÷ size of an identified value that is simulated."""
 MASS = 1500.0
 GYRATION = (0.41, 0.43, 0.47)
-"""Radii of gyration: about x as a part of the track, about y and z of the wheelbase (the class, within 10 %)."""
+"""Radii of gyration: about x relative to the track, about y and z relative to the wheelbase (within 10 % in the class).
+"""
 FRONT_SHARE = 0.58
 HEIGHT = 0.25
-"""Centre of gravity above the wheel centres [m]."""
+"""Height of the centre of gravity above the wheel centres [m]."""
 RIDE = 1.2
 DAMPING = 0.4
 """Ride frequency [Hz] and damping ratio of a corner."""
@@ -35,7 +36,7 @@ DAMPING = 0.4
 
 @dataclass(frozen=True)
 class PlannedCar:
-    """A car with the bars it has, and in words what was assumed because nothing is known of it."""
+    """A nominal car with its anti-roll bars, and the assumptions made about unknown values, in words."""
 
     car: Car
     bars: tuple[Hidden, ...]
@@ -43,19 +44,19 @@ class PlannedCar:
 
 
 def known_values(vehicle: Vehicle, fitted: Fit | None, reference: str) -> dict[str, float]:
-    """What is known of a car by name: identified values, else those of the vehicle file's ``[apriori]``."""
+    """Known values of a car by name: identified ones, else those of the vehicle file's ``[apriori]``."""
     out = {name: quantity.value for name, quantity in vehicle.apriori.items()}
     if fitted is not None:
         whole = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
         for q in quantities(fitted, vehicle).values():
-            # Whole-vehicle values of hub loads lack the wheels: the file's are nearer.
+            # Whole-vehicle values from hub loads lack the wheels: the file's are closer.
             if q.half < KNOWN * q.size and (reference == "contact" or q.name not in whole):
                 out[q.name] = q.value
     return out
 
 
 def planned_car(vehicle: Vehicle, known: Mapping[str, float]) -> PlannedCar:
-    """A car to plan with, from what is known of it by name."""
+    """The nominal car of known values by name."""
     assumed: list[str] = []
 
     def value(name: str, otherwise: float, unit: str, digits: int = 2) -> float:
@@ -118,7 +119,7 @@ def _axle(vehicle: Vehicle, a: str, base: Axle, track: float, scale: float, k: f
 
 
 def _mean(known: Mapping[str, float], family: str, parameter: str) -> float | None:
-    """Of the left and right value of an axle, where either is known and positive."""
+    """Mean of the left and right value of an axle, where either is known and positive."""
     corners: Iterable[float] = (known.get(f"{family}{side}.{parameter}", 0.0) for side in "lr")
     found = [value for value in corners if value > 0.0]
     return _rounded(float(np.mean(found)), 2) if found else None

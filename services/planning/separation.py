@@ -1,4 +1,4 @@
-"""Recommendation of the run that distinguishes tied effects, or shows one that the present runs cannot test."""
+"""Recommendation of the run that distinguishes tied effects, or excites one that the present runs cannot test."""
 
 from __future__ import annotations
 
@@ -42,17 +42,17 @@ from lacet.simulate.engine import engine_library
 FAULT = 4.0
 """Ordinary size of a sensor fault, in 1 σ of its sheet's tolerance."""
 ORDINARY = 20.0
-"""√λ on the runs at hand of an ordinary size of physics, where that is plausible."""
+"""√λ on the present runs of an ordinary size of physics, where that is plausible."""
 _UNTOUCHED = ("gain", "latency", "drift")
-"""Tolerances that stand in the sheet channel by channel, or differ from run to run."""
+"""Tolerances that the sheet has by channel, or that differ from run to run."""
 
 
 @dataclass(frozen=True)
 class Recommended:
-    """One manoeuvre: separation, or √λ of a single effect, `now` and `after` a run as long as allowed.
+    """One manoeuvre: separation, or √λ of a single effect, `now` and `after` a run of the longest duration.
 
-    `seconds` : the shortest duration tried that is enough, or None; `ordinary` : √λ of a single effect at an ordinary
-    size after it.
+    `seconds` : the shortest duration that suffices, or None; `ordinary` : √λ of a single effect of ordinary size
+    after the run.
     """
 
     run: PlannedRun
@@ -70,10 +70,10 @@ class Recommended:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """Every manoeuvre, the best first.
+    """Recommended runs: every manoeuvre, the best first.
 
-    `compared` : the effects at the sizes used; `found` which of them have a size that the runs gave; `each` √λ of each
-    now; `says` what to drive in plain sentences.
+    `compared` : the effects at the sizes used; `found` : whether each size is estimated from the runs; `each` : present
+    √λ of each; `says` : the recommendation in plain sentences.
     """
 
     compared: tuple[Compared, ...]
@@ -86,12 +86,12 @@ class Recommendation:
 
     @property
     def alone(self) -> bool:
-        """Whether it is one effect that is to be shown."""
+        """Whether it is for one effect alone."""
         return len(self.compared) == 1
 
     @property
     def needed(self) -> float:
-        """What separation, or √λ, is enough."""
+        """Separation, or √λ, that suffices."""
         return SHOWS if self.alone else NEEDED
 
 
@@ -99,15 +99,15 @@ def recommend(
     work: Work, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
     without: Sequence[str] = (), progress: Progress = silent,
 ) -> Recommendation | None:  # fmt: skip
-    """Separations of the effects compared by every manoeuvre of the library.
+    """The recommendation of the run that separates effects best, over the library of manoeuvres.
 
     Parameters
     ----------
-    names : effects to tell apart, or the one to be shown; by default the best candidate and those tied with it.
-    limits, without : what may be driven, and manoeuvres that cannot be.
+    names : effects to distinguish, or the one to be excited; by default the best candidate and those tied with it.
+    limits, without : limits of what may be driven, and excluded manoeuvres.
 
-    Returns None when no names are given and nothing is tied. Raises UsageError for effects that there are not, or that
-    are in the model, and without the simulator.
+    Returns None when no names are given and nothing is tied. Raises UsageError for effects that are unknown or already
+    in the model, and without the simulator.
     """
     fitted = work.fitted(work.study.version())
     wanted = list(dict.fromkeys(names or tied(diagnosis)))
@@ -150,7 +150,7 @@ def recommend(
 
 
 def tied(diagnosis: Diagnosis) -> list[str]:
-    """The best candidate and those that cannot be told apart from it, or nothing."""
+    """The best candidate and those that cannot be distinguished from it, or nothing."""
     best = diagnosis.best
     return [best.key, *(key for key, _ in best.ties)] if best and best.ties else []
 
@@ -168,7 +168,7 @@ def keys_of(question: Question) -> list[str]:
 def _compared(
     fitted: Fit, known: Mapping[str, Effect], diagnosis: Diagnosis, wanted: Sequence[str]
 ) -> tuple[list[Compared], list[bool]]:
-    """The effects at the sizes that the runs gave, or ordinary ones."""
+    """The effects at the sizes estimated from the runs, or at ordinary ones."""
     by_key = {c.key: c for c in diagnosis.candidates}
     out: list[Compared] = []
     found: list[bool] = []
@@ -194,13 +194,13 @@ def _compared(
 
 
 def _middle(effect: Effect, c: Candidate | None) -> dict[str, float]:
-    """Shape constants that the ranking liked best, or those in the middle of what it tries."""
+    """Shape constants with the best fit in the ranking, or those in the middle of their grids."""
     middle = {name: values[len(values) // 2] for name, values in effect.grids.items()}
     return {**middle, **effect.shape, **(c.shape if c else {})}
 
 
 def _sized(before: Separations, found: Sequence[bool]) -> list[Compared]:
-    """The effects, those of plausible size made so small that they would stand out by `ORDINARY` at present."""
+    """The effects, those of plausible size reduced to a √λ of `ORDINARY` at present."""
     out: list[Compared] = []
     for i, (c, real) in enumerate(zip(before.question.compared, found, strict=True)):
         size = before.size(i)
@@ -210,7 +210,7 @@ def _sized(before: Separations, found: Sequence[bool]) -> list[Compared]:
 
 
 def ordinary(fitted: Fit, effect: Effect) -> Array:
-    """(p,) sizes that are plausible: of physics 1 σ of what is, of a sensor fault four of its tolerance."""
+    """(p,) ordinary sizes: of physics 1 σ of the prior, of a sensor fault four times its tolerance."""
     sizes = np.array([q.prior * (-1.0 if q.expect == "negative" else 1.0) for q in effect.parameters])
     if (tolerance := effect.sheet_bound(fitted.runs[0].recording.rig)) > 0.0:
         return np.minimum(sizes, FAULT * tolerance)
@@ -220,7 +220,7 @@ def ordinary(fitted: Fit, effect: Effect) -> Array:
 def _library(
     work: Work, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
 ) -> tuple[list[PlannedRun], list[str]]:
-    """The motions of the library, simulated with what is known of the car, and why some could not be made."""
+    """The simulated motions of the library, and why some could not be simulated."""
     loaded = work.loaded
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
@@ -233,7 +233,7 @@ def _judged(
     question: Question, present: Present, before: Separations, run: PlannedRun, weighted: WeightedRun, limits: Limits,
     blocked: bool,
 ) -> Recommended:  # fmt: skip
-    """One manoeuvre, as long as allowed, and the shortest duration that is enough."""
+    """One manoeuvre of the longest duration, and the shortest duration that suffices."""
     after = Separations(question, present, weighted.lasting(limits.duration))
     value, now = _value(after), _value(before)
     needed = SHOWS if len(question.compared) == 1 else NEEDED
@@ -248,12 +248,12 @@ def _judged(
 
 
 def _value(separations: Separations) -> float:
-    """Of one effect how far it stands out, √λ; of more the smallest separation of two."""
+    """√λ of a single effect; of several the smallest separation of two."""
     return _sizes(separations)[0] if len(separations.question.compared) == 1 else separations.least()
 
 
 def _sizes(separations: Separations) -> list[float]:
-    """√λ of each effect; where it is asked for alone, at its largest plausible size."""
+    """√λ of each effect; of a single one at its largest plausible size."""
     compared = separations.question.compared
     if len(compared) == 1:
         return [_alone(separations, np.array([q.largest for q in compared[0].effect.parameters]))]
@@ -261,7 +261,7 @@ def _sizes(separations: Separations) -> list[float]:
 
 
 def _alone(separations: Separations, sizes: Array) -> float:
-    """√λ of the first effect, of the parameter that stands out most."""
+    """√λ of the first effect, of its parameter with the largest."""
     return max((separations.size(0, values) for values in np.diag(sizes)), default=0.0)
 
 

@@ -1,4 +1,4 @@
-"""The work behind ``lacet plan``: motions of the library simulated or read again, and runs ranked."""
+"""Simulated motions of the library of manoeuvres, stored or computed, and the ranking of runs for ``lacet plan``."""
 
 from __future__ import annotations
 
@@ -38,18 +38,21 @@ from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exc
 from lacet.simulate import run as drive_car
 
 SECONDS = 14.0
-"""Length of a simulated motion: the information of a longer run follows from it."""
+"""Duration of a simulated motion; the information of a longer run is extrapolated from it [s]."""
 STEP = 0.001
 RATE = 100.0
 """Integration step [s] and rate of the channels kept [Hz]: five times the pre-filter's cut-off."""
 ABOVE = 1.1
-"""Lateral acceleration ÷ limit above which the steering is made smaller and the run simulated again."""
+"""Lateral acceleration ÷ limit above which the steering is reduced and the run simulated again."""
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run that could be driven: `label` in words, `prepared` its motion, `settings` of the manoeuvre (empty for a run
-    like a measured one), `speed` [m/s] and `lateral`, the peak lateral acceleration [m/s²], of a simulated one."""
+    """A possible run.
+
+    `label` in words, `prepared` its motion, `settings` of the manoeuvre (empty for a run like a measured one), `speed`
+    [m/s] and `lateral`, the peak lateral acceleration [m/s²], of a simulated one.
+    """
 
     label: str
     prepared: PreparedRun
@@ -61,14 +64,14 @@ class PlannedRun:
 
 @dataclass(frozen=True)
 class SensorSetup:
-    """The sensors that planned runs would be measured with.
+    """The sensors and filters of planned runs.
 
     Attributes
     ----------
-    rig : their places and their sensor sheet.
-    filters : the signal chain of the fit.
-    rates : the channels' own sample rates [Hz], where runs have shown them.
-    channels : those that runs at hand have; None for all of the rig.
+    rig : mounting of the sensors and sensor sheet.
+    filters : filter settings of the fit.
+    rates : the channels' own sample rates [Hz], where known from runs.
+    channels : channels of the present runs; None for all of the rig.
     """
 
     rig: Rig
@@ -81,14 +84,14 @@ def simulated_runs(
     plans: Sequence[Plan], like: PlannedCar, vehicle: Vehicle, sensors: SensorSetup, limits: Limits,
     folder: Path | None, progress: Progress,
 ) -> tuple[list[PlannedRun], list[str]]:  # fmt: skip
-    """Motions of a library as the rig's sensors would see them, and why some could not be made.
+    """Motions of a library as the rig's sensors would measure them, and why some could not be simulated.
 
     Parameters
     ----------
-    plans, limits : the library, and what may be driven.
-    like, vehicle : the car that is simulated, and the one identified.
-    sensors : what measures it.
-    folder : where motions are kept and found again; None keeps none.
+    plans, limits : the library, and the limits of what may be driven.
+    like, vehicle : the car simulated, and the one identified.
+    sensors : the sensors of the planned runs.
+    folder : folder of stored motions; None stores none.
     """
     out: list[PlannedRun] = []
     problems: list[str] = []
@@ -115,7 +118,7 @@ def simulated_runs(
 
 
 def _motion(plan: Plan, like: PlannedCar, rig: Rig, limits: Limits, folder: Path | None) -> tuple[Run, float, float]:
-    """What the sensors see, the peak lateral acceleration [m/s²], and by what factor the steering was made smaller."""
+    """Sensor signals, peak lateral acceleration [m/s²], and the factor by which the steering was reduced."""
     what = json.dumps(
         [
             "lacet-planned 1", dataclasses.asdict(like.car), [h.truth() for h in like.bars], plan.manoeuvre.name,
@@ -160,7 +163,7 @@ def like_runs(runs: Sequence[PreparedRun]) -> list[PlannedRun]:
 
 
 def first_fit(model: Model, runs: Sequence[PlannedRun]) -> Fit:
-    """The model with the values of the planned car, where no run has been made yet."""
+    """A fit of the model with the values of the nominal car, before any run."""
     return fit(model, [run.prepared for run in runs], FitOptions(zeros=False, unbias=False))
 
 
@@ -168,10 +171,9 @@ def next_runs(
     values: Fit, measured: bool, runs: Sequence[PlannedRun], vehicle: Vehicle, longest: float, names: Sequence[str],
     goal: float, count: int, progress: Progress,
 ) -> tuple[Fit, list[Ranking]]:  # fmt: skip
-    """Rank, take the first, rank again with its information added, `count` times.
+    """The fit with its present intervals, and `count` rankings, each with the best run of the one before added.
 
-    `measured` : whether `values` were fitted to runs; else nothing but what is plausible is known (`first_fit`).
-    Returns the fit with its present intervals, and the rankings.
+    `measured` : whether `values` were fitted to runs; otherwise only the priors are known (`first_fit`).
     """
     now = fit_information(values) if measured else Information.none(values.model)
     excess = residual_excess(values) if measured else {}

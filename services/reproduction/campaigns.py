@@ -1,7 +1,7 @@
-"""The paper's two campaigns anew: a simulated car driven and measured, and the model fitted to what was measured.
+"""The paper's two campaigns reproduced: a simulated car is driven and measured, and the model fitted to its runs.
 
-Driving writes the runs, the rig and the vehicle's geometry into one folder and what was put in into another; fitting
-reads the first alone. `services.reproduction.scores` alone reads both.
+Simulation writes the runs, the rig and the vehicle's geometry into one folder and the true values into another; the fit
+reads the first only. `services.reproduction.scores` alone reads both.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ from lacet.simulate.vehicle_file import vehicle_text
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
 FRICTION_SPEED = 0.005
-"""Speed v0 of the simulated friction f·tanh(ṡ/v0) [m/s]: sharper than any the model's search tries."""
+"""Speed v0 of the simulated friction f·tanh(ṡ/v0) [m/s]: smaller than any that the search of shape constants tries."""
 
 
 @dataclass(frozen=True)
 class Campaign:
     """One of the paper's two data sets.
 
-    `tables` of the paper it answers; `manoeuvres` driven, each with its settings; `effects` beyond the base model that
-    are fitted; `wires` : whether the runs go over the instruments' bytes (capture, decoding) or are tables.
+    `tables` of the paper that it reproduces; `manoeuvres` driven, each with its settings; `effects` beyond the base
+    model that are fitted; `wires` : whether the runs are encoded and decoded as the instruments' bytes or are tables.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Campaign:
     wires: bool
 
     def shortened(self, seconds: float) -> Campaign:
-        """The same with runs of this length [s]."""
+        """The same with runs of this duration [s]."""
         return replace(self, manoeuvres=tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres))
 
 
@@ -71,8 +71,8 @@ def simulation() -> Campaign:
 def experiment() -> Campaign:
     """Section 6: sinus steering at 90 km/h and spirals of a minute, experimental instruments, the car of tables 5 to 7.
 
-    The road is of class A: on a mathematical plane travel left and right are opposite all along, and no anti-roll bar
-    can be told from the springs.
+    The road is of class A: on a perfect plane left and right travel are opposite throughout, and no anti-roll bar can
+    be distinguished from the springs.
     """
     found = {line.key: line.estimated for line in LINES if line.table == 6}
     hidden: list[Hidden] = []
@@ -94,38 +94,38 @@ def experiment() -> Campaign:
 
 @dataclass(frozen=True)
 class Places:
-    """Where a campaign's files are: what was measured, apart from what was put in."""
+    """Folders of a campaign's files: the measurements, and apart from them the true values."""
 
     folder: Path
     truth: Path
 
     @classmethod
     def of(cls, out: Path, campaign: Campaign) -> Places:
-        """In the command's folder."""
+        """The folders inside the command's output folder."""
         return cls(out / campaign.name, out / "truth" / f"{campaign.name}.json")
 
     @property
     def rig(self) -> Path:
-        """The rig file."""
+        """Path of the rig file."""
         return self.folder / "rig.toml"
 
     @property
     def vehicle(self) -> Path:
-        """The vehicle's geometry."""
+        """Path of the vehicle file."""
         return self.folder / "vehicle.toml"
 
     @property
     def fit(self) -> Path:
-        """The fit's result."""
+        """Path of the fit's result."""
         return self.folder / "fit.json"
 
     def run(self, campaign: Campaign, name: str) -> Path:
-        """A run, ready to identify with."""
+        """Path of a run that is ready for identification."""
         return self.folder / f"{name}{'.mcap' if campaign.wires else '.parquet'}"
 
 
 def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress) -> None:
-    """Drive what is not driven yet: the runs, the files to identify with, and apart from them the truth."""
+    """Simulate what is not simulated yet: the runs, the files for identification, and apart from them the truth."""
     runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
     if places.truth.is_file() and all(file.is_file() for file in (*runs, places.rig, places.vehicle)):
         return
@@ -158,7 +158,7 @@ def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress)
 
 
 def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, seed: int, start_ns: int) -> None:
-    """What the sensors deliver, as bytes, and decoded again by the drivers."""
+    """Write the sensors' signals as a capture of bytes, and decode it by the drivers."""
     raw = file.with_name(f"raw-{file.name}")
     blocks = measure(motion, rig, seed, sheet=Sheet(seed=seed), start_ns=start_ns)
     frames, documents = encode_rig(blocks, rig)
@@ -169,7 +169,7 @@ def _over_wires(file: Path, motion: SimulatedMotion, rig: Rig, vehicle: str, see
 
 
 def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str, Any]:
-    """The fit of the campaign's model to its runs (as ``lacet identify --json``), kept for the next time."""
+    """The fit of the campaign's model to its runs (as ``lacet identify --json``), stored for the next time."""
     if places.fit.is_file():
         return json.loads(places.fit.read_text(encoding="utf-8"))
     progress(Step(Stage.READING_RUNS, campaign=campaign.name))
@@ -187,7 +187,7 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
     base = base_model(loaded.vehicle, loaded.reference)
     extra = [find_effect(key, known) for key in campaign.effects]
     shapes: dict[str, tuple[float, ...]] = {name: values for e in extra for name, values in e.grids.items()}
-    if shapes:  # one constant for all corners, by the likelihood of the residual, before the fit that counts
+    if shapes:  # one constant for all corners, by the likelihood of the residual, before the final fit
         (name, values), *_ = shapes.items()
         tried: dict[float, float] = {}
         for value in values:
@@ -204,13 +204,13 @@ def _shaped(effects: list[Effect], name: str, value: float) -> list[Effect]:
 
 
 def _misfit(fitted: Fit) -> float:
-    """Minus the logarithm of the likelihood, each row's σ being that of its residual: Σ n log σ."""
+    """Negative log-likelihood of the residual, each row's σ being that of its residual: Σ n log σ."""
     counts = {row: sum(len(part[row]) for part in fitted.residual if row in part) for row in fitted.rows}
     return sum(n * math.log(fitted.sigma[row]) for row, n in counts.items())
 
 
 def _write(file: Path, text: str) -> None:
-    """All or nothing, so that a step that was broken off is done again."""
+    """Write a complete file or none, so that an interrupted step is repeated."""
     part = file.with_name(f"part-{file.name}")
     part.write_text(text, encoding="utf-8")
     os.replace(part, file)

@@ -1,7 +1,7 @@
-"""The numbers the paper prints in its tables 1 to 7, and which of lacet's parameters each stands for.
+"""Published values of the paper's tables 1 to 7, with the parameter of lacet that each corresponds to.
 
 Nothing here is corrected silently: where our copy of the paper is not legible, or two lines are interchanged, the
-line says so. Tables 1 to 4 are the identification of a simulated car, 5 to 7 that of the real one.
+line has a note. Tables 1 to 4 are the identification of a simulated car, 5 to 7 that of the real one.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ class Line:
 
     Attributes
     ----------
-    table : its number; `name` : the parameter as the paper writes it; `unit` : of all its numbers.
-    apriori, estimated, sxr : as printed [unit, unit, %]; None where the paper has nothing or it is not legible.
+    table : number of the table; `name` : the parameter's name in the paper; `unit` : unit of its numbers.
+    apriori, estimated, sxr : as printed [unit, unit, %]; None where the paper has no value or it is not legible.
     key : the same quantity in lacet: a parameter, or a value of the whole vehicle (`mass`, ``cog.x``, ``Ixx``).
     scale : printed number = scale × lacet's SI value: 1000 for millimetres, negative where the paper's axes, x to the
-        rear and y to the right, turn a sign.
-    note : what a reader must know about the line.
+        rear and y to the right, reverse the sign.
+    note : note for the reader of the line.
     """
 
     table: int
@@ -44,12 +44,12 @@ class Line:
 
     @property
     def offset(self) -> bool:
-        """Whether the line is a static offset of a suspension, whose zero of travel is the paper's own."""
+        """Whether the line is a static offset of a suspension, which depends on the paper's zero of travel."""
         return self.key.startswith("offset.")
 
 
 Printed = tuple[float | None, float | None, float | None]
-"""A-priori value, estimate, sxr % as printed."""
+"""A-priori value, estimate and sxr [%] as printed."""
 
 _WHOLE = {
     "XX": ("Ixx", "kg·m²", 1.0),
@@ -182,7 +182,7 @@ LINES: tuple[Line, ...] = tuple(sorted(_lines(), key=lambda line: line.table))
 """Every line of tables 1 to 7, table by table."""
 
 SPIN_ROWS = {f"ZZ{number}": f"spin.{corner}" for number, (corner, _) in _TABLE_3.items()}
-"""Spin inertia → the row of the equations the paper identifies it from."""
+"""Spin inertia → the row of the equations from which the paper identifies it."""
 
 TITLES = {
     1: "the whole vehicle, simulation",

@@ -1,4 +1,4 @@
-"""The fits against what was put in, line by line beside the paper's own numbers."""
+"""Scores of the reproduced fits: estimates compared with true values, line by line beside the paper's own numbers."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ MET, MISSED, WITHOUT = "met", "missed", "not identifiable"
 
 @dataclass(frozen=True)
 class Scored:
-    """One line of a table with our estimate, all in the unit and axes of the paper.
+    """One line of a table with lacet's estimate, in the unit and axes of the paper.
 
-    `truth` of the simulated car; `estimate`, `half95` ours, None where it is not identifiable; `allowed` : the larger
-    of the paper's own error and our half-width; `remark` : the reason when the `verdict` is not `MET`.
+    `truth` : value of the simulated car; `estimate`, `half95` : lacet's, None where it is not identifiable; `allowed` :
+    the larger of the paper's own error and lacet's half-width; `remark` : the reason when the `verdict` is not `MET`.
     """
 
     line: Line
@@ -31,11 +31,11 @@ class Scored:
 
     @property
     def error(self) -> float | None:
-        """Ours [unit]."""
+        """Error of lacet's estimate [unit]."""
         return None if self.estimate is None else self.estimate - self.truth
 
     def result(self) -> dict[str, Any]:
-        """As plain data (``docs/json.md``, ``paper``)."""
+        """The line as plain data (``docs/json.md``, ``paper``)."""
         line = self.line
         return {
             "table": line.table,
@@ -54,10 +54,10 @@ class Scored:
 
 
 def score(line: Line, truth: Mapping[str, Any], fit: Mapping[str, Any], simulation: bool) -> Scored:
-    """A line against a truth file's run and a fit's result.
+    """The score of a line, from a run of a truth file and a fit's result.
 
-    In the paper's simulation the error may be as large as the paper's own; against the experiment, whose truth nobody
-    knew, our interval alone counts. Spin inertia is asked of the wheel's own row, as the paper does.
+    In the paper's simulation the error may be as large as the paper's own; in the experiment, whose true values were
+    unknown, lacet's interval alone counts. Spin inertia must come from the wheel's own row, as in the paper.
     """
     real = line.scale * true_value(line.key, truth)
     found = _found(line.key, fit)
@@ -77,7 +77,7 @@ def score(line: Line, truth: Mapping[str, Any], fit: Mapping[str, Any], simulati
 
 
 def true_value(key: str, truth: Mapping[str, Any]) -> float:
-    """What was put in, SI and body axes, from a run of a truth file, by lacet's name. Raises KeyError."""
+    """True value by lacet's name, SI and body axes, from a run of a truth file. Raises KeyError."""
     car = truth["car"]
     whole = car["whole"]
     tensor = whole["tensor"]
@@ -123,13 +123,13 @@ def _why(key: str, fit: Mapping[str, Any]) -> str:
 
 
 def _left_out(row: str, fit: Mapping[str, Any]) -> str:
-    """Why no run has a row; empty when one has it."""
+    """Why no run has a row; empty where one has it."""
     reasons = {run: why for run, why in fit["rows_left_out"].items() if run.endswith(f": {row}")} if row else {}
     return next(iter(reasons.values())) if reasons and len(reasons) == len(fit["rows"]["used"]) else ""
 
 
 def print_tables(lines: Sequence[Scored], simulation: bool) -> str:
-    """The tables side by side with the paper's."""
+    """The tables of lacet's estimates beside the paper's, as text."""
     parts: list[str] = []
     for which in sorted({s.line.table for s in lines}):
         rows = [_cells(s, simulation) for s in lines if s.line.table == which]
@@ -160,7 +160,7 @@ def _cells(s: Scored, simulation: bool) -> list[str]:
 
 
 def _error(error: float | None, truth: float | None) -> str:
-    """In % of the truth, or plain where that is zero."""
+    """Error in % of the true value, or in its unit where that is zero."""
     if error is None:
         return "-"
     return f"{100 * error / abs(truth):+.3f} %" if truth else f"{error:+.3g}"

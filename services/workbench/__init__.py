@@ -1,1 +1,1 @@
-"""The workbench: a local web page on a study, and the server behind it (``docs/workbench.md``)."""
+"""Workbench: a local web page on a study, and its server (``docs/workbench.md``)."""

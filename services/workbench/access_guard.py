@@ -1,7 +1,7 @@
-"""Who may speak to the server: the Host header, the origin of writes, the token, and what a page may load.
+"""Access control of the server: the Host header, the origin of writes, the token, and the content security policy.
 
-A page on another site cannot read answers of this server (no CORS header is ever sent). It could still send writes, or
-read as the same site with a name that it makes point here (DNS rebinding): Origin and Host are checked for that.
+A page of another site cannot read answers of this server (no CORS header is ever sent). It could still send writes, or
+read as the same site by a name that resolves to this address (DNS rebinding): Origin and Host are checked for that.
 """
 
 from __future__ import annotations
@@ -22,7 +22,8 @@ POLICY = (
     "default-src 'self'; img-src 'self' data: blob:; style-src 'self'; object-src 'none'; base-uri 'none'; "
     "form-action 'self'; frame-ancestors 'none'"
 )
-"""What the page may load: nothing from elsewhere. Styles set by script through the style object are not forbidden."""
+"""Content security policy of the page: nothing from elsewhere. Styles set by script through the style object are
+allowed."""
 FIXED = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -33,16 +34,16 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 def new_token() -> str:
-    """A token nobody can guess."""
+    """A random token."""
     return secrets.token_urlsafe(24)
 
 
 class Guard:
-    """In front of the application.
+    """Middleware that admits or refuses requests.
 
-    `hosts` are names under which the server may be spoken to; where it listens elsewhere than on loopback (`token` is
-    given then), addresses in numbers too, which no other site can make point here. `token` must come once as
-    ``?token=…``, or as the cookie that is set then.
+    `hosts` are names of the server; where it listens elsewhere than on loopback (`token` is given then), numerical
+    addresses too, which no other site can make resolve here. `token` is required once as ``?token=…``, and afterwards
+    as the cookie then set.
     """
 
     def __init__(self, app: ASGIApp, hosts: Iterable[str] = (), token: str | None = None):
@@ -52,7 +53,7 @@ class Guard:
             self.hosts.add(socket.gethostname().lower())
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Let a request through, or answer it."""
+        """Pass a request on, or answer it with a refusal."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

@@ -1,4 +1,4 @@
-"""Events for the pages: everything published goes to every page that listens (server-sent events)."""
+"""Server-sent events: every event published goes to every page that listens."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from collections.abc import AsyncIterator
 from typing import Any
 
 WAITING = 500
-"""Events that may wait for a slow page; one that falls behind farther loses the oldest and has to load anew."""
+"""Largest number of events waiting for a slow page; beyond it the oldest are dropped and the page must reload."""
 BEAT = 10.0
-"""Seconds of silence after which an empty line shows that the connection lives."""
+"""Period of empty lines that keep a silent connection alive [s]."""
 
 
 class Events:
@@ -23,14 +23,14 @@ class Events:
         self._closed = False
 
     def publish(self, event: str, data: Any) -> None:
-        """Send an event to all pages; never waits."""
+        """Send an event to all pages, without waiting."""
         text = f"event: {event}\ndata: {json.dumps(data, ensure_ascii=False)}\n\n"
         with self._lock:
             for queue, loop in self._pages.items():
                 loop.call_soon_threadsafe(_put, queue, text)
 
     def close(self) -> None:
-        """End every page's stream: the server stops."""
+        """End every page's stream, when the server stops."""
         with self._lock:
             self._closed = True
             for queue, loop in self._pages.items():
@@ -38,7 +38,7 @@ class Events:
 
     @property
     def listening(self) -> int:
-        """Pages that listen."""
+        """Number of pages that listen."""
         return len(self._pages)
 
     async def stream(self, first: list[tuple[str, Any]] | None = None) -> AsyncIterator[str]:

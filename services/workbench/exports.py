@@ -1,4 +1,4 @@
-"""Files to take away: the report, parameters and versions as tables, the study as JSON."""
+"""Exports of a study as files: the report, parameters and versions as tables, the study as JSON."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from lacet.services.workbench.tasks import REPORT
 from lacet.services.workspace.results import study_result
 
 _REPORT_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox"
-"""The report is one file with its styles and pictures inside, and nothing that runs."""
+"""Content security policy of the report: one file with its styles and pictures, without scripts."""
 
 
 @dataclass(frozen=True)
 class File:
-    """What is sent: name, kind (MIME), body, and the policy of what it may load where it is a page."""
+    """An exported file: name, kind (MIME), body, and content security policy where it is a page."""
 
     name: str
     kind: str
@@ -32,7 +32,7 @@ class File:
 
 
 def report(cache: SessionCache) -> File:
-    """The report last written. Raises Needs when there is none newer than the study's last change."""
+    """The last report written. Raises Needs when there is none newer than the study's last change."""
     file = cache.folder / REPORT
     if not file.is_file() or file.stat().st_mtime < (cache.folder / "study.json").stat().st_mtime:
         raise Needs("report", "the report of the present version has not been written yet")
@@ -40,7 +40,7 @@ def report(cache: SessionCache) -> File:
 
 
 def parameters(cache: SessionCache) -> File:
-    """The present version's parameters."""
+    """Table of the present version's parameters."""
     found = parameters_payload(cache.study, None)
     head = ["parameter", "effect", "value", "unit", "half95", "half95_sheet", "sxr_percent", "a_priori", "why_not"]
     rows = [
@@ -53,7 +53,7 @@ def parameters(cache: SessionCache) -> File:
 
 
 def versions(cache: SessionCache) -> File:
-    """Every version's errors, run by run and row by row."""
+    """Table of every version's errors, by run and row."""
     head = ["version", "parent", "note", "effects", "kind", "run", "row", "unit", "rms", "floor", "error_in_floors",
             "nrmse_percent", "vaf_percent", "judged"]  # fmt: skip
     rows: list[list[Any]] = []
@@ -72,7 +72,7 @@ def versions(cache: SessionCache) -> File:
 
 
 def study(cache: SessionCache) -> File:
-    """The study as ``lacet study --json`` gives it, with the present version's whole result and diagnosis."""
+    """The study as ``lacet study --json`` writes it, with the present version's whole result and diagnosis."""
     found = cache.study
     body = {
         "format": FORMAT, "command": "study", **study_result(found), "result": found.version().result,
@@ -96,7 +96,7 @@ def _table(name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> Fil
 
 
 def _cell(value: Any) -> Any:
-    """A cell that a spreadsheet takes for text and never for a formula."""
+    """A cell that spreadsheets read as text and never as a formula."""
     return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
 
 

@@ -1,4 +1,4 @@
-"""The study's folder watched, so that pages hear of what another page or the command line did."""
+"""Watch on the study's folder, so that pages are notified of changes by another page or the command line."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from lacet.services.workbench.events import Events
 
 PERIOD = 0.7
-"""How often the folder is looked at [s]."""
+"""Period of the checks of the folder [s]."""
 _PARTS = ("versions", "diagnoses", "effects", "runs", "raw")
 
 
@@ -29,14 +29,14 @@ def state_of(folder: Path) -> dict[str, tuple[tuple[str, int, int], ...]]:
                     ):
                         about = entry.stat()
                         found.append((entry.name, about.st_mtime_ns, about.st_size))
-        except OSError:  # not there yet, or just being moved
+        except OSError:  # not created yet, or being moved
             pass
         out[part] = tuple(sorted(found))
     return out
 
 
 class Watch:
-    """A thread that publishes ``study`` with the parts that changed."""
+    """Thread that publishes ``study`` events with the parts that changed."""
 
     def __init__(self, folder: Path, events: Events):
         self._folder, self._events = folder, events
@@ -45,7 +45,7 @@ class Watch:
         self._thread.start()
 
     def close(self) -> None:
-        """End watching."""
+        """End the thread."""
         self._stop.set()
         self._thread.join(2.0)
 

@@ -1,4 +1,4 @@
-"""Long work: one thread does one job after the other, reports its progress, and stops when asked."""
+"""Jobs, the long computations: one thread runs one after the other, with progress, until done or cancelled."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from lacet.services.workbench.events import Events
 PERIOD = 0.1
 """Least time between two progress events of a job [s]."""
 KEPT = 50
-"""Finished jobs that are remembered."""
+"""Number of finished jobs kept."""
 _OF = re.compile(r"(\d+) of (\d+)\b")
 
 
 class Cancelled(Exception):
-    """The job was cancelled: raised where it reports its progress."""
+    """Exception in a cancelled job, raised where it reports its progress."""
 
 
 @dataclass
 class Job:
-    """One piece of work.
+    """One long computation.
 
-    `state` is ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``; `text` what it is at, `done` of `total`
-    where that can be counted; `error` why it failed; `result` what came of it, plain data.
+    `state` is ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``; `text` its present step, `done` of
+    `total` where parts are counted; `error` the reason of a failure; `result` its result as plain data.
     """
 
     id: int
@@ -51,35 +51,35 @@ class Job:
     stop: threading.Event = field(default_factory=threading.Event, repr=False)
 
     def as_data(self, result: bool = False) -> dict[str, Any]:
-        """As the page gets it."""
+        """The job as plain data for the page."""
         names = ("id", "do", "args", "state", "text", "done", "total", "error", "seconds")
         return {name: getattr(self, name) for name in names} | ({"result": self.result} if result else {})
 
     @property
     def over(self) -> bool:
-        """Whether nothing will change any more."""
+        """Whether the job has ended."""
         return self.state in ("done", "failed", "cancelled")
 
 
 class JobProgress:
-    """What a job calls to say how far it is; stops the job when it was cancelled."""
+    """Receiver of a job's progress, which ends a cancelled job."""
 
     def __init__(self, job: Job, publish: Callable[[Job], None]):
         self.job, self._publish, self._last = job, publish, 0.0
 
     def report(self, text: str) -> None:
-        """What is done now. Raises Cancelled."""
+        """Set the text of the present step. Raises Cancelled."""
         found = _OF.search(text)
         self.job.text = text
         self.job.done, self.job.total = (int(found[1]), int(found[2])) if found else (None, None)
         self._say(found is None)
 
     def progress(self, step: Step) -> None:
-        """A step of a computation. Raises Cancelled."""
+        """Set the text from a step of a computation. Raises Cancelled."""
         self.report(sentence(step))
 
     def check(self) -> None:
-        """Raises Cancelled when the job was cancelled."""
+        """Raise Cancelled when the job was cancelled."""
         if self.job.stop.is_set():
             raise Cancelled
 
@@ -94,14 +94,14 @@ Do = Callable[[Mapping[str, Any], JobProgress], Any]
 
 
 class Jobs:
-    """The queue and its thread.
+    """Queue of jobs, with the thread that runs them.
 
-    `tasks` name → what does it, given the arguments and a teller; what it returns is the job's result.
+    `tasks` : name → function of the arguments and a `JobProgress`, whose value is the job's result.
     """
 
     def __init__(self, tasks: Mapping[str, Do], events: Events):
         self.tasks, self.events = dict(tasks), events
-        # Not from 1: a page that followed a job of the server before must not take another for it.
+        # Numbers do not begin at 1: a page must not confuse a job of an earlier server with a new one.
         self._numbers = itertools.count(int(time.time()))
         self._jobs: dict[int, Job] = {}
         self._queue: queue.Queue[Job | None] = queue.Queue()
@@ -109,7 +109,7 @@ class Jobs:
         self._thread.start()
 
     def submit(self, do: str, args: Mapping[str, Any]) -> Job:
-        """Put a job at the end of the queue; one like it that waits is not put there twice."""
+        """Append a job to the queue; the waiting job with the same arguments, where there is one."""
         for job in list(self._jobs.values()):
             if job.state == "waiting" and (job.do, job.args) == (do, args):
                 return job
@@ -122,7 +122,7 @@ class Jobs:
         return job
 
     def cancel(self, job: Job) -> None:
-        """Stop a job: at once when it waits, at its next report of progress when it runs."""
+        """Cancel a job: at once while it waits, at its next report of progress while it runs."""
         job.stop.set()
         if job.state == "waiting":
             job.state, job.text = "cancelled", "cancelled"
@@ -136,16 +136,16 @@ class Jobs:
         return self._jobs.get(number)
 
     def all(self) -> list[Job]:
-        """Every job remembered, the first first."""
+        """All jobs kept, in order."""
         return list(self._jobs.values())
 
     @property
     def busy(self) -> Job | None:
-        """The job at work."""
+        """The running job."""
         return next((job for job in list(self._jobs.values()) if job.state == "running"), None)
 
     def close(self, wait: float = 10.0) -> None:
-        """Cancel everything and end the thread."""
+        """Cancel all jobs and end the thread."""
         for job in list(self._jobs.values()):
             if not job.over:
                 self.cancel(job)
@@ -156,7 +156,7 @@ class Jobs:
         self.events.publish("job", job.as_data())
 
     def _work(self) -> None:
-        # One thread for linear algebra, as the command line has it: the same study then gives the same digits.
+        # One thread for linear algebra, as on the command line, so that a study gives the same digits.
         with threadpool_limits(1):
             while (job := self._queue.get()) is not None:
                 if job.state == "waiting":
@@ -178,7 +178,7 @@ class Jobs:
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             job.state, job.text, job.error = "failed", "failed", f"{where}{error.strerror or error}"
-        except Exception as error:  # a bug: the page is told, the terminal has the whole of it, the next job goes on
+        except Exception as error:  # a bug: reported to the page, with traceback on the terminal; the next job runs
             traceback.print_exc()
             job.state, job.text = "failed", "failed"
             job.error = f"an error of lacet itself: {type(error).__name__}: {error}"

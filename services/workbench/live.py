@@ -23,16 +23,16 @@ from lacet.services.workbench.events import Events
 PERIOD = 1.0
 """Period of the events to the pages [s]."""
 WINDOW = 5.0
-"""Rates are those of the last so many seconds."""
+"""Duration over which rates are measured [s]."""
 GONE = 30.0
 """Silence after which a run is no longer shown as recording [s]."""
 AGAIN = 2.0
-"""Time between two attempts to reach the router [s]."""
+"""Time between attempts to reach the router [s]."""
 
 
 @dataclass
 class _Heard:
-    """What came of one channel: blocks of the last `WINDOW` as (stamp of their end [ns], samples, flagged)."""
+    """Counts of one channel: blocks of the last `WINDOW` as (stamp of their end [ns], samples, flagged)."""
 
     blocks: deque[tuple[int, int, int]] = field(default_factory=deque[tuple[int, int, int]])
     samples: int = 0
@@ -43,7 +43,7 @@ class _Heard:
 
 
 class Live:
-    """Listens to a router in a thread of its own, when given one; `endpoint` like ``tcp/10.0.0.7:7447``."""
+    """Listener to a router, if given, in a thread of its own; `endpoint` like ``tcp/10.0.0.7:7447``."""
 
     def __init__(self, endpoint: str | None, events: Events):
         self.endpoint, self._events = endpoint, events
@@ -59,13 +59,13 @@ class Live:
             self._thread.start()
 
     def close(self) -> None:
-        """End listening."""
+        """End the thread."""
         self._stop.set()
         if self._thread:
             self._thread.join(5.0)
 
     def payload(self) -> dict[str, Any]:
-        """What is known now."""
+        """The present state as plain data."""
         now = time.monotonic()
         with self._lock:
             recording = self._recording and now - self._last < GONE
@@ -122,7 +122,7 @@ class Live:
                 self._events.publish("live", self.payload())
 
     def take(self, message: Message) -> None:
-        """Take a message of the bus; those of an older run than the present one are passed over."""
+        """Process a message of the bus; those of a run older than the present one are ignored."""
         if message.kind == "result":
             return
         if message.keys.run != self._run:
@@ -146,13 +146,13 @@ class Live:
                 self._recording = True
             elif message.kind in ("gone", "manifest"):
                 self._recording = False
-        except (WireError, ValueError):  # what cannot be read is not shown; the recorder's log is the truth
+        except (WireError, ValueError):  # messages that cannot be read are not shown; the recorder's log is complete
             pass
 
     def _block(self, message: Message) -> None:
         block, _ = block_from_bytes(message.payload)
         heard = self._heard.setdefault(block.channel, _Heard())
-        if not heard.samples:  # who comes late has missed nothing
+        if not heard.samples:  # blocks before the first one received do not count as missed
             heard.next = message.sequence
         heard.missed += max(0, message.sequence - heard.next)
         heard.next = max(heard.next, message.sequence + 1)
@@ -167,7 +167,7 @@ class Live:
 
 
 def _promised(start: StartRecord) -> list[str]:
-    """Channels that the rig of a run sends: one that never comes is shown as silent."""
+    """Channels of the sensors in the rig of a run, so that one without samples is shown as silent."""
     try:
         rig = Rig.parse(start.rig_text, "rig of the run")
     except LacetError:

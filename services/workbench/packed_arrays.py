@@ -1,4 +1,4 @@
-"""Numbers for the page: a head in JSON, then single-precision arrays one after the other (``docs/workbench.md``)."""
+"""Binary answers with arrays: a head in JSON, then single-precision arrays in succession (``docs/workbench.md``)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def packed(arrays: Mapping[str, NDArray[Any]], **about: Any) -> bytes:
 
 
 def unpacked(body: bytes) -> tuple[dict[str, Any], dict[str, NDArray[np.float32]]]:
-    """The head and the arrays again."""
+    """The head and the arrays of a binary answer."""
     (length,) = struct.unpack_from("<I", body)
     head: dict[str, Any] = json.loads(body[4 : 4 + length])
     arrays: dict[str, NDArray[np.float32]] = {}

@@ -1,4 +1,4 @@
-"""What the server cannot do now, with the status it answers with."""
+"""Refusals of the server, with the HTTP status of each."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from lacet.daq.errors import LacetError
 
 
 class Refusal(LacetError):
-    """A question that cannot be answered; `status` is the answer's HTTP status, `extra` what else it says."""
+    """A request that cannot be answered; `status` : the HTTP status, `extra` : further entries of the answer."""
 
     status = 400
 
@@ -16,19 +16,19 @@ class Refusal(LacetError):
 
 
 class NotThere(Refusal):
-    """Nothing of that name."""
+    """No resource has that name."""
 
     status = 404
 
 
 class InTheWay(Refusal):
-    """Something is there already, or another writer was quicker."""
+    """The resource exists already, or another writer has changed it."""
 
     status = 409
 
 
 class Busy(Refusal):
-    """Not while a job computes."""
+    """Impossible while a job computes."""
 
     status = 409
 
@@ -37,7 +37,7 @@ class Busy(Refusal):
 
 
 class Needs(Refusal):
-    """A job must be done first: `needs` is its name."""
+    """A job must be run first: `needs` is its name."""
 
     status = 409
 
@@ -46,12 +46,12 @@ class Needs(Refusal):
 
 
 class TooLarge(Refusal):
-    """More bytes than an upload may have."""
+    """An upload exceeds the largest size."""
 
     status = 413
 
 
 class DiskFull(Refusal):
-    """No room left on the disk."""
+    """The disk is full."""
 
     status = 507

@@ -1,4 +1,4 @@
-"""Where a version fails and what an effect would do, asked for one row at a time."""
+"""Views of a row's residual for the page: against a state, in frequency, and with one more effect."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lacet.services.workbench.session_cache import WAIT, SessionCache
 
 
 def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
-    """A row's residual against a state, clear of noise or not; what the model absorbed put back where it is clear."""
+    """A row's residual against a state; for states with little noise the part absorbed by the model is added again."""
     found, _ = cache.found_where(version)
     of = _row(found, row)
     ready = found.against(of).get(state) if of in found.worst else None
@@ -48,7 +48,7 @@ def _against(a: Against) -> dict[str, Any]:
 
 
 def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, Any]:
-    """A row's residual in frequency beside its floor, and its coherence with the states."""
+    """Spectrum of a row's residual beside its floor's, and its coherence with the states."""
     found, _ = cache.found_where(version)
     ready = found.spectra.get(row)
     if ready is None:
@@ -70,7 +70,7 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
 
 
 def preview_body(cache: SessionCache, version: int, key: str, run: str, row: str) -> bytes:
-    """A row's residual now, and with an effect in the model and everything else fitted anew around it."""
+    """A row's residual, and the same after a one-step update with one more effect."""
     study, of = cache.version(version)
     found = next((c for c in _candidates(cache, version) if c["effect"] == key), None)
     if found is None:

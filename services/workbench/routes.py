@@ -1,4 +1,4 @@
-"""The server's questions and answers (``docs/workbench.md`` lists them)."""
+"""Routes of the server, requests and answers (listed in ``docs/workbench.md``)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _JSON = Annotated[dict[str, Any], Body()]
 
 @dataclass(frozen=True)
 class Bench:
-    """All the server is made of; `most_upload` [bytes]."""
+    """Parts of the server that the routes use; `most_upload` [bytes]."""
 
     cache: SessionCache
     jobs: Jobs
@@ -38,7 +38,7 @@ class Bench:
 
 
 def bench(request: Request) -> Bench:
-    """The bench a request is for."""
+    """The parts of the server that answers a request."""
     found = request.app.state.bench
     assert isinstance(found, Bench)
     return found
@@ -56,7 +56,7 @@ def study(request: Request) -> Any:
 
 @api.post("/study/runs")
 def choose(request: Request, body: _JSON) -> Any:
-    """Choose the runs: makes the study, or its model anew."""
+    """Choose the runs: creates the study, or refits its model."""
     return _submitted(bench(request), "choose", {key: body.get(key, []) for key in ("used", "held")})
 
 
@@ -102,13 +102,13 @@ def effects(request: Request) -> Any:
 
 @api.post("/effect/check")
 def check_effect(request: Request, body: _JSON) -> Any:
-    """How a line is read."""
+    """Interpretation of a line."""
     return user_effects.check(bench(request).cache, *_line(body))
 
 
 @api.post("/effect")
 def keep_effect(request: Request, body: _JSON) -> Any:
-    """Keep a line."""
+    """Store a line."""
     b = bench(request)
     found = user_effects.keep(b.cache, *_line(body))
     b.events.publish("study", {"changed": ["effects"]})
@@ -117,7 +117,7 @@ def keep_effect(request: Request, body: _JSON) -> Any:
 
 @api.get("/car")
 def car(request: Request) -> Any:
-    """The car from above."""
+    """The car in plan view."""
     found = bench(request).cache.study
     return study_views.car_payload(found.vehicle, found.rig)
 
@@ -160,7 +160,7 @@ def cancel(request: Request, number: int) -> Any:
 
 @api.get("/events")
 async def events(request: Request) -> StreamingResponse:
-    """What changes, as it changes."""
+    """Stream of changes."""
     b = bench(request)
     first = [("job", one.as_data()) for one in b.jobs.all() if not one.over]
     stream = b.events.stream([("hello", {"pages": b.events.listening + 1}), *first])
@@ -169,11 +169,11 @@ async def events(request: Request) -> StreamingResponse:
 
 @api.get("/live")
 def live(request: Request) -> Any:
-    """What the car sends now."""
+    """Live state of the recording."""
     return bench(request).live.payload()
 
 
-# -- looking ----------------------------------------------------------------------------------------------------------
+# -- views ------------------------------------------------------------------------------------------------------------
 
 
 @api.get("/compare/{version}")
@@ -184,7 +184,7 @@ def compare(request: Request, version: int) -> Any:
 
 @api.get("/series/{version}/{run}/{row}")
 def series(request: Request, version: int, run: str, row: str) -> Response:
-    """Measured, modelled, shares."""
+    """Measured and modelled row, with the contribution of each effect."""
     return _bytes(study_views.series_body(bench(request).cache.compared(version), run, row))
 
 
@@ -202,7 +202,7 @@ def residual_map(request: Request, version: int) -> Any:
 
 @api.get("/where/{version}")
 def where(request: Request, version: int) -> Any:
-    """Where a version fails."""
+    """Failure analysis of a version."""
     return bench(request).cache.found_where(version)[1]
 
 
@@ -214,19 +214,19 @@ def against(request: Request, version: int, row: str, state: str) -> Any:
 
 @api.get("/spectrum/{version}/{row}")
 def spectrum(request: Request, version: int, row: str) -> Any:
-    """A row's residual in frequency."""
+    """Spectrum of a row's residual."""
     return spectrum_payload(bench(request).cache, version, row)
 
 
 @api.get("/preview/{version}/{effect}/{run}/{row}")
 def preview(request: Request, version: int, effect: str, run: str, row: str) -> Response:
-    """What an effect would do to a row."""
+    """A row's residual with one more effect."""
     return _bytes(preview_body(bench(request).cache, version, effect, run, row))
 
 
 @api.get("/export/{name}")
 def export(request: Request, name: str) -> Response:
-    """A file to keep."""
+    """An exported file."""
     makers: dict[str, Callable[[SessionCache], exports.File]] = exports.MAKERS
     if name not in makers:
         raise NotThere(f"there is no export '{name}': {', '.join(makers)}")
@@ -239,7 +239,7 @@ def export(request: Request, name: str) -> Response:
 
 @api.api_route("/{rest:path}", methods=["GET", "POST", "PUT", "DELETE"])
 def nothing(rest: str) -> JSONResponse:
-    """Anything else."""
+    """Every other address."""
     raise NotThere(f"there is no /api/{rest[:80]}")
 
 
@@ -249,7 +249,7 @@ def _submitted(b: Bench, do: str, args: dict[str, Any]) -> dict[str, Any]:
 
 
 def _decoding(b: Bench, file: str) -> Job | None:
-    """The job that is to decode a capture, or does."""
+    """The job that decodes a capture, waiting or running."""
     return next((j for j in b.jobs.all() if (j.do, j.args) == ("decode", {"file": file}) and not j.over), None)
 
 

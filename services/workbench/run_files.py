@@ -1,4 +1,4 @@
-"""The runs of a study's folder: what each holds, whether it can be used, and which part it has in the study."""
+"""Files of runs in a study's folder: contents of each, whether it can be used, and its role in the study."""
 
 from __future__ import annotations
 
@@ -24,18 +24,18 @@ from lacet.services.workbench.session_cache import SessionCache, one_stamp
 from lacet.services.workspace.study import Study
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
-"""Endings of files that can be runs."""
+"""Suffixes of files that can be runs."""
 FOLDER = "runs"
 RAW = "raw"
-"""Folders of the study for runs, and for captures that were decoded into runs."""
+"""Folders of the study: of runs, and of captures that were decoded into runs."""
 _KEPT_BACK = ("channel_list", "samples_hash")
-"""Keys that the list of runs does not show."""
+"""Keys that the list of runs omits."""
 
 
 def run_paths(cache: SessionCache) -> dict[str, Path]:
     """Name → file of every run of the folder, and of runs elsewhere that the study uses.
 
-    The name is the file's stem, with its ending where two have the same stem.
+    The name is the file's stem, with its suffix where two have the same stem.
     """
     files = sorted(p for p in (cache.folder / FOLDER).glob("*") if p.suffix.lower() in KINDS and p.is_file())
     if cache.exists:
@@ -47,7 +47,7 @@ def run_paths(cache: SessionCache) -> dict[str, Path]:
 
 
 def find_run(cache: SessionCache, name: str) -> Path:
-    """A run's file by its name or its file's name. Raises UsageError with the nearest."""
+    """File of a run by its name or its file's name. Raises UsageError with the nearest."""
     paths = run_paths(cache)
     by_file = {p.name: p for p in paths.values()}
     if name not in paths and name not in by_file:
@@ -56,20 +56,20 @@ def find_run(cache: SessionCache, name: str) -> Path:
 
 
 def undecoded(cache: SessionCache) -> list[Path]:
-    """Raw captures that no run was made of: decoding was cancelled or failed, or the machine went down."""
+    """Raw captures without a run: their decoding was cancelled, failed or interrupted."""
     made = {p.stem for p in (cache.folder / FOLDER).glob("*.mcap")}
     return sorted(p for p in (cache.folder / RAW).glob("*.mcap") if p.stem not in made)
 
 
 def undecoded_record(path: Path) -> dict[str, Any]:
-    """A capture that no run was made of, as it stands in the list of runs."""
+    """Entry of the list of runs for a capture without a run."""
     says = ["a raw capture that was not decoded: drop it here again, which decodes it"]
     head = {"name": path.name, "file": path.name, "path": str(path), "role": "unused"}
     return {k: v for k, v in {**head, **_unreadable(path, says)}.items() if k not in _KEPT_BACK}
 
 
 class RunFiles:
-    """Summaries of runs, made once for each state of a file and kept in the study's ``.cache``."""
+    """Summaries of runs, made once for each state of a file and stored in the study's ``.cache``."""
 
     def __init__(self, cache: SessionCache):
         self._cache, self._lock = cache, threading.Lock()
@@ -89,7 +89,7 @@ class RunFiles:
         return {**{k: v for k, v in found.items() if k not in _KEPT_BACK}, "channels": found["channel_list"]}
 
     def twins(self, used: list[Path], held: list[Path]) -> tuple[str, str] | None:
-        """Names of two runs, of which one at least is used, that hold the same samples."""
+        """Names of two runs with the same samples, at least one of which is used."""
         first: dict[str, tuple[str, Path]] = {}
         chosen = [*used, *held]
         for run in sorted(self._summaries(), key=lambda run: Path(run["path"]) not in used):
@@ -124,7 +124,7 @@ class RunFiles:
         return _with_twins(out)
 
     def _save(self) -> None:
-        """Keep the summaries; a folder that cannot be written to costs time, and nothing else."""
+        """Store the summaries; a folder without write access costs time only."""
         part = self._file.with_suffix(f".{os.getpid()}.tmp")
         try:
             part.parent.mkdir(parents=True, exist_ok=True)
@@ -136,7 +136,7 @@ class RunFiles:
 
 
 def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Report where two files hold the same samples."""
+    """The summaries, with a warning where two files hold the same samples."""
     names: dict[str, list[str]] = {}
     for run in runs:
         names.setdefault(run.get("samples_hash") or run["path"], []).append(run["name"])
@@ -149,7 +149,7 @@ def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def beside(path: Path) -> list[Path]:
-    """Files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
+    """Further files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
     if path.suffix.lower() in mf4.SUFFIXES:
         found = mf4.map_beside(path)
         return [found] if found else []
@@ -176,7 +176,7 @@ def _unreadable(path: Path, says: list[str]) -> dict[str, Any]:
 
 
 def summary(path: Path) -> dict[str, Any]:
-    """What a file holds, in an engineer's words."""
+    """Contents of a run's file, in an engineer's words."""
     losses = 0
     try:
         if path.suffix.lower() == ".mcap":
@@ -217,7 +217,7 @@ def summary(path: Path) -> dict[str, Any]:
 
 
 def _hash(run: Run) -> str:
-    """The same for two files with the same samples, whatever their names and formats."""
+    """Digest of a run's samples: equal for two files with the same samples, whatever their names and formats."""
     found = hashlib.sha256()
     for name, s in sorted(run.signals.items()):
         found.update(name.encode())

@@ -1,4 +1,4 @@
-"""The workbench's server put together and run."""
+"""Server of the workbench: its parts connected, and its life from start to Ctrl-C."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ STATIC = Path(__file__).parent / "static"
 
 @dataclass(frozen=True)
 class Settings:
-    """How the server is run.
+    """Settings of the server.
 
-    `folder` the study's, there or not; `host`, `port` where it listens, port 0 for any that is free; `hosts` further
-    names it is spoken to by; `token` needed where it listens elsewhere than on loopback; `most_upload` [bytes];
-    `connect` a router to show the live car of; `draws` noise-floor simulations of a study made here.
+    `folder` : the study's, existing or not; `host`, `port` : address, port 0 for any that is free; `hosts` : further
+    names of the server; `token` : required where it listens elsewhere than on loopback; `most_upload` [bytes];
+    `connect` : router of the live recording; `draws` : noise-floor simulations of a new study.
     """
 
     folder: Path
@@ -57,7 +57,7 @@ class Settings:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether only this machine reaches an address."""
+    """Whether an address can be reached from this machine only."""
     return host in ("localhost", "::1") or host.startswith("127.")
 
 
@@ -71,7 +71,7 @@ def create_app(settings: Settings) -> FastAPI:
         sweep(cache)
         files = RunFiles(cache)
         jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events)
-        for capture in undecoded(cache):  # its decoding was broken off when the server was
+        for capture in undecoded(cache):  # decoding was interrupted with an earlier server
             jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events), Watch(settings.folder, events)
         app.state.bench = Bench(cache, jobs, events, files, live, settings.most_upload)
@@ -118,12 +118,12 @@ def _plain(_: Request, error: Exception) -> JSONResponse:
 
 
 def _bug(_: Request, error: Exception) -> JSONResponse:
-    """A bug is reported like a fault; the terminal has the whole of it."""
+    """Answer to an unexpected exception, whose traceback goes to the terminal."""
     return JSONResponse({"error": f"an error of lacet itself: {type(error).__name__}: {error}"}, 500)
 
 
 class _Server(uvicorn.Server):
-    """Ends the pages' streams of events when asked to stop: they would keep it from stopping."""
+    """uvicorn server that ends the pages' event streams on shut-down, which they would otherwise prevent."""
 
     def __init__(self, config: uvicorn.Config, app: FastAPI):
         super().__init__(config)
@@ -139,7 +139,7 @@ class _Server(uvicorn.Server):
 
 
 def serve(settings: Settings, open_browser: bool = False) -> None:
-    """Run until Ctrl-C. Raises UsageError where the address cannot be listened on."""
+    """Run until Ctrl-C. Raises UsageError when the server cannot listen on its address."""
     if not is_loopback(settings.host) and settings.token is None:
         raise UsageError(f"listening on {settings.host} needs a token")
     app = create_app(settings)
@@ -151,7 +151,7 @@ def serve(settings: Settings, open_browser: bool = False) -> None:
         print(f"lacet ui: {_where(settings)}\n  open {address(settings, port)}\n  Ctrl-C ends it", flush=True)
         if open_browser:
             webbrowser.open(address(settings, port))
-        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is how it ends
+        with contextlib.suppress(KeyboardInterrupt):  # Ctrl-C is the normal end
             _Server(config, app).run(sockets=[own])
     print("lacet ui: ended", file=sys.stderr)
 
@@ -162,7 +162,7 @@ def _where(settings: Settings) -> str:
 
 
 def address(settings: Settings, port: int) -> str:
-    """What to open in a browser."""
+    """Address to open in a browser."""
     host = settings.host
     if host in ("0.0.0.0", "::", ""):
         host = socket.gethostname()
@@ -190,7 +190,7 @@ def _listening(settings: Settings) -> socket.socket:
 
 
 def settings_of(args: Any) -> Settings:
-    """From the command line's arguments."""
+    """The settings of the command line's arguments."""
     token = None if is_loopback(args.host) else new_token()
     return Settings(
         args.study, args.host, args.port, tuple(args.name), token, int(args.most_upload * 1e9), args.connect, args.draws

@@ -1,7 +1,7 @@
-"""What the server keeps between questions: the study at work, and what was computed for each version.
+"""Cache of the server between requests: the open study, and the computations of each version.
 
-The study's folder is the truth: it is read again for every question. What is kept here belongs to files as they were
-when it was made (`Stamp`), and is dropped when they have changed.
+The study's folder is authoritative: it is read again for every request. Cached results belong to one state of the files
+(`Stamp`), and are dropped when these have changed.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ from lacet.services.workspace.session import Work
 from lacet.services.workspace.study import Study, Version
 
 WAIT = 2.0
-"""How long a small question waits for a job to end [s]."""
+"""Longest time that a short request waits for a job to end [s]."""
 WORKS = 2
-"""Choices of runs whose motions are kept in memory."""
+"""Number of choices of runs whose motions are kept in memory."""
 PREVIEWS = 50
-"""Effects whose fits beside a version are kept."""
+"""Number of one-step updates kept for each version."""
 VERSIONS = 8
-"""Versions whose series are kept in memory."""
+"""Number of versions whose series are kept in memory."""
 
 Stamp = tuple[tuple[str, int, int], ...]
-"""Path, time of change [ns] and size of every file something was made from."""
+"""State of the files that a result was computed from: path, time of change [ns] and size of each."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """A version against all its runs, those used first, with each effect's share and the phases of driving."""
+    """Comparison of a version with all its runs, those used first, with each effect's contribution and the phases."""
 
     version: Version
     stamp: Stamp
@@ -58,7 +58,7 @@ class Compared:
     payload: Mapping[str, Any]
 
     def part(self, run: str) -> tuple[Comparison, Shares]:
-        """One run. Raises UsageError for a run that there is not."""
+        """Comparison and contributions of one run. Raises UsageError for an unknown run."""
         for part, shares in zip(self.parts, self.shares, strict=True):
             if part.name == run:
                 return part, shares
@@ -66,9 +66,9 @@ class Compared:
 
 
 class SessionCache:
-    """The study of one folder, which may not be there yet.
+    """Cache of the study of one folder, which may not exist yet.
 
-    `compute` guards everything that works on motions: the job at work holds it.
+    `compute` is the lock of every computation on motions, held by the running job.
     """
 
     def __init__(self, folder: Path):
@@ -89,7 +89,7 @@ class SessionCache:
 
     @property
     def study(self) -> Study:
-        """The study as it is on disk now. Raises UsageError when there is none yet."""
+        """The study as it is on disk. Raises UsageError when there is none yet."""
         if not self.exists:
             raise UsageError("there is no study here yet: choose runs to identify with, and make one")
         return Study.open(self.folder)
@@ -100,11 +100,11 @@ class SessionCache:
         version = study.version(number)
         return study.at(version), version
 
-    # -- computing ----------------------------------------------------------------------------------------------------
+    # -- computations -------------------------------------------------------------------------------------------------
 
     @contextmanager
     def computing(self, wait: float = -1.0) -> Generator[None]:
-        """Hold everything that computes. Raises Busy when it is not free within `wait` [s]; −1 waits for ever."""
+        """Hold the lock of computations. Raises Busy when it is not free within `wait` [s]; −1 waits for ever."""
         if not self._compute.acquire(timeout=wait):
             raise Busy("lacet is at work on something else: look again when that is done, or cancel it")
         try:
@@ -118,7 +118,7 @@ class SessionCache:
         work = self._works.pop(key, None)
         if work is None:
             work = Work(study, progress)
-        # Another writer may have been there: what was computed is by version, and versions never change.
+        # After another writer's changes results stay valid: they are by version, and versions never change.
         if work.study.current != study.current or work.study.before != study.before:
             work.study = study
         work.progress = progress
@@ -132,7 +132,7 @@ class SessionCache:
         self._works = OrderedDict((key, one) for key, one in self._works.items() if one is not work)
 
     def compare(self, number: int | None, progress: Progress) -> Compared:
-        """A version against its runs: computed, and kept."""
+        """Comparison of a version with its runs, computed and cached."""
         study, version = self.version(number)
         kept = self._compared.get(version.number)
         stamp = stamp_of(study)
@@ -151,7 +151,7 @@ class SessionCache:
         return kept
 
     def where(self, number: int | None, progress: Progress) -> FailureAnalysis:
-        """Where a version fails: computed, and kept."""
+        """Failure analysis of a version, computed and cached."""
         study, version = self.version(number)
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
@@ -162,7 +162,7 @@ class SessionCache:
         return kept[1]
 
     def preview(self, number: int, effect: Effect, progress: Progress) -> tuple[Work, Preview]:
-        """A version with one more effect; to be asked for while `computing`."""
+        """One-step update of a version by one more effect; to be called while `computing`."""
         study, version = self.version(number)
         work = self.work(study, progress)
         key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
@@ -173,13 +173,13 @@ class SessionCache:
         return work, self._previews[key]
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
-        """Keep a ranking, which recommending the next run goes on from."""
+        """Cache a ranking, on which the recommendation of the next run is based."""
         _keep(self._diagnosed, number, (stamp_of(study), diagnosis))
 
-    # -- what is there already ----------------------------------------------------------------------------------------
+    # -- cached results -----------------------------------------------------------------------------------------------
 
     def compared(self, number: int) -> Compared:
-        """What `compare` found. Raises Needs when it has not been computed, or the runs have changed."""
+        """The cached comparison of a version. Raises Needs when there is none, or the runs have changed."""
         study, version = self.version(number)
         kept = self._compared.get(version.number)
         if kept is None or kept.stamp != stamp_of(study):
@@ -187,7 +187,7 @@ class SessionCache:
         return kept
 
     def found_where(self, number: int) -> tuple[FailureAnalysis, Mapping[str, Any]]:
-        """What `where` found, and the same as ``lacet where --json`` has it. Raises Needs."""
+        """The cached failure analysis of a version, and its plain data as of ``lacet where --json``. Raises Needs."""
         study, version = self.version(number)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp_of(study):
@@ -195,14 +195,14 @@ class SessionCache:
         return kept[1:]
 
     def diagnosis(self, number: int) -> Diagnosis | None:
-        """The ranking of a version made by this server, or None."""
+        """The cached ranking of a version, or None."""
         study, version = self.version(number)
         kept = self._diagnosed.get(version.number)
         return kept[1] if kept and kept[0] == stamp_of(study) else None
 
 
 def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work) -> dict[str, Any]:
-    """Scores of every row of every run, as ``lacet compare`` has them."""
+    """Scores of every row of every run, as in the result of ``lacet compare``."""
     used, held = scores([p for p in parts if p.used]), scores([p for p in parts if not p.used])
     seconds = {run.name: float(run.recording.t[-1] - run.recording.t[0]) for run in (*work.loaded.prepared, *work.held)}
     return plain(
@@ -225,13 +225,13 @@ def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work)
 
 
 def stamp_of(study: Study) -> Stamp:
-    """What the study's runs, rig and vehicle are on disk. Raises LacetError for a run that has gone."""
+    """State of the study's runs, rig and vehicle on disk. Raises LacetError for a missing run."""
     files = [*study.paths(), *study.paths(held=True), study.folder / "rig.toml", study.folder / "vehicle.toml"]
     return tuple(one_stamp(file) for file in files)
 
 
 def one_stamp(file: Path) -> tuple[str, int, int]:
-    """Path, time of change and size of a file. Raises LacetError when it has gone."""
+    """Path, time of change and size of a file. Raises LacetError when it is missing."""
     try:
         found = os.stat(file)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What the page shows, as plain data and arrays: the study, series, the residual map, the car."""
+"""Views of the study for the page, as plain data and arrays: versions, series, the residual map, the car."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from lacet.services.workbench.session_cache import Compared, SessionCache
 from lacet.services.workspace.study import Study, Version
 
 MOST_CELLS = 1200
-"""Cells of the residual map along one run."""
+"""Largest number of cells of the residual map along one run."""
 
 
 def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str, Any]:
-    """The study, its versions and the present one's diagnosis; little of it while there is no study yet."""
+    """The study, its versions and the present one's diagnosis; a few entries while there is no study yet."""
     folder = cache.folder
     head = {
         "folder": str(folder.resolve()), "name": folder.resolve().name, "exists": cache.exists, "busy": busy,
@@ -60,7 +60,7 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
 
 
 def diagnosis_payload(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
-    """A diagnosis, each candidate with the `unit` of what it gains."""
+    """A diagnosis, each candidate with the `unit` of its gain."""
     if found is None:
         return None
     candidates = [{**c, "unit": Row.parse(c["rows"][0]).unit if c["rows"] else ""} for c in found["candidates"]]
@@ -68,7 +68,7 @@ def diagnosis_payload(found: Mapping[str, Any] | None) -> dict[str, Any] | None:
 
 
 def version_payload(study: Study, version: Version) -> dict[str, Any]:
-    """A version with its errors; `runs_differ` where they are of other runs than the study's present ones."""
+    """A version with its errors; `runs_differ` : whether they are of other runs than the study's present ones."""
     rows = version.result["rows"]
     shown = {
         kind: {run: {row: with_verdict(score) for row, score in part.items()} for run, part in runs.items()}
@@ -84,7 +84,7 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
 
 
 def series_body(found: Compared, run: str, row: str) -> bytes:
-    """Measured, modelled and each effect's share of a row."""
+    """Measured and modelled row, and each effect's contribution."""
     part, shares = found.part(run)
     if row not in part.measured:
         raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
@@ -99,7 +99,7 @@ def series_body(found: Compared, run: str, row: str) -> bytes:
 
 
 def channel_body(run: Run, name: str) -> bytes:
-    """A measured channel; samples that cannot be used are NaN."""
+    """A measured channel; unusable samples are NaN."""
     if name not in run.signals:
         raise NotThere(f"run {run.name} has no channel {name}: {', '.join(run.signals)}")
     s, about = run.signals[name], CHANNELS[name]
@@ -128,7 +128,7 @@ def map_payload(found: Compared) -> dict[str, Any]:
 
 
 def car_payload(vehicle: Vehicle, rig: Rig) -> dict[str, Any]:
-    """The car from above: corners, sensors and where each row of the equations is; body axes [m]."""
+    """The car in plan view: corners, sensors and the place of each row of the equations; body axes [m]."""
     corners = vehicle.corners
     front, rear = ("fl", "fr"), ("rl", "rr")
     x = {name: corner.position[0] for name, corner in corners.items()}
@@ -164,7 +164,7 @@ def car_payload(vehicle: Vehicle, rig: Rig) -> dict[str, Any]:
 
 
 def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
-    """A version's parameters with their a-priori values and what earlier versions found."""
+    """A version's parameters with their a-priori values and those of earlier versions."""
     version = study.version(number)
     apriori = study.vehicle.apriori
     before: dict[str, list[dict[str, Any]]] = {}
@@ -195,7 +195,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
 
 
 def ancestors(study: Study, version: Version) -> list[Version]:
-    """The versions a version was made from, the first first, itself last."""
+    """The versions that a version was made from, in order, itself last."""
     by_number = {v.number: v for v in study.versions()}
     out = [version]
     while (parent := by_number.get(out[0].parent)) is not None and parent.number < out[0].number:

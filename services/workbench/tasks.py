@@ -1,4 +1,4 @@
-"""The jobs of the workbench: each does what a command does, with progress, and can be cancelled."""
+"""Jobs of the workbench: each does what a command does, with progress, and can be cancelled."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Found = TypeVar("Found")
 
 
 class Tasks:
-    """What each job does on the study of a cache; `draws` of the noise floor for a study that is made here."""
+    """Functions of the jobs on the study of a cache; `draws` : noise-floor simulations of a new study."""
 
     def __init__(self, cache: SessionCache, files: RunFiles, draws: int):
         self.cache, self.files, self.draws = cache, files, draws
@@ -51,7 +51,7 @@ class Tasks:
     # -- the runs -----------------------------------------------------------------------------------------------------
 
     def choose(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
-        """Make the study with these runs, or its present model anew on them."""
+        """Create the study with these runs, or refit its present model to them."""
         used = [find_run(self.cache, name) for name in _names(args, "used")]
         held = [find_run(self.cache, name) for name in _names(args, "held")]
         if not used:
@@ -76,12 +76,12 @@ class Tasks:
         first = open_run(used[0])
         rig = _dropped(find_rig, first, folder / "rig.toml")
         vehicle = _dropped(find_vehicle, first, folder / "vehicle.toml")
-        (folder / "study.json").unlink(missing_ok=True)  # of a study whose making was broken off: it has no version
+        (folder / "study.json").unlink(missing_ok=True)  # of a study whose creation was interrupted: it has no version
         study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
         try:
             work = self.cache.work(study, teller.progress)
             version = work.record({}, "base model")
-        except BaseException:  # half a study would stand in the way of the next attempt
+        except BaseException:  # an incomplete study would prevent the next attempt
             (folder / "study.json").unlink(missing_ok=True)
             for name, before in there.items():
                 if not before:
@@ -90,7 +90,7 @@ class Tasks:
         return self._shown(work, version.number, teller)
 
     def decode(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
-        """Make a run of a raw capture in the study's folder of captures."""
+        """Decode a raw capture in the study's folder of captures into a run."""
         name = str(args.get("file", ""))
         raw = self.cache.folder / RAW / Path(name).name
         if not raw.is_file():
@@ -101,21 +101,21 @@ class Tasks:
         out.parent.mkdir(exist_ok=True)
         return decode_log(raw, out, progress=teller.progress)
 
-    # -- looking ------------------------------------------------------------------------------------------------------
+    # -- analyses -----------------------------------------------------------------------------------------------------
 
     def compare(self, args: Mapping[str, Any], teller: JobProgress) -> Mapping[str, Any]:
-        """A version against its runs."""
+        """Compare a version with its runs."""
         return self.cache.compare(_number(args), teller.progress).payload
 
     def where(self, args: Mapping[str, Any], teller: JobProgress) -> Mapping[str, Any]:
-        """Where a version fails."""
+        """Analyse where a version fails."""
         number = self.cache.version(_number(args))[1].number
         self.cache.where(number, teller.progress)
         self.cache.compare(number, teller.progress)
         return self.cache.found_where(number)[1]
 
     def diagnose(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
-        """Rank what is missing; with `auto` add the best until nothing is."""
+        """Rank the effects that may be missing; with `auto` add the best until none is missing."""
         study = self.cache.study
         if study.draws < LEAST_DRAWS:
             raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
@@ -130,7 +130,7 @@ class Tasks:
         return {**steps[-1], "version": work.study.current, "auto": auto, "added": found.changes, "steps": steps}
 
     def next(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
-        """Which run to drive next."""
+        """Recommend the run to drive next."""
         study = self.cache.study
         work = self.cache.work(study, teller.progress)
         diagnosis = self.cache.diagnosis(study.current)
@@ -161,7 +161,7 @@ class Tasks:
         return self._changed(key, teller, lambda work: work.add(key, shape or None))
 
     def remove(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
-        """Take an effect out of the present version."""
+        """Remove an effect from the present version."""
         key = _effect(args)
         return self._changed(key, teller, lambda work: work.remove(key))
 
@@ -175,7 +175,7 @@ class Tasks:
         return {"version": after.number, **item}
 
     def undo(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, object]:
-        """Go back to the version the present one was made from."""
+        """Return to the version that the present one was made from."""
         study = self.cache.study
         parent = study.version().parent
         if parent < 1:
@@ -190,16 +190,16 @@ class Tasks:
         return study_result(self.cache.study.go_to(number))
 
     def _shown(self, work: Work, number: int, teller: JobProgress) -> dict[str, Any]:
-        """The new version's comparison is made at once: the page will ask for it, and the work is done."""
+        """The new version's comparison, computed at once, as the page will ask for it."""
         self.cache.compare(number, teller.progress)
         return {"version": number, "warnings": list(work.loaded.warnings)}
 
 
 def _dropped(find: Callable[[Run, Path | None], Found], run: Run, file: Path) -> Found:
-    """A rig or vehicle, from the file that was dropped on the page where there is one."""
+    """A rig or vehicle, from a file that was dropped on the page where there is one."""
     try:
         return find(run, file if file.is_file() else None)
-    except UsageError as error:  # the page has no options to give
+    except UsageError as error:  # the page has no such options
         raise UsageError(str(error).replace(f"give --{file.stem} FILE", f"drop its {file.name} here")) from None
 
 

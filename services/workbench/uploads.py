@@ -1,4 +1,4 @@
-"""Files from the browser into the study's folder: bounded, whole or not at all, never over another file."""
+"""Uploads from the browser into the study's folder: bounded, complete or not at all, never over another file."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
 from lacet.services.workbench.session_cache import SessionCache
 
 MOST = 4_000_000_000
-"""Bytes an upload may have unless another number is given."""
+"""Default largest size of an upload [bytes]."""
 SPARE = 50_000_000
-"""Bytes that an upload leaves free on the disk, for the study itself."""
+"""Space that an upload leaves free on the disk, for the study itself [bytes]."""
 _PIECE = 1 << 20
 _DAY = 86400.0
 _TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
 _BESIDE = (".toml", ".json")
-"""Endings of a channel map beside an MDF file, and of the metadata of a CSV table."""
+"""Suffixes of a channel map beside an MDF file, and of the metadata of a CSV table."""
 
 
 def safe_name(name: str) -> str:
-    """A file name from the browser, as it may be used. Raises UsageError for what could leave the folder."""
+    """A file name from the browser, checked. Raises UsageError for one that could leave the folder."""
     bad = not name or name != Path(name).name or name.startswith(".") or len(name.encode()) > 200
     if bad or "\\" in name or any(ord(c) < 32 or c in ':*?"<>|' for c in name):
         raise UsageError(f"'{name[:80]}' cannot be the name of a file here: letters, digits, - and _ are safe")
@@ -55,8 +55,8 @@ async def take(
 ) -> dict[str, Any]:
     """Store an upload; `length` as announced [bytes].
 
-    Returns its file, and whether it is a raw capture that has to be decoded. Raises Refusal or UsageError, and leaves
-    nothing behind then.
+    Returns its file, and whether it is a raw capture that has to be decoded. Raises Refusal or UsageError, after
+    removing what was written.
     """
     name = safe_name(name)
     if length is not None and length > most:
@@ -100,7 +100,7 @@ async def _written(part: Path, name: str, body: AsyncIterator[bytes], most: int)
 
 
 def sweep(cache: SessionCache) -> None:
-    """Remove what uploads left behind when the machine went down, a day ago or longer."""
+    """Remove incomplete uploads of interrupted servers, a day old or older."""
     for folder in (cache.folder, cache.folder / FOLDER):
         for part in folder.glob(".*.part*"):
             with suppress(OSError):
@@ -109,12 +109,12 @@ def sweep(cache: SessionCache) -> None:
 
 
 def write(file: Any, data: bytes) -> None:
-    """Write a piece (a place where tests let the disk be full)."""
+    """Write a piece (tests replace this by a full disk)."""
     file.write(data)
 
 
 def free(folder: Path) -> int:
-    """Bytes free where a folder is."""
+    """Free space on the disk of a folder [bytes]."""
     found = os.statvfs(folder)
     return found.f_bavail * found.f_frsize
 
@@ -131,11 +131,11 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
             log = LogReader(part)
             raw = bool(log.sources()) and not log.channels()
         except LacetError:
-            pass  # kept: the list of runs says what is wrong with it
+            pass  # kept: the list of runs reports its fault
     if raw:
         target = cache.folder / RAW / target.name
         target.parent.mkdir(exist_ok=True)
-    # A capture that is there, and no run (else it had been refused): its decoding was broken off, and is done again.
+    # The capture exists without a run (else it had been refused): its interrupted decoding is repeated.
     if not (raw and target.is_file() and filecmp.cmp(part, target, shallow=False)):
         _move(part, target)
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
@@ -153,7 +153,7 @@ def _read_metadata(path: Path) -> None:
 
 
 def _move(part: Path, target: Path) -> None:
-    """Give a file its name, unless another has it: a link fails then, where a rename would replace it."""
+    """Give a file its name unless another has it: a hard link fails then, where a rename would replace the other."""
     try:
         os.link(part, target)
     except FileExistsError:

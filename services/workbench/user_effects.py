@@ -1,4 +1,4 @@
-"""An effect of the user's own from the page: a line read and explained, kept, and the catalogue with it."""
+"""Users' own effects on the page: parsing, explanation and storage of a line, and the catalogue with it."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from lacet.services.workspace.study import Study
 from lacet.services.workspace.user_effects import line_result, may_have, own_lines, put, with_name
 
 LONGEST = 2000
-"""Characters a line may have."""
+"""Length of the longest line [characters]."""
 
 
 def check(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
-    """How a line is read, or what is wrong with it and where. Raises UsageError without a study."""
+    """Interpretation of a line, or its fault and place. Raises UsageError without a study."""
     study = cache.study
     text = _joined(name, line)
     try:
@@ -44,9 +44,9 @@ def check(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
 
 
 def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
-    """Try a line on the study's first run and write it into the study.
+    """Try a line on the study's first run and store it in the study.
 
-    Raises UsageError, LineFault, LacetError where its values are not finite: it is then not written.
+    Raises UsageError, LineFault, and LacetError where its values are not finite; nothing is written then.
     """
     study = cache.study
     cls, stored = with_name(_joined(name, line), study)
@@ -58,7 +58,7 @@ def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
 
 
 def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:
-    """What comes of trying an effect, and the same in words; while a job is at work nothing is tried."""
+    """Result of trying an effect, as plain data and in words; nothing is tried while a job runs."""
     try:
         with cache.computing(WAIT):
             loaded = cache.work(study, silent).loaded
@@ -69,7 +69,7 @@ def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[
 
 
 def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
-    """Every effect that can be added, the study's own among them, and what a line may use."""
+    """Every effect that can be added, the study's own among them, and the vocabulary of a line."""
     study = cache.study
     in_model = set(study.version().effects)
     own = {cls.name: cls.line.text for cls in own_lines(study)}
@@ -90,12 +90,12 @@ def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
 
 
 def _reference(study: Study) -> str:
-    """Wheel reference of the study's runs, which may say it themselves where the rig says another."""
+    """Wheel reference of the study's runs, which takes precedence over the rig's."""
     return str(study.version().result["wheel_reference"])
 
 
 def _joined(name: str, line: str) -> str:
-    """One line of text: the name is put before it where it has none of its own."""
+    """A line of text with the name put before it where it has none of its own."""
     if len(line) > LONGEST or len(name) > 100:
         raise UsageError(f"a line has at most {LONGEST} characters")
     if "\n" in line or "\r" in line or "\n" in name:
@@ -110,7 +110,7 @@ def _named(line: str) -> bool:
 
 
 def _at(fault: LineFault, line: str) -> tuple[int, int]:
-    """From where to where the fault is in what the user typed, in characters from 0."""
+    """Start and end of a fault in the text that the user typed, in characters from 0."""
     before = len(fault.text) - len(line.strip())
     typed = len(line) - len(line.lstrip())
     start, stop = (max(0, place - max(0, before)) + typed for place in (fault.start, fault.stop))

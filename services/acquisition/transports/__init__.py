@@ -1,1 +1,1 @@
-"""The only place with sockets, serial lines and receipt stamps: wires to `Frames` and back."""
+"""Transports between wires and `Frames`: the only modules with sockets, serial lines and receipt stamps."""

@@ -1,4 +1,4 @@
-"""What every transport is: a receiver that gives stamped `Frames`, a sender that puts `Frames` on a wire."""
+"""Interfaces of the transports: a receiver that reads stamped `Frames`, a sender that writes `Frames` to a wire."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from lacet.daq.frames import Frames
 
 
 class Receiver(Protocol):
-    """One wire, listened to.
+    """Receiver of the frames of one wire.
 
     Attributes
     ----------
-    source : bus name as in the rig file; the `source` of every frame it gives.
-    warnings : what a user should know about this wire (a receive buffer clipped by the system …), plain sentences.
+    source : bus name as in the rig file; the `source` of every frame received.
+    warnings : sentences for the user about this wire (a receive buffer limited by the system …).
     """
 
     source: str
     warnings: list[str]
 
     def open(self) -> None:
-        """Open the wire; OSError when it is not there (it may be tried again)."""
+        """Open the wire. Raises OSError when it is absent; may be called again."""
         ...
 
     def read(self, timeout: float) -> Frames:
-        """Frames that came, stamped on receipt [ns], waiting up to `timeout` [s]; may be empty.
+        """Frames received, stamped on receipt [ns], waiting up to `timeout` [s]; may be empty.
 
         Raises
         ------
@@ -33,7 +33,7 @@ class Receiver(Protocol):
         ...
 
     def losses(self) -> dict[str, int]:
-        """Frames lost on this wire since the receiver was made, by cause: ``kernel``, ``malformed``, ``overrun`` …"""
+        """Frames lost on this wire since the receiver exists, by cause: ``kernel``, ``malformed``, ``overrun`` …"""
         ...
 
     def close(self) -> None:
@@ -42,14 +42,14 @@ class Receiver(Protocol):
 
 
 class Sender(Protocol):
-    """One wire, spoken on.
+    """Sender of frames on one wire.
 
     Attributes
     ----------
     source : bus name.
-    unsent : frames that nobody was there to take, or that the wire refused.
-    endpoint : where a receiver finds it, in the notation of `services.acquisition.transports.endpoints`.
-    sees_receivers : whether `has_room` knows how far the receivers are, or `send` itself waits for them.
+    unsent : number of frames without a receiver, or refused by the wire.
+    endpoint : address for receivers, in the notation of `services.acquisition.transports.endpoints`.
+    sees_receivers : whether `has_room` measures the receivers' backlog, or `send` itself waits for them.
     """
 
     source: str
@@ -58,15 +58,15 @@ class Sender(Protocol):
     sees_receivers: bool
 
     def open(self) -> None:
-        """Open the wire; OSError when that cannot be."""
+        """Open the wire. Raises OSError when that is impossible."""
         ...
 
     def send(self, frames: Frames) -> None:
-        """Put frames on the wire, in order, as fast as it takes them; their stamps play no part."""
+        """Send frames, in order, as fast as the wire accepts them; their stamps are ignored."""
         ...
 
     def has_room(self) -> bool:
-        """Whether a receiver that keeps up would lose nothing if more were sent now (True where that is unknown)."""
+        """Whether receivers that keep up can accept more now without loss (True where that is unknown)."""
         ...
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""CAN: SocketCAN where the kernel has it, otherwise python-can's `udp_multicast` format on the loopback interface.
+"""CAN transports: SocketCAN where the kernel has it, else python-can's `udp_multicast` format on loopback.
 
-Sockets of our own rather than python-can's: they give integer nanosecond stamps and the kernel's drop count, and cost
-8 µs a frame instead of 35. On the wire they are the same, so python-can's tools see this traffic and it sees theirs.
+The sockets are lacet's own and not python-can's: they have integer nanosecond stamps and the kernel's drop count, and
+cost 8 µs a frame instead of 35. The bytes on the wire are the same, so that python-can's tools are compatible.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000  # linux/can.
 _ID = 0x1FFF_FFFF
 _STANDARD = 0x7FF  # the largest 11-bit id; above it a frame is sent as extended
 _CAN_RAW = 1
-_ROOM = 256 << 10  # bytes waiting at a receiver below which a sender in a hurry goes on
+_ROOM = 256 << 10  # bytes waiting at a receiver up to which a sender at full speed continues
 
 GROUP = "239.74.163.2"
-"""python-can's own IPv4 multicast group."""
+"""Default IPv4 multicast group of python-can."""
 LOOPBACK = "127.0.0.1"
 
 
@@ -66,7 +66,7 @@ def unpack_multicast(data: bytes) -> tuple[int, bytes] | None:
 
 
 def pack_multicast(ident: int, payload: bytes) -> bytes:
-    """One frame as python-can's `udp_multicast` sends it; the receiver stamps it."""
+    """One frame in python-can's `udp_multicast` format; the receiver stamps it."""
     data = msgpack.packb(
         {
             "timestamp": 0.0,
@@ -82,7 +82,7 @@ def pack_multicast(ident: int, payload: bytes) -> bytes:
             "error_state_indicator": False,
         }
     )
-    assert data is not None  # it gives bytes unless a stream is named
+    assert data is not None  # bytes, as no stream is given
     return data
 
 
@@ -97,7 +97,7 @@ def _open_socketcan(interface: str) -> socket.socket:
 
 
 def socketcan_receiver(source: str, interface: str) -> SocketReceiver:
-    """Receive from a SocketCAN interface. Link down raises OSError from `read`; opening again waits for it."""
+    """Receiver on a SocketCAN interface. Its `read` raises OSError when the link is down; `open` then waits for it."""
     return SocketReceiver(source, partial(_open_socketcan, interface), unpack_socketcan)
 
 
@@ -107,7 +107,7 @@ def _open_multicast(group: str, port: int) -> socket.socket:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind((group, port))  # the group's address, not any: another group on this port is another bus
         joined = False
-        # Loopback, where our senders speak, and the default route's interface, where python-can's speak.
+        # Loopback, for lacet's senders, and the default route's interface, for python-can's.
         for interface in (LOOPBACK, "0.0.0.0"):
             try:
                 request = socket.inet_aton(group) + socket.inet_aton(interface)
@@ -124,17 +124,17 @@ def _open_multicast(group: str, port: int) -> socket.socket:
 
 
 def no_multicast(group: str) -> str:
-    """What to do on a machine that does not carry multicast."""
+    """Remedy for a machine without multicast."""
     return f"this machine has no route for multicast group {group}; remedy: sudo ip route add 239.0.0.0/8 dev lo"
 
 
 def multicast_receiver(source: str, group: str, port: int) -> SocketReceiver:
-    """Receive python-can's `udp_multicast` frames. Each bus needs a port of its own."""
+    """Receiver of python-can's `udp_multicast` frames. Each bus needs a port of its own."""
     return SocketReceiver(source, partial(_open_multicast, group, port), unpack_multicast)
 
 
 class SocketCanSender:
-    """Send on a SocketCAN interface; a frame the interface refuses for a second is counted in `unsent`."""
+    """Sender on a SocketCAN interface; frames that the interface refuses for a second count as `unsent`."""
 
     def __init__(self, source: str, interface: str):
         self.source = source
@@ -147,10 +147,10 @@ class SocketCanSender:
     def open(self) -> None:
         """Open the interface."""
         self._socket = _open_socketcan(self._interface)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 0)  # it never reads
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 0)  # it never receives
 
     def send(self, frames: Frames) -> None:
-        """Put frames on the bus, in order; a full transmit queue is waited for."""
+        """Send frames on the bus, in order, waiting for a full transmit queue."""
         assert self._socket is not None
         for ident, payload in _pairs(frames):
             word = ident | _EXTENDED if ident > _STANDARD else ident
@@ -169,7 +169,7 @@ class SocketCanSender:
             time.sleep(0.001)
 
     def has_room(self) -> bool:
-        """Unknown on a CAN bus: a receiver's queue cannot be seen."""
+        """True: the receivers' queues of a CAN bus are unknown."""
         return True
 
     def close(self) -> None:
@@ -180,11 +180,11 @@ class SocketCanSender:
 
 
 class MulticastSender:
-    """Send in python-can's `udp_multicast` format; never leaves the machine (loopback interface, hop limit 0).
+    """Sender in python-can's `udp_multicast` format, confined to this machine (loopback interface, hop limit 0).
 
     Parameters
     ----------
-    interface : IPv4 address of the interface to speak on; loopback needs no route and no network.
+    interface : IPv4 address of the sending interface; loopback needs no route and no network.
     """
 
     def __init__(self, source: str, group: str, port: int, interface: str = LOOPBACK):
@@ -197,7 +197,7 @@ class MulticastSender:
         self._socket: socket.socket | None = None
 
     def open(self) -> None:
-        """Open the socket; it is not a member of the group, so it does not hear itself."""
+        """Open the socket, which is no member of the group and so does not receive its own frames."""
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             sock.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self._interface))
@@ -208,7 +208,7 @@ class MulticastSender:
         self._socket = sock
 
     def send(self, frames: Frames) -> None:
-        """Put frames on the wire, in order."""
+        """Send frames, in order."""
         assert self._socket is not None
         for ident, payload in _pairs(frames):
             try:
@@ -219,7 +219,7 @@ class MulticastSender:
                 self.unsent += 1
 
     def has_room(self) -> bool:
-        """Whether the slowest listener on this machine has read nearly everything so far."""
+        """Whether the slowest receiver on this machine has read nearly everything so far."""
         return (waiting_bytes(self._to[1]) or 0) < _ROOM
 
     def close(self) -> None:

@@ -1,12 +1,12 @@
-"""Where each bus of a rig is found: the notation, the defaults, and the small file that passes them on.
+"""Endpoints of a rig's buses: their notation, the defaults, and the file that passes them from process to process.
 
 ======================== ===========================================================================
 ``socketcan:vcan0``      a SocketCAN interface
 ``multicast:PORT``       CAN frames as python-can's udp_multicast, on this machine's loopback
 ``multicast:GROUP:PORT`` the same in another group
 ``serial:/dev/ttyUSB0``  a serial device (also the far end of a pseudo-terminal)
-``pty`` ``pty:LINK``     make a pseudo-terminal (sending only), with a link to it at LINK
-``udp:HOST:PORT``        datagrams; receiving, HOST is this machine's address to listen at
+``pty`` ``pty:LINK``     a new pseudo-terminal (sending only), with a link to it at LINK
+``udp:HOST:PORT``        datagrams; for receiving, HOST is the address of this machine to listen at
 ======================== ===========================================================================
 """
 
@@ -34,13 +34,13 @@ from lacet.services.acquisition.transports.udp import UdpSender, udp_receiver
 
 FORMAT = "lacet-endpoints 1"
 FIRST_PORT = 43113
-"""Port of a rig's first CAN bus over multicast (python-can's default); each next bus has the next port."""
+"""Port of a rig's first CAN bus over multicast (python-can's default); further buses have the following ports."""
 _DEFAULT_BAUD = 115_200
 _KINDS = {"can": ("socketcan", "multicast"), "serial": ("serial", "pty"), "udp": ("udp",)}
 
 
 class BusLike(Protocol):
-    """What is needed of a bus in the rig file (see `daq.rig.Bus`)."""
+    """Properties of a bus that its endpoint depends on (see `daq.rig.Bus`)."""
 
     @property
     def name(self) -> str: ...
@@ -55,14 +55,14 @@ class BusLike(Protocol):
 
 
 def default_endpoint(buses: Mapping[str, BusLike], name: str, sending: bool) -> str:
-    """The endpoint of a bus when nobody says otherwise.
+    """The default endpoint of a bus.
 
     CAN: the SocketCAN interface of that name (or ``v`` + that name, when sending) where there is one, otherwise
     multicast; serial: the rig's device (sending: a new pseudo-terminal); UDP: the rig's port on loopback.
     """
     bus = buses[name]
     if bus.kind == "can":
-        # A replay must not speak on a real bus unless it is told to.
+        # A replay must not send on a real bus unless that is asked for.
         for interface in [f"v{name}"] if sending else [name, f"v{name}"]:
             if has_socketcan(interface):
                 return f"socketcan:{interface}"
@@ -74,7 +74,7 @@ def default_endpoint(buses: Mapping[str, BusLike], name: str, sending: bool) -> 
 
 
 def parse_assignments(words: list[str], buses: Mapping[str, BusLike], option: str) -> dict[str, str]:
-    """``BUS=ENDPOINT`` words of a command line; UsageError for a bus that the rig does not have."""
+    """Bus → endpoint of the ``BUS=ENDPOINT`` arguments of a command line. Raises UsageError for an unknown bus."""
     out: dict[str, str] = {}
     for word in words:
         name, mark, endpoint = word.partition("=")
@@ -114,7 +114,7 @@ def _host_port(rest: str, default_host: str, endpoint: str, multicast: bool = Fa
 
 
 def open_receiver(bus: BusLike, endpoint: str) -> Receiver:
-    """A receiver (not opened yet) for a bus at an endpoint; UsageError when the endpoint makes no sense."""
+    """A receiver (not opened yet) for a bus at an endpoint. Raises UsageError for an invalid endpoint."""
     kind, rest = _parts(endpoint, bus)
     if kind == "socketcan":
         return socketcan_receiver(bus.name, rest)
@@ -128,7 +128,7 @@ def open_receiver(bus: BusLike, endpoint: str) -> Receiver:
 
 
 def open_sender(bus: BusLike, endpoint: str) -> Sender:
-    """A sender (not opened yet) for a bus at an endpoint; UsageError when the endpoint makes no sense."""
+    """A sender (not opened yet) for a bus at an endpoint. Raises UsageError for an invalid endpoint."""
     kind, rest = _parts(endpoint, bus)
     if kind == "socketcan":
         return SocketCanSender(bus.name, rest)
@@ -142,19 +142,19 @@ def open_sender(bus: BusLike, endpoint: str) -> Sender:
 
 
 def write_endpoints(path: Path, endpoints: Mapping[str, str]) -> None:
-    """Write where each bus is: ``{"format": "lacet-endpoints 1", "buses": {bus: endpoint}}``, whole or not at all."""
+    """Write the endpoints, ``{"format": "lacet-endpoints 1", "buses": {bus: endpoint}}``: a complete file or none."""
     draft = path.with_name(path.name + ".part")
     draft.write_text(json.dumps({"format": FORMAT, "buses": dict(endpoints)}, indent=2) + "\n")
     os.replace(draft, path)
 
 
 def ready_file(path: Path) -> Path:
-    """The file beside `path` that a recorder makes once it listens on every wire named in `path`."""
+    """The file beside `path` that a recorder writes once it listens on every wire named in `path`."""
     return path.with_name(path.name + ".ready")
 
 
 def read_endpoints(path: Path) -> dict[str, str]:
-    """Read what `write_endpoints` wrote; FileFault when it is something else."""
+    """The endpoints that `write_endpoints` wrote. Raises FileFault for any other file."""
     try:
         content = json.loads(path.read_text())
         if content["format"] != FORMAT:

@@ -1,4 +1,4 @@
-"""One reader thread a device: reads, puts into the queue, and reconnects when the link goes down."""
+"""Reader thread of one device: it reads, fills the queue, and reconnects after a failure of the link."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from lacet.services.acquisition.transports.base import Receiver
 
 RETRY = 0.5
 """Pause between attempts to open a wire that is down [s]."""
-_LAST_CALL = 0.5  # s; a sender that goes on does not keep the thread from ending
-_TURN = 0.2  # s; how long a read waits before the thread looks whether it shall stop
+_LAST_CALL = 0.5  # s; longest time to read on after a stop, while a sender continues
+_TURN = 0.2  # s; timeout of a read, after which the thread checks for a stop
 
 
 class Reader:
-    """Moves frames from one receiver into the queue until it is stopped; a dead link is never the end.
+    """Thread that moves frames from a receiver into the queue until it is stopped; a dead link does not end it.
 
     Parameters
     ----------
-    receiver : where frames come from.
-    queue : where they go; what does not fit is dropped and counted there, under the bus name.
-    notify : called with one plain sentence when the link is found, lost, or found again, and with each warning.
+    receiver : source of the frames.
+    queue : the queue, which drops and counts frames beyond its capacity under the bus name.
+    notify : called with a sentence when the link is up, lost, or up again, and with each warning.
     """
 
     def __init__(self, receiver: Receiver, queue: BoundedQueue[Frames], notify: Callable[[str], None]):
         self.receiver = receiver
         self.received = 0
-        """Frames received so far, those the queue dropped included."""
+        """Number of frames received so far, including those that the queue dropped."""
         self.up = threading.Event()
         """Set while the wire is open."""
         self.fault: BaseException | None = None
-        """A bug that ended the thread; the recorder raises it again."""
+        """Exception that ended the thread, which the recorder raises again."""
         self._queue = queue
         self._notify = notify
         self._links_lost = 0
@@ -42,11 +42,11 @@ class Reader:
         self._thread = threading.Thread(target=self._run, name=f"reader-{receiver.source}", daemon=True)
 
     def start(self) -> None:
-        """Begin to read."""
+        """Start the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the thread to end, after it has handed over what has already come."""
+        """Ask the thread to end, after frames already received are in the queue."""
         self._stop.set()
 
     @property
@@ -59,7 +59,7 @@ class Reader:
         self._thread.join(timeout)
 
     def losses(self) -> dict[str, int]:
-        """The receiver's losses, and ``link_down``: how often the link went down."""
+        """The receiver's losses, and ``link_down``: number of failures of the link."""
         counts = Counter(self.receiver.losses())
         if self._links_lost:
             counts["link_down"] = self._links_lost
@@ -107,7 +107,7 @@ class Reader:
         while not self._stop.is_set():
             self._hand_over(self.receiver.read(_TURN))
         until = time.monotonic() + _LAST_CALL
-        while self._hand_over(self.receiver.read(0.0)) and time.monotonic() < until:  # what the kernel still holds
+        while self._hand_over(self.receiver.read(0.0)) and time.monotonic() < until:  # frames still in the kernel
             pass
 
     def _hand_over(self, frames: Frames) -> bool:

@@ -1,4 +1,4 @@
-"""Serial lines: a real one through pyserial, and a pseudo-terminal that stands in for one on a bench."""
+"""Serial transports: a real line through pyserial, and a pseudo-terminal in its place for tests."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ import serial
 from lacet.daq.frames import Frame, Frames
 
 _TIOCGICOUNT = 0x545D  # linux: struct serial_icounter_struct, 20 ints
-_COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer_overrun": 10}  # places in it
-_PATIENCE = 1.0  # s; how long a sender waits for a reader that does not read
+_COUNTERS = {"framing": 6, "overrun": 7, "parity": 8, "buffer_overrun": 10}  # indices in it
+_PATIENCE = 1.0  # s; longest wait of a sender for a reader that does not read
 
 
 class SerialReceiver:
-    """A serial line, 8N1. Each piece a read returns is one frame, stamped when the read returned.
+    """Receiver on a serial line, 8N1; the bytes of one read are one frame, stamped when the read returned.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SerialReceiver:
         self._losses: Counter[str] = Counter()
 
     def open(self) -> None:
-        """Open the line for this process alone; OSError (serial.SerialException) when it is not there."""
+        """Open the line for exclusive use. Raises OSError (serial.SerialException) when it is absent."""
         port = serial.Serial(self._device, self._baud, timeout=0.0, exclusive=True)
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             port.set_low_latency_mode(True)  # USB converters: 1 ms instead of a 16 ms timer
@@ -47,7 +47,7 @@ class SerialReceiver:
         self._base = _counters(port.fd)
 
     def read(self, timeout: float) -> Frames:
-        """The bytes that are there, as one frame, waiting up to `timeout` [s]; OSError when the line is unplugged."""
+        """The bytes received, as one frame, waiting up to `timeout` [s]. Raises OSError when the line is unplugged."""
         port = self._port
         if port is None:
             raise OSError(f"{self._device} is closed")
@@ -61,7 +61,7 @@ class SerialReceiver:
         return Frames.from_iter(self.source, [Frame(self.source, t_ns, 0, payload)])
 
     def losses(self) -> dict[str, int]:
-        """``overrun``, ``buffer_overrun``, ``framing``, ``parity``: what the line's driver in the kernel counted."""
+        """``overrun``, ``buffer_overrun``, ``framing``, ``parity``, as counted by the kernel's driver of the line."""
         counts = Counter(self._losses)
         counts.update(self._since_open())
         return {cause: n for cause, n in counts.items() if n}
@@ -82,7 +82,7 @@ class SerialReceiver:
 
 
 def _counters(fd: int | None) -> dict[str, int]:
-    """The kernel's error counters of a serial line; none where the device keeps none (pseudo-terminals)."""
+    """The kernel's error counters of a serial line; empty where the device has none (pseudo-terminals)."""
     try:
         words = struct.unpack("@20i", fcntl.ioctl(fd, _TIOCGICOUNT, bytes(80)))  # type: ignore[arg-type]
     except (OSError, TypeError):
@@ -91,7 +91,7 @@ def _counters(fd: int | None) -> dict[str, int]:
 
 
 class SerialSender:
-    """Send the payloads, end to end, on a real serial line, 8N1."""
+    """Sender of payloads, end to end, on a real serial line, 8N1."""
 
     def __init__(self, source: str, device: str, baud: int):
         self.source = source
@@ -107,7 +107,7 @@ class SerialSender:
         self._port = serial.Serial(self._device, self._baud, write_timeout=_PATIENCE, exclusive=True)
 
     def send(self, frames: Frames) -> None:
-        """Send the bytes; waits for the line, which is as slow as its symbol rate."""
+        """Send the bytes, waiting for the line at its symbol rate."""
         assert self._port is not None
         try:
             self._port.write(frames.data.tobytes())
@@ -115,7 +115,7 @@ class SerialSender:
             self.unsent += len(frames)
 
     def has_room(self) -> bool:
-        """Always: `send` itself waits for the line."""
+        """True: `send` itself waits for the line."""
         return True
 
     def close(self) -> None:
@@ -126,17 +126,17 @@ class SerialSender:
 
 
 class PtySender:
-    """A pseudo-terminal: we hold one end, the receiver opens the other like a serial device.
+    """Sender on a pseudo-terminal, whose other end a receiver opens like a serial device.
 
-    As on a real line, bytes sent while nobody has the other end open are gone (`unsent`).
+    As on a real line, bytes sent while no receiver has the other end open are lost (`unsent`).
 
     Parameters
     ----------
-    link : where to place a symbolic link to the device, so that its name is known beforehand; none if None.
+    link : path of a symbolic link to the device, so that its name is known beforehand; none if None.
 
     Attributes
     ----------
-    device : path of the end to open, e.g. ``/dev/pts/3``; known after `open`.
+    device : path of the receiver's end, e.g. ``/dev/pts/3``; known after `open`.
     """
 
     def __init__(self, source: str, link: str | None = None):
@@ -150,11 +150,11 @@ class PtySender:
         self._poll = poll()
 
     def open(self) -> None:
-        """Make the pseudo-terminal and the link."""
+        """Create the pseudo-terminal and the link."""
         master, slave = os.openpty()
         tty.setraw(slave)
         self.device = os.ttyname(slave)
-        os.close(slave)  # from here on POLLHUP says that nobody has the other end open
+        os.close(slave)  # from now on POLLHUP means that no process has the other end open
         os.set_blocking(master, False)
         if self._link is not None:
             if self._link.is_symlink():
@@ -167,11 +167,11 @@ class PtySender:
 
     @property
     def has_reader(self) -> bool:
-        """Whether somebody has the other end open."""
+        """Whether a process has the other end open."""
         return not any(events & POLLHUP for _, events in self._poll.poll(0))
 
     def send(self, frames: Frames) -> None:
-        """Send the bytes; waits up to a second for a reader that is slow."""
+        """Send the bytes, waiting up to a second for a slow reader."""
         remaining = memoryview(frames.data.tobytes())
         until = time.monotonic() + _PATIENCE
         while remaining:
@@ -189,11 +189,11 @@ class PtySender:
             self.unsent += int((frames.offset[1:] > sent + frames.offset[0]).sum())
 
     def has_room(self) -> bool:
-        """Always: `send` itself waits for the reader."""
+        """True: `send` itself waits for the reader."""
         return True
 
     def close(self) -> None:
-        """Hang up, and remove the link."""
+        """Close the pseudo-terminal, and remove the link."""
         if self._master >= 0:
             os.close(self._master)
             self._master = -1

@@ -1,4 +1,4 @@
-"""What the receivers on datagram sockets share: kernel stamps, kernel drop counts, large receive buffers."""
+"""Base of the receivers on datagram sockets: kernel stamps, kernel drop counts, large receive buffers."""
 
 from __future__ import annotations
 
@@ -20,24 +20,27 @@ _DROPS = 8  # index of SK_MEMINFO_DROPS
 _TIMESPEC = struct.Struct("@qq")
 _LARGEST = 65_536  # bytes; the largest datagram
 RECEIVE_BUFFER = 8 << 20
-"""Receive buffer asked for [bytes]. Small datagrams cost some 800 bytes each, so this holds about 1.3 s of a full rig;
-the system's default loses frames from 10,000 frames/s on."""
+"""Size requested for the receive buffer [bytes].
+
+Small datagrams cost some 800 bytes each, so that it holds about 1.3 s of a full rig; the system's default loses frames
+above 10,000 frames/s."""
 GATHER = 0.005
-"""Pause between the first frame of a batch and reading the batch [s]. The kernel has stamped the frames already, so
-nothing is lost by waking once for many."""
-_BATCH = 4096  # frames read before the loop gives the others a turn
+"""Pause between the first frame of a batch and reading the batch [s].
+
+The kernel has stamped the frames already, so that one wake-up for many costs no accuracy."""
+_BATCH = 4096  # frames read before other threads get a turn
 
 Unpack = Callable[[bytes], tuple[int, bytes] | None]
-"""One datagram → (CAN id, payload); None for what is no data frame, ValueError for what is no frame at all."""
+"""One datagram → (CAN id, payload); None for other than data frames, ValueError for no frame at all."""
 
 
 def enlarge_buffer(sock: socket.socket, wanted: int = RECEIVE_BUFFER) -> str | None:
-    """Raise the receive buffer to `wanted` [bytes], read it back, and return a warning when it was clipped."""
+    """Enlarge the receive buffer to `wanted` [bytes], read it back, and return a warning where it was limited."""
     try:
         sock.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, wanted)
     except OSError:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, wanted)
-    got = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles what it is asked for
+    got = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF) // 2  # the kernel doubles the size requested
     if got >= wanted:
         return None
     return (
@@ -47,10 +50,10 @@ def enlarge_buffer(sock: socket.socket, wanted: int = RECEIVE_BUFFER) -> str | N
 
 
 def kernel_drops(sock: socket.socket) -> int:
-    """Datagrams the kernel dropped because this socket's receive buffer was full.
+    """Number of datagrams that the kernel dropped because this socket's receive buffer was full.
 
-    The same counter that SO_RXQ_OVFL attaches to frames, read directly: that option says nothing of the frames lost
-    after the last one that arrived.
+    The counter that SO_RXQ_OVFL attaches to frames, read directly: that option does not report frames lost after the
+    last one received.
     """
     try:
         data = sock.getsockopt(socket.SOL_SOCKET, SO_MEMINFO, 64)
@@ -62,11 +65,11 @@ def kernel_drops(sock: socket.socket) -> int:
 
 @cache
 def switch_stamps_on() -> socket.socket:
-    """Make the kernel stamp what arrives, from now until this process ends.
+    """A socket that makes the kernel stamp datagrams on arrival, from now until this process ends.
 
-    The kernel switches stamping on with the first socket that asks, but a moment later: what arrives in between is
-    stamped when it is read, tens of milliseconds late and after younger frames. A socket that receives nothing
-    therefore asks first.
+    The kernel switches stamping on with the first socket that requests it, but with a delay: datagrams in between are
+    stamped when they are read, tens of milliseconds late and after younger ones. A socket that receives nothing
+    therefore requests it first.
     """
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
@@ -75,7 +78,7 @@ def switch_stamps_on() -> socket.socket:
 
 
 class SocketReceiver:
-    """A receiver on a datagram socket; `connect` makes the socket, `unpack` reads one datagram.
+    """Receiver on a datagram socket; `connect` opens the socket, `unpack` parses one datagram.
 
     Attributes
     ----------
@@ -93,7 +96,7 @@ class SocketReceiver:
         self._failed: OSError | None = None
 
     def open(self) -> None:
-        """Open the wire; OSError when it is not there."""
+        """Open the wire. Raises OSError when it is absent."""
         switch_stamps_on()
         sock = self._connect()
         try:
@@ -103,7 +106,7 @@ class SocketReceiver:
             sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
             sock.setblocking(False)
             error = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
-            if error:  # a CAN interface that exists but is down says so here
+            if error:  # a CAN interface that exists but is down reports it here
                 raise OSError(error, f"{self.source} is not up")
         except OSError:
             sock.close()
@@ -113,7 +116,7 @@ class SocketReceiver:
         self._poll.register(sock, POLLIN)
 
     def read(self, timeout: float) -> Frames:
-        """Frames that came, waiting up to `timeout` [s]; OSError when the link went down."""
+        """Frames received, waiting up to `timeout` [s]. Raises OSError when the link is down."""
         sock = self._socket
         if sock is None:
             raise OSError(f"{self.source} is closed")
@@ -142,7 +145,7 @@ class SocketReceiver:
         except BlockingIOError:
             pass
         except OSError as error:
-            self._failed = error  # hand over what came before the link went down; the next read raises
+            self._failed = error  # frames received before the failure are returned; the next read raises
         return Frames.from_iter(source, rows)
 
     def losses(self) -> dict[str, int]:
@@ -161,7 +164,7 @@ class SocketReceiver:
 
 
 def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """The kernel's receipt stamp, or now [ns since the Unix epoch]."""
+    """The kernel's receipt stamp, or the present time [ns since the Unix epoch]."""
     for level, kind, data in ancillary:
         if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
             seconds, nanoseconds = _TIMESPEC.unpack(data)
@@ -170,9 +173,9 @@ def _stamp(ancillary: list[tuple[int, int, bytes]]) -> int:
 
 
 def waiting_bytes(port: int) -> int | None:
-    """Bytes that wait in the fullest receive buffer among this machine's IPv4 UDP sockets on `port`.
+    """Bytes waiting in the fullest receive buffer of this machine's IPv4 UDP sockets on `port`.
 
-    None when nobody listens or the system does not say.
+    None without such a socket, or where the system does not report it.
     """
     try:
         lines = Path("/proc/net/udp").read_text().splitlines()[1:]

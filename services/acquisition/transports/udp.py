@@ -1,4 +1,4 @@
-"""UDP over IPv4: one datagram is one frame."""
+"""UDP transports over IPv4: one datagram is one frame."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from itertools import pairwise
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.transports.sockets import SocketReceiver, waiting_bytes
 
-_ROOM = 256 << 10  # bytes waiting at a receiver below which a sender in a hurry goes on
+_ROOM = 256 << 10  # bytes waiting at a receiver up to which a sender at full speed continues
 
 
 def udp_receiver(source: str, host: str, port: int) -> SocketReceiver:
-    """Receive the datagrams sent to `port` at the address `host` of this machine (0.0.0.0: at any)."""
+    """Receiver of the datagrams sent to `port` at the address `host` of this machine (0.0.0.0: at any)."""
 
     def connect() -> socket.socket:
         sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -27,7 +27,7 @@ def udp_receiver(source: str, host: str, port: int) -> SocketReceiver:
 
 
 class UdpSender:
-    """Send each frame as one datagram to `host`:`port`; a datagram refused because nobody listens is `unsent`."""
+    """Sender of each frame as one datagram to `host`:`port`; datagrams refused for want of a receiver are `unsent`."""
 
     def __init__(self, source: str, host: str, port: int):
         self.source = source
@@ -49,11 +49,11 @@ class UdpSender:
         for first, last in pairwise(offset):
             try:
                 self._socket.send(data[first:last])
-            except OSError:  # the answer "port unreachable" to an earlier datagram: that one is lost, this one unsent
+            except OSError:  # "port unreachable", in reply to an earlier datagram: that one is lost, this one unsent
                 self.unsent += 1
 
     def has_room(self) -> bool:
-        """Whether a listener on this machine has read nearly everything so far."""
+        """Whether a receiver on this machine has read nearly everything so far."""
         return (waiting_bytes(self._to[1]) or 0) < _ROOM
 
     def close(self) -> None:
