@@ -279,7 +279,7 @@ def _geometry(corner: Corner, signals: Signals, road: Road, q: Array, qd: Array,
         (camber, camber_rate, camber_accel),
         tabled(4, 0.0),
         (kingpin, slope * steer_rate, slope * steer_accel + curvature * steer_rate**2),
-        # The wheel is a balanced body of revolution: its angle has no influence and is left at zero.
+        # The wheel is a balanced body of revolution: its angle has no influence and stays zero.
         (zero, spin, spin_accel),
     )
     for k, (position, velocity, acceleration) in enumerate(joints):

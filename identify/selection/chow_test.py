@@ -79,7 +79,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
     kept = np.arange(len(inside.nuisance))
     if (
         without_tolerance := space.tried[c.key].without_tolerance
-    ) is not None:  # what stands for a fault does not excuse it
+    ) is not None:  # a fault is tested without its own tolerance
         kept = np.setdiff1d(kept, without_tolerance.own)
     sheet, drawn = inside.nuisance[kept[model:]], space.columns.drawn[kept[model:] - model]
     fresh = {

@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     from threadpoolctl import threadpool_limits  # imported here, so that `lacet --help` is fast
 
     try:
-        # Matrices are small: more threads gain nothing (measured), and other cores are left to the recorder.
+        # Matrices are small: more threads gain nothing (measured), and other cores stay free for the recorder.
         with threadpool_limits(1), contextlib.ExitStack() as stack:
             if args.json == "-":  # standard output is for the result only, text for people goes to standard error
                 args.json = sys.stdout

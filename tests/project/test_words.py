@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import ast
+import io
 import itertools
 import re
+import tokenize
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -121,9 +123,26 @@ def identifiers(node: ast.AST) -> Iterator[str]:
             yield value
 
 
+def comments(source: str) -> Iterator[tuple[int, str]]:
+    """Comments of a module with the line of each; whole lines that follow each other are one text."""
+    found: list[tuple[int, str]] = []
+    last = -1
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type != tokenize.COMMENT:
+            continue
+        line, whole = token.start[0], token.line.lstrip().startswith("#")
+        if whole and line == last + 1:
+            first, text = found.pop()
+            found.append((first, f"{text} {token.string.lstrip('# ')}"))
+        else:
+            found.append((line, token.string))
+        last = line if whole else -1
+    yield from found
+
+
 def faults_in_python(source: str) -> list[str]:
-    """Old words in the identifiers, docstrings and messages of a module, with their lines."""
-    out: list[str] = []
+    """Old words in the identifiers, docstrings, messages and comments of a module, with their lines."""
+    out = [f"{line}: “{found}”" for line, text in comments(source) for found in bad_words(text)]
     lines = source.splitlines()
 
     def walk(node: ast.AST, around: str, within: str) -> None:
@@ -198,6 +217,8 @@ def test_pages_speak_the_field_s_terms():
         "def f():\n    '''What is left of the residual.'''",
         "x.taken_up = 1",
         "parts.pull = 0",
+        "x = 1  # what the sheet takes up",
+        "# so that nothing is\n# left of it\nx = 1",
     ],
 )
 def test_an_old_word_would_be_found(source):
@@ -214,6 +235,7 @@ def test_an_old_word_would_be_found(source):
         "x['told'] = 1",
         "temperature = 20.0",
         "print('effects that cannot be told apart on these runs')",
+        "x = 1  # all that there is\n# left wheels first\n",
     ],
 )
 def test_a_word_in_its_plain_meaning_is_none(source):
