@@ -46,7 +46,7 @@ _NAMES = {
     "lacet.services.library.rankings": ("Ranking", "rank"),
     "lacet.services.library.runs": ("LoadingWarning", "Runs", "load_runs"),
     "lacet.services.workspace.loading": ("load_chain",),
-    "lacet.services.workspace.session": ("Work",),
+    "lacet.services.workspace.session": ("Session",),
     "lacet.services.workspace.study": ("Study", "Version"),
 }
 _MODULE_OF = {name: module for module, names in _NAMES.items() for name in names}

@@ -32,7 +32,7 @@ from lacet.services.library.runs import LoadingWarning as LoadingWarning
 from lacet.services.library.runs import Runs as Runs
 from lacet.services.library.runs import load_runs as load_runs
 from lacet.services.workspace.loading import load_chain as load_chain
-from lacet.services.workspace.session import Work as Work
+from lacet.services.workspace.session import Session as Session
 from lacet.services.workspace.study import Study as Study
 from lacet.services.workspace.study import Version as Version
 
@@ -57,13 +57,13 @@ __all__ = [
     "Run",
     "Runs",
     "SensorFault",
+    "Session",
     "Study",
     "SuspensionForce",
     "TyreForce",
     "UsageError",
     "Vehicle",
     "Version",
-    "Work",
     "add",
     "base_model",
     "base_parameters",

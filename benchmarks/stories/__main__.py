@@ -16,7 +16,7 @@ from benchmarks.stories.page import STORIES, play, steps
 from lacet.identify.validation.restoring_force import restoring_surfaces
 from lacet.services.render.figures.failure_plots import surface_figure
 from lacet.services.render.figures.study_plots import fall_figure, png
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 IMAGES = STORIES.parent / "images" / "stories"
@@ -34,7 +34,7 @@ def fall() -> Figure:
 def surface() -> Figure:
     """Restoring-force surfaces of the base model's error."""
     study = Study.open(Path("groove")).go_to(1)
-    return surface_figure(restoring_surfaces(Work(study).fitted(study.version())))
+    return surface_figure(restoring_surfaces(Session(study).fitted(study.version())))
 
 
 PICTURES: Mapping[str, tuple[str, Callable[[], Figure]]] = {

@@ -14,7 +14,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.results import change_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "add an effect to the model and see the error fall"
@@ -51,12 +51,12 @@ def run(args: argparse.Namespace) -> int:
     if key is None:
         raise UsageError("name an effect, or give --best")
     with Line() as line:
-        work = Work(study, line.progress)
-        known = work.study.effects(work.loaded.reference)
+        session = Session(study, line.progress)
+        known = session.study.effects(session.loaded.reference)
         effect = find_effect(key, known)
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()
-        after = work.add(key, shape or None)
+        after = session.add(key, shape or None)
     item = change_result(key, before.result["rows"], after.result["rows"])
     print_change(item)
     names = {p.name for p in effect.parameters}
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     for p in after.result["not_identifiable"]:
         if p["name"] in names:
             print(f"  {p['name']}: not identifiable: {p['why']}")
-    print("\n" + tables.history(work.study.versions()))
+    print("\n" + tables.history(session.study.versions()))
     write_result(args.json, "add", {"version": after.number, **item})
     return DONE
 

@@ -13,7 +13,7 @@ from lacet.services.render import tables
 from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
 from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.workspace.results import scores
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "compare the model with the measurement, row by row"
@@ -41,14 +41,14 @@ def run(args: argparse.Namespace) -> int:
     version = study.version(args.version)
     pictures: list[Path] = []
     with Line() as line:
-        work = Work(study, line.progress)
-        used = work.comparisons(version, held=False)
-        held = work.comparisons(version, held=True)
+        session = Session(study, line.progress)
+        used = session.comparisons(version, held=False)
+        held = session.comparisons(version, held=True)
         if not args.no_pictures:
             line.show("drawing")
             for part in (*used, *held):
                 pictures += draw_comparison(part, study.folder / "pictures", f"{part.name}-v{version.number}")
-            curves = damper_curves(work.fitted(version), work.knowledge(version))
+            curves = damper_curves(session.fitted(version), session.knowledge(version))
             pictures += draw_dampers(curves, study.folder / "pictures", f"dampers-v{version.number}")
     not_judged = [line for part in held for line in rows_not_judged(part)]
     result = {

@@ -26,7 +26,7 @@ from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "the whole chain on committed captures: wires, log, bus, worker, fit, missing effects, report"
@@ -71,8 +71,8 @@ def run(args: argparse.Namespace) -> int:
     first = open_run(used[0])
     study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
     with Line() as line:
-        work = Work(study, line.progress)
-        version = work.record({}, "base model")
+        session = Session(study, line.progress)
+        version = session.record({}, "base model")
         rows = version.result["rows"]
         where, ratio = worst_row(rows["used"])
         failing = failing_rows(rows["used"])
@@ -88,13 +88,13 @@ def run(args: argparse.Namespace) -> int:
             f"\n3. What is missing? ({args.draws} noise-floor simulations here; a study does {DEFAULT_DRAWS}.)",
             flush=True,
         )
-        added = work.add_missing(
+        added = session.add_missing(
             diagnosed=_show,
             added=print_change,
         ).changes
-        print("4. How the error fell.\n" + tables.history(work.study.versions()), flush=True)
+        print("4. How the error fell.\n" + tables.history(session.study.versions()), flush=True)
         report = out / "report.html"
-        write_report(work, report, in_words(line.notify))
+        write_report(session, report, in_words(line.notify))
     seconds = time.monotonic() - began
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
     print(

@@ -17,7 +17,7 @@ from lacet.services.render import tables
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import MOST_EFFECTS, Work
+from lacet.services.workspace.session import MOST_EFFECTS, Session
 from lacet.services.workspace.study import Study
 
 HELP = "find out which physical effect is missing"
@@ -61,17 +61,17 @@ def run(args: argparse.Namespace) -> int:
         study = study.with_draws(args.draws)
     steps: list[dict[str, Any]] = []
     with Line() as line:
-        work = Work(study, line.progress)
+        session = Session(study, line.progress)
 
         def show(diagnosis: Diagnosis) -> None:
             steps.append(diagnosis_result(diagnosis))
             print_diagnosis(steps[-1], args.most, args.why)
 
-        found = work.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
-        following = _next(args, work, found.last, line.progress)
+        found = session.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
+        following = _next(args, session, found.last, line.progress)
     result = {**steps[-1], **following}
     if args.auto:
-        print(tables.history(work.study.versions()))
+        print(tables.history(session.study.versions()))
     elif result["best"]:
         print(f"\nTo add it: lacet add {study.folder} {result['best']}")
     print(f"\n{next_text(result, args.most) or _hint(found.last, study)}".rstrip())
@@ -79,12 +79,12 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _next(args: argparse.Namespace, work: Work, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
+def _next(args: argparse.Namespace, session: Session, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
     """Entries of the result for ``--next``, ready to print; empty without that option."""
     if args.next is None:
         return {}
     without = [word.strip() for word in args.without.split(",") if word.strip()]
-    found = recommend(work, diagnosis, args.next, without=without, progress=progress)
+    found = recommend(session, diagnosis, args.next, without=without, progress=progress)
     return {"next": next_result(found) if found else None}
 
 

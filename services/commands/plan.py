@@ -33,7 +33,7 @@ from lacet.services.planning.simulated_plans import (
 )
 from lacet.services.render import tables
 from lacet.services.workspace.loading import default_filters, load
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from lacet.simulate import MANOEUVRES
 from lacet.simulate.engine import engine_library
@@ -145,9 +145,9 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         if args.rig or args.vehicle or args.cutoff or args.add:
             raise UsageError("a study has its own rig, vehicle, cut-off and effects: leave those options away")
         study = Study.open(given[0])
-        work = Work(study, line.progress)
+        session = Session(study, line.progress)
         version = study.version()
-        fitted, loaded = work.fitted(version), work.loaded
+        fitted, loaded = session.fitted(version), session.loaded
         return _Start(
             fitted, fitted.model, loaded.vehicle, loaded.rig, study.filters, loaded.reference, loaded.prepared,
             (study.folder / "rig.toml", study.folder / "vehicle.toml"), args.keep or study.folder / "planned",

@@ -10,7 +10,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.verdicts import print_change
 from lacet.services.workspace.results import change_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "take an effect out of the model again"
@@ -32,10 +32,10 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     before = study.version()
     with Line() as line:
-        work = Work(study, line.progress)
-        after = work.remove(args.effect)
+        session = Session(study, line.progress)
+        after = session.remove(args.effect)
     item = change_result(args.effect, before.result["rows"], after.result["rows"])
     print_change(item, "Removed")
-    print(tables.history(work.study.versions()))
+    print(tables.history(session.study.versions()))
     write_result(args.json, "remove", {"version": after.number, **item})
     return DONE

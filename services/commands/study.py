@@ -15,7 +15,7 @@ from lacet.services.render import tables
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import study_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "make a study, and see how the error fell"
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"  present version: {study.current}")
     if args.report:
         with Line() as line:
-            write_report(Work(study, line.progress), args.report, line.progress)
+            write_report(Session(study, line.progress), args.report, line.progress)
         print(f"report: {args.report}")
     write_result(args.json, "study", {**study_result(study), "warnings": list(warnings)})
     return WITH_LOSSES if warnings else DONE
@@ -96,12 +96,12 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     )
     try:
         with Line() as line:
-            work = Work(study, line.progress)
-            work.record({}, "base model")
+            session = Session(study, line.progress)
+            session.record({}, "base model")
     except LacetError:
         if not there:  # an incomplete study would prevent the next attempt
             shutil.rmtree(folder, ignore_errors=True)
         raise
-    for warning in work.loaded.warnings:
+    for warning in session.loaded.warnings:
         print(f"! {warning}")
-    return work.study, work.loaded.warnings
+    return session.study, session.loaded.warnings

@@ -10,7 +10,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.render.failure_report import write_where
 from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.workspace.failure import analyse_version, failure_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
 HELP = "see where the model fails: rows, phases, states, and how much is left to explain"
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line() as line:
-        found = analyse_version(Work(study, line.progress), version, line.progress, args.row, args.only_run)
+        found = analyse_version(Session(study, line.progress), version, line.progress, args.row, args.only_run)
         if args.report:
             line.show("drawing")
             write_where(found, args.report, study.folder.name, version.number, list(version.effects))

@@ -36,7 +36,7 @@ from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorS
 from lacet.services.render.effect_text import not_measured
 from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.render.verdicts import why as why_untested
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.simulate.engine import engine_library
 
 FAULT = 4.0
@@ -96,7 +96,7 @@ class Recommendation:
 
 
 def recommend(
-    work: Work, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
+    session: Session, diagnosis: Diagnosis, names: Sequence[str] = (), limits: Limits | None = None,
     without: Sequence[str] = (), progress: Progress = silent,
 ) -> Recommendation | None:  # fmt: skip
     """The recommendation of the run that separates effects best, over the library of manoeuvres.
@@ -109,7 +109,7 @@ def recommend(
     Returns None when no names are given and nothing is tied. Raises UsageError for effects that are unknown or already
     in the model, and without the simulator.
     """
-    fitted = work.fitted(work.study.version())
+    fitted = session.fitted(session.study.version())
     wanted = list(dict.fromkeys(names or tied(diagnosis)))
     if not wanted:
         return None
@@ -117,7 +117,7 @@ def recommend(
         engine_library()
     except UsageError as missing:
         raise UsageError(f"runs are predicted by simulation: {missing}") from None
-    known = work.study.effects(work.loaded.reference)
+    known = session.study.effects(session.loaded.reference)
     compared, found = _compared(fitted, known, diagnosis, wanted)
     untested = next((c for c in diagnosis.candidates if [c.key] == wanted and not c.tested), None)
     why = why_untested(diagnosis, untested) if untested else ""
@@ -125,13 +125,13 @@ def recommend(
     rig = fitted.runs[0].recording.rig
     question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
     progress(Step(Stage.PRESENT_INFORMATION))
-    present = present_runs(question, work.floor(work.study.version()), diagnosis.noise_ratio)
+    present = present_runs(question, session.floor(session.study.version()), diagnosis.noise_ratio)
     before = Separations(question, present)
     sized = _sized(before, found)
     question = Question(fitted, sized, question.tolerances)
     before = Separations(question, present)
     chosen = limits or Limits()
-    planned, problems = _library(work, fitted, chosen, without, progress)
+    planned, problems = _library(session, fitted, chosen, without, progress)
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         progress(Step(Stage.RUN_INFORMATION, number, len(planned), one.label))
@@ -218,15 +218,15 @@ def ordinary(fitted: Fit, effect: Effect) -> Array:
 
 
 def _library(
-    work: Work, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
+    session: Session, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
 ) -> tuple[list[PlannedRun], list[str]]:
     """The simulated motions of the library, and why some could not be simulated."""
-    loaded = work.loaded
+    loaded = session.loaded
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
     channels = frozenset(name for run in loaded.prepared for name in run.recording.rates)
-    sensors = SensorSetup(loaded.rig, work.study.filters, loaded.prepared[0].recording.rates, channels)
-    return simulated_runs(plans, like, loaded.vehicle, sensors, limits, work.study.folder / "planned", progress)
+    sensors = SensorSetup(loaded.rig, session.study.filters, loaded.prepared[0].recording.rates, channels)
+    return simulated_runs(plans, like, loaded.vehicle, sensors, limits, session.study.folder / "planned", progress)
 
 
 def _judged(

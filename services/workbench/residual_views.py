@@ -55,7 +55,7 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
         of = _row(found, row)
         with cache.computing(WAIT):
             study, number = cache.version(version)
-            floor = cache.work(study, silent).floor(number)
+            floor = cache.session(study, silent).floor(number)
             ready = row_spectrum(found.fitted, floor, of, found.clear)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
@@ -80,8 +80,8 @@ def preview_body(cache: SessionCache, version: int, key: str, run: str, row: str
         raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
     with cache.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
-        work, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
-        drive = next(d for d in (*work.loaded.prepared, *work.held) if d.name == run)
+        session, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
+        drive = next(d for d in (*session.loaded.prepared, *session.held) if d.name == run)
         after = beside.residual(drive, part)
     now = part.residual(row)
     rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))

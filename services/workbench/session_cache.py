@@ -1,4 +1,4 @@
-"""Cache of the server between requests: the open study, and the computations of each version.
+"""Cache of the server between requests: sessions of the study, and the results computed for each version.
 
 The study's folder is authoritative: it is read again for every request. Cached results belong to one state of the files
 (`Stamp`), and are dropped when these have changed.
@@ -30,13 +30,13 @@ from lacet.services.render.rows import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
 from lacet.services.workspace.failure import analyse_version, failure_result
 from lacet.services.workspace.results import scores
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study, Version
 
 WAIT = 2.0
 """Longest time that a short request waits for a job to end [s]."""
-WORKS = 2
-"""Number of choices of runs whose motions are kept in memory."""
+SESSIONS = 2
+"""Number of sessions, one for each choice of runs, whose motions are kept in memory."""
 PREVIEWS = 50
 """Number of one-step updates kept for each version."""
 VERSIONS = 8
@@ -66,7 +66,7 @@ class Compared:
 
 
 class SessionCache:
-    """Cache of the study of one folder, which may not exist yet.
+    """Cache of the sessions of one folder's study, which may not exist yet, and of their results.
 
     `compute` is the lock of every computation on motions, held by the running job.
     """
@@ -74,7 +74,7 @@ class SessionCache:
     def __init__(self, folder: Path):
         self.folder = folder
         self._compute = threading.Lock()
-        self._works: OrderedDict[tuple[object, ...], Work] = OrderedDict()
+        self._sessions: OrderedDict[tuple[object, ...], Session] = OrderedDict()
         self._compared: OrderedDict[int, Compared] = OrderedDict()
         self._where: OrderedDict[int, tuple[Stamp, FailureAnalysis, Mapping[str, Any]]] = OrderedDict()
         self._previews: OrderedDict[tuple[object, ...], Preview] = OrderedDict()
@@ -112,24 +112,24 @@ class SessionCache:
         finally:
             self._compute.release()
 
-    def work(self, study: Study, progress: Progress) -> Work:
-        """The study with its runs read; read anew when a run, the rig or the vehicle has changed on disk."""
+    def session(self, study: Study, progress: Progress) -> Session:
+        """The session of the study; a new one when a run, the rig or the vehicle has changed on disk."""
         key = (study.used, study.held, study.filters, study.draws, stamp_of(study))
-        work = self._works.pop(key, None)
-        if work is None:
-            work = Work(study, progress)
+        session = self._sessions.pop(key, None)
+        if session is None:
+            session = Session(study, progress)
         # After another writer's changes results stay valid: they are by version, and versions never change.
-        if work.study.current != study.current or work.study.before != study.before:
-            work.study = study
-        work.progress = progress
-        self._works[key] = work
-        while len(self._works) > WORKS:
-            self._works.popitem(last=False)
-        return work
+        if session.study.current != study.current or session.study.before != study.before:
+            session.study = study
+        session.progress = progress
+        self._sessions[key] = session
+        while len(self._sessions) > SESSIONS:
+            self._sessions.popitem(last=False)
+        return session
 
-    def drop(self, work: Work) -> None:
-        """Let go of a study at work that may be half done."""
-        self._works = OrderedDict((key, one) for key, one in self._works.items() if one is not work)
+    def drop(self, session: Session) -> None:
+        """Drop a session that may be in an inconsistent state."""
+        self._sessions = OrderedDict((key, one) for key, one in self._sessions.items() if one is not session)
 
     def compare(self, number: int | None, progress: Progress) -> Compared:
         """Comparison of a version with its runs, computed and cached."""
@@ -137,16 +137,16 @@ class SessionCache:
         kept = self._compared.get(version.number)
         stamp = stamp_of(study)
         if kept is None or kept.stamp != stamp:
-            work = self.work(study, progress)
+            session = self.session(study, progress)
             progress(Step(Stage.COMPARING, version=version.number))
-            fitted = work.fitted(version)
-            pairs = work.pairs(version)
+            fitted = session.fitted(version)
+            pairs = session.pairs(version)
             progress(Step(Stage.CONTRIBUTIONS))
             shares = tuple(shares_of(fitted, run, part) for part, run in pairs)
             progress(Step(Stage.MANOEUVRE_PHASES))
             phases = tuple(phases_of(run.motion) for _, run in pairs)
             parts = tuple(part for part, _ in pairs)
-            kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, work))
+            kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, session))
         _keep(self._compared, version.number, kept)
         return kept
 
@@ -156,21 +156,21 @@ class SessionCache:
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp:
-            found = analyse_version(self.work(study, progress), version, progress)
+            found = analyse_version(self.session(study, progress), version, progress)
             kept = stamp, found, failure_result(version, found)
         _keep(self._where, version.number, kept)
         return kept[1]
 
-    def preview(self, number: int, effect: Effect, progress: Progress) -> tuple[Work, Preview]:
+    def preview(self, number: int, effect: Effect, progress: Progress) -> tuple[Session, Preview]:
         """One-step update of a version by one more effect; to be called while `computing`."""
         study, version = self.version(number)
-        work = self.work(study, progress)
+        session = self.session(study, progress)
         key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
         if key not in self._previews:
-            self._previews[key] = preview(work.fitted(version), effect)
+            self._previews[key] = preview(session.fitted(version), effect)
             while len(self._previews) > PREVIEWS:
                 self._previews.popitem(last=False)
-        return work, self._previews[key]
+        return session, self._previews[key]
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Cache a ranking, on which the recommendation of the next run is based."""
@@ -201,10 +201,12 @@ class SessionCache:
         return kept[1] if kept and kept[0] == stamp_of(study) else None
 
 
-def compare_payload(version: Version, parts: tuple[Comparison, ...], work: Work) -> dict[str, Any]:
+def compare_payload(version: Version, parts: tuple[Comparison, ...], session: Session) -> dict[str, Any]:
     """Scores of every row of every run, as in the result of ``lacet compare``."""
     used, held = scores([p for p in parts if p.used]), scores([p for p in parts if not p.used])
-    seconds = {run.name: float(run.recording.t[-1] - run.recording.t[0]) for run in (*work.loaded.prepared, *work.held)}
+    seconds = {
+        run.name: float(run.recording.t[-1] - run.recording.t[0]) for run in (*session.loaded.prepared, *session.held)
+    }
     return plain(
         {
             "version": version.number,

@@ -19,7 +19,7 @@ from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import change_result, diagnosis_result, study_result
-from lacet.services.workspace.session import MOST_EFFECTS, Work
+from lacet.services.workspace.session import MOST_EFFECTS, Session
 from lacet.services.workspace.study import Study
 
 REPORT = "report.html"
@@ -66,9 +66,9 @@ class Tasks:
             return self._make(used, held, teller)
         study = self.cache.study
         version = study.version()
-        work = self.cache.work(study.with_runs(used, held), teller.progress)
-        after = work.record(version.effects, f"runs chosen anew: {_named(used)}; held out {_named(held) or 'none'}")
-        return self._shown(work, after.number, teller)
+        session = self.cache.session(study.with_runs(used, held), teller.progress)
+        after = session.record(version.effects, f"runs chosen anew: {_named(used)}; held out {_named(held) or 'none'}")
+        return self._shown(session, after.number, teller)
 
     def _make(self, used: list[Path], held: list[Path], teller: JobProgress) -> dict[str, Any]:
         folder = self.cache.folder
@@ -79,15 +79,15 @@ class Tasks:
         (folder / "study.json").unlink(missing_ok=True)  # of a study whose creation was interrupted: it has no version
         study = Study.create(folder, used, held, rig, vehicle, draws=self.draws)
         try:
-            work = self.cache.work(study, teller.progress)
-            version = work.record({}, "base model")
+            session = self.cache.session(study, teller.progress)
+            version = session.record({}, "base model")
         except BaseException:  # an incomplete study would prevent the next attempt
             (folder / "study.json").unlink(missing_ok=True)
             for name, before in there.items():
                 if not before:
                     (folder / name).unlink(missing_ok=True)
             raise
-        return self._shown(work, version.number, teller)
+        return self._shown(session, version.number, teller)
 
     def decode(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Decode a raw capture in the study's folder of captures into a run."""
@@ -119,33 +119,33 @@ class Tasks:
         study = self.cache.study
         if study.draws < LEAST_DRAWS:
             raise UsageError(f"the study simulates {study.draws} runs of noise; at least {LEAST_DRAWS} are needed")
-        work = self.cache.work(study, teller.progress)
+        session = self.cache.session(study, teller.progress)
         auto = bool(args.get("auto"))
-        found = work.add_missing(
+        found = session.add_missing(
             MOST_EFFECTS if auto else 0,
-            lambda diagnosis: self.cache.keep_diagnosis(work.study.current, work.study, diagnosis),
+            lambda diagnosis: self.cache.keep_diagnosis(session.study.current, session.study, diagnosis),
         )  # fmt: skip
         steps = [diagnosis_result(diagnosis) for diagnosis in found.diagnoses]
-        self.cache.compare(work.study.current, teller.progress)
-        return {**steps[-1], "version": work.study.current, "auto": auto, "added": found.changes, "steps": steps}
+        self.cache.compare(session.study.current, teller.progress)
+        return {**steps[-1], "version": session.study.current, "auto": auto, "added": found.changes, "steps": steps}
 
     def next(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Recommend the run to drive next."""
         study = self.cache.study
-        work = self.cache.work(study, teller.progress)
+        session = self.cache.session(study, teller.progress)
         diagnosis = self.cache.diagnosis(study.current)
         if diagnosis is None:
-            diagnosis = work.diagnose()
+            diagnosis = session.diagnose()
             self.cache.keep_diagnosis(study.current, study, diagnosis)
         found = recommend(
-            work, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
+            session, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
         )
         return {"next": next_result(found) if found else None}
 
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Write the report into the study's folder."""
         file = self.cache.folder / REPORT
-        write_report(self.cache.work(self.cache.study, teller.progress), file, teller.progress)
+        write_report(self.cache.session(self.cache.study, teller.progress), file, teller.progress)
         return {"report": REPORT, "bytes": file.stat().st_size}
 
     # -- the model ----------------------------------------------------------------------------------------------------
@@ -158,20 +158,20 @@ class Tasks:
             isinstance(shape, dict) and all(isinstance(v, int | float) for v in shape.values())
         ):
             raise UsageError("shape: numbers by name")
-        return self._changed(key, teller, lambda work: work.add(key, shape or None))
+        return self._changed(key, teller, lambda session: session.add(key, shape or None))
 
     def remove(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Remove an effect from the present version."""
         key = _effect(args)
-        return self._changed(key, teller, lambda work: work.remove(key))
+        return self._changed(key, teller, lambda session: session.remove(key))
 
     def _changed(self, key: str, teller: JobProgress, change: Any) -> dict[str, Any]:
         study = self.cache.study
-        work = self.cache.work(study, teller.progress)
+        session = self.cache.session(study, teller.progress)
         before = study.version()
-        after = change(work)
+        after = change(session)
         item = change_result(key, before.result["rows"], after.result["rows"])
-        self._shown(work, after.number, teller)
+        self._shown(session, after.number, teller)
         return {"version": after.number, **item}
 
     def undo(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, object]:
@@ -189,10 +189,10 @@ class Tasks:
             raise UsageError("name a version")
         return study_result(self.cache.study.go_to(number))
 
-    def _shown(self, work: Work, number: int, teller: JobProgress) -> dict[str, Any]:
+    def _shown(self, session: Session, number: int, teller: JobProgress) -> dict[str, Any]:
         """The new version's comparison, computed at once, as the page will ask for it."""
         self.cache.compare(number, teller.progress)
-        return {"version": number, "warnings": list(work.loaded.warnings)}
+        return {"version": number, "warnings": list(session.loaded.warnings)}
 
 
 def _dropped(find: Callable[[Run, Path | None], Found], run: Run, file: Path) -> Found:

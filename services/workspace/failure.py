@@ -12,23 +12,23 @@ from lacet.identify.progress import Progress
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
 from lacet.services.render.failure_text import failure_sentences
 from lacet.services.render.rows import explainable
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Version
 
 
 def analyse_version(
-    work: Work, version: Version, progress: Progress | None = None, row: str = "", run: str = ""
+    session: Session, version: Version, progress: Progress | None = None, row: str = "", run: str = ""
 ) -> FailureAnalysis:
     """The failure analysis of a version, in all rows and runs or in those asked for.
 
     Raises UsageError for an unknown row or run.
     """
-    progress = progress or work.progress
-    fitted = work.fitted(version)
+    progress = progress or session.progress
+    fitted = session.fitted(version)
     chosen = next((one for one in fitted.rows if one == row), None)
     if row and chosen is None:
         raise UsageError(f"no row {row} in these runs{nearest(row, fitted.rows)}: {', '.join(fitted.rows)}")
-    pairs = work.pairs(version)
+    pairs = session.pairs(version)
     if run:
         names = [part.name for part, _ in pairs]
         if run not in names:
@@ -36,7 +36,7 @@ def analyse_version(
         pairs = [(part, drive) for part, drive in pairs if part.name == run]
     parts = [part for part, _ in pairs]
     phases = [phases_of(drive.motion) for _, drive in pairs]
-    floor = work.floor(version, progress)
+    floor = session.floor(version, progress)
     return analyse_failure(fitted, floor, parts, phases, chosen, progress)
 
 

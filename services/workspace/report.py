@@ -9,18 +9,18 @@ from lacet.identify.properties.derived import damper_curves
 from lacet.services.render import study_sections as sections
 from lacet.services.render.html import page
 from lacet.services.workspace.failure import analyse_version
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 
 
-def write_report(work: Work, file: Path, progress: Progress = silent) -> None:
+def write_report(session: Session, file: Path, progress: Progress = silent) -> None:
     """Write the report of a study: fall of the error, failure analysis, missing effects, parameters."""
-    study = work.study
+    study = session.study
     versions = study.versions()
     now, first = study.version(), versions[0]
     progress(Step(Stage.COMPARING_FOR_REPORT))
-    after = {kind: work.comparisons(now, held=kind == "held") for kind in ("used", "held")}
+    after = {kind: session.comparisons(now, held=kind == "held") for kind in ("used", "held")}
     before = after if first.number == now.number else {
-        kind: work.comparisons(first, held=kind == "held") for kind in ("used", "held")
+        kind: session.comparisons(first, held=kind == "held") for kind in ("used", "held")
     }  # fmt: skip
     progress(Step(Stage.DRAWING_REPORT))
     diagnosis = study.diagnosis()
@@ -28,14 +28,14 @@ def write_report(work: Work, file: Path, progress: Progress = silent) -> None:
         sections.head(versions[0], now, len(study.used), len(study.held), diagnosis),
         sections.error_falls(versions),
     ]
-    failing = analyse_version(work, first, progress)
+    failing = analyse_version(session, first, progress)
     progress(Step(Stage.DRAWING_FIRST_FAILURE))
     pieces = sections.base_model_fails(failing)
     if now.number != first.number:
-        later = analyse_version(work, now, progress)
+        later = analyse_version(session, now, progress)
         progress(Step(Stage.DRAWING_PRESENT_FAILURE))
         pieces += sections.present_model_fails(now, failing.worst[0], before["used"], after["used"], later)
-    curves = damper_curves(work.fitted(now), work.knowledge(now)) if now.result.get("derived") else {}
+    curves = damper_curves(session.fitted(now), session.knowledge(now)) if now.result.get("derived") else {}
     found = {v.number: study.diagnosis(v.number) for v in versions}
     parts += [
         sections.where_it_fails(pieces),

@@ -1,4 +1,4 @@
-"""The work behind identify, compare, diagnose and add: fit, score, rank, and the results as plain data."""
+"""Session of a study, behind identify, compare, diagnose and add: fits, scores, rankings, and results as plain data."""
 
 from __future__ import annotations
 
@@ -61,13 +61,13 @@ class Search:
         return self.diagnoses[-1]
 
 
-class Work:
-    """An open study: its runs, loaded once, and its versions' fits, made when first used and kept.
+class Session:
+    """A session on a study: its runs, loaded once, and the fits of its versions, made when first used and kept.
 
     Examples
     --------
     >>> study = lacet.Study.create(Path("work"), [Path("tests/data/car/sine.parquet")], [], runs.rig, runs.vehicle)
-    >>> lacet.Work(study).record({}, "base model").number
+    >>> lacet.Session(study).record({}, "base model").number
     1
     """
 

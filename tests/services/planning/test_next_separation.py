@@ -16,7 +16,7 @@ from lacet.services.commands.__main__ import main
 from lacet.services.planning.manoeuvre_library import KMH, Limits
 from lacet.services.planning.separation import ORDINARY, next_result, recommend, tied, untestable
 from lacet.services.render.separation_report import hint, next_text
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
 from tests.support.tables import FILES, piece, written
@@ -91,7 +91,7 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
     monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
     nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
-    shown = recommend(Work(Study.open(study)), nothing, ["tyre_damping.front"])
+    shown = recommend(Session(Study.open(study)), nothing, ["tyre_damping.front"])
     assert shown is not None
     alone = next_result(shown)
     assert alone["says"] in next_text({"next": alone}, 8)
@@ -105,12 +105,12 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
 
 
 def test_what_cannot_be_asked_is_refused(study: Path, monkeypatch: pytest.MonkeyPatch):
-    work = Work(Study.open(study))
+    session = Session(Study.open(study))
     nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
-    assert recommend(work, nothing) is None
+    assert recommend(session, nothing) is None
     with pytest.raises(UsageError, match="did you mean"):
-        recommend(work, nothing, ["bump_stop.frnt"])
+        recommend(session, nothing, ["bump_stop.frnt"])
     with pytest.raises(UsageError, match="in the model"):
-        recommend(work, nothing, ["spring.fl"])
+        recommend(session, nothing, ["spring.fl"])
     with pytest.raises(UsageError, match="no manoeuvre"):
-        recommend(work, nothing, ["bump_stop.front"], without=["looping"])
+        recommend(session, nothing, ["bump_stop.front"], without=["looping"])

@@ -16,7 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.services.workbench.server import Settings, create_app
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
 from tests.support.tables import CAR, piece, written
@@ -62,7 +62,7 @@ def study_of(folder: Path, seconds: float) -> Path:
     study = Study.create(folder, [runs / "sine.parquet"], [runs / "rough.parquet"], rig, vehicle, draws=DRAWS)
     with pytest.MonkeyPatch.context() as patch:
         make_small(patch)
-        Work(study).record({}, "base model")
+        Session(study).record({}, "base model")
     return folder
 
 

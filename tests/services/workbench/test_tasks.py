@@ -22,7 +22,7 @@ from lacet.services.workbench.folder_watch import state_of
 from lacet.services.workbench.jobs import JobProgress, Jobs
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
 from tests.support.tables import CAR, piece, written
@@ -125,15 +125,15 @@ def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypat
     for name in ("study.json", "versions/001.json"):
         (folder / name).unlink()
     reached, go_on = threading.Event(), threading.Event()
-    record = Work.record
+    record = Session.record
 
-    def slow(self: Work, *args: Any) -> Any:
+    def slow(self: Session, *args: Any) -> Any:
         reached.set()
         assert go_on.wait(20.0)
         self.progress(Step(Stage.SCORING))
         return record(self, *args)
 
-    monkeypatch.setattr(Work, "record", slow)
+    monkeypatch.setattr(Session, "record", slow)
     with TestClient(create_app(Settings(folder)), base_url="http://127.0.0.1:8765") as client:
         page = Page(client)
         number = page.post("study/runs", {"used": ["sine"], "held": []})["id"]
@@ -149,14 +149,14 @@ def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypat
 def test_a_cancelled_job_changes_nothing_and_the_next_goes_on(page: Page, monkeypatch: pytest.MonkeyPatch):
     before = state_of(page.folder)
     reached, go_on = threading.Event(), threading.Event()
-    comparisons = Work.comparisons
+    comparisons = Session.comparisons
 
-    def slow(self: Work, *args: Any, **more: Any) -> Any:
+    def slow(self: Session, *args: Any, **more: Any) -> Any:
         reached.set()
         assert go_on.wait(20.0)
         return comparisons(self, *args, **more)
 
-    monkeypatch.setattr(Work, "comparisons", slow)
+    monkeypatch.setattr(Session, "comparisons", slow)
     first = page.start("add", effect="coulomb.rear")
     waiting = page.start("undo")
     assert reached.wait(20.0)
@@ -230,8 +230,8 @@ def test_runs_are_summed_up_in_words(page: Page):
 
 
 def test_the_report_is_one_file_that_runs_nothing(page: Page, monkeypatch: pytest.MonkeyPatch):
-    def drawn(work: Work, file: Path, _: Any) -> None:  # its pictures take long, and are tested elsewhere
-        file.write_text(html_page(work.study.folder.name, details("more", "text")), encoding="utf-8")
+    def drawn(session: Session, file: Path, _: Any) -> None:  # its pictures take long, and are tested elsewhere
+        file.write_text(html_page(session.study.folder.name, details("more", "text")), encoding="utf-8")
 
     monkeypatch.setattr("lacet.services.workbench.tasks.write_report", drawn)
     assert page.get("export/report.html", 409)["needs"] == "report"

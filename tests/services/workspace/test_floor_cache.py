@@ -22,7 +22,7 @@ from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.floor_cache import KEPT, floor_key, load_floor, load_noise, save_floor
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study, Version
 from tests.identify import cars
 
@@ -83,7 +83,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 def diagnosed(folder: Path) -> str:
     """The diagnosis of a fresh start, as JSON text."""
-    return json.dumps(diagnosis_result(Work(Study.open(folder)).diagnose()), sort_keys=True)
+    return json.dumps(diagnosis_result(Session(Study.open(folder)).diagnose()), sort_keys=True)
 
 
 def test_a_second_diagnosis_simulates_nothing_and_is_the_same(folder: Path, calls: dict[str, int]):

@@ -15,7 +15,7 @@ from lacet.daq.errors import UsageError
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.study_views import study_payload
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.support.tables import CAR
 
@@ -35,7 +35,7 @@ def test_it_opens_and_its_fit_is_the_same(folder: Path):
         (2, "added anti_roll_bar.front", ["anti_roll_bar.front"]),
     ]
     assert (study.diagnosis(1) or {})["best"] == "mybar.front"
-    session = Work(study)
+    session = Session(study)
     version = study.version()
     fitted = session.fitted(version)
     stored = {p["name"]: p["value"] for p in version.result["parameters"]}

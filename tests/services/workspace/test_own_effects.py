@@ -19,7 +19,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.commands.__main__ import main
 from lacet.services.commands.effect import DESCRIPTION
 from lacet.services.workspace.effect_files import load_file
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
 from tests.support.places import HOME
@@ -48,15 +48,15 @@ def test_a_line_is_kept_ranked_added_and_read_again(study: Study, tmp_path: Path
     assert effect(study, "mybar = suspension: k * (travel - travel_other)") == 0
     own = {f"bump.{w}" for w in ("front", "rear", "fl", "fr", "rl", "rr")} | {"mybar.front", "mybar.rear"}
     assert own <= set(study.effects("hub"))
-    work = Work(study)
-    work.record({}, "base model")
-    by_key = {c.key: c for c in work.diagnose().candidates}
+    session = Session(study)
+    session.record({}, "base model")
+    by_key = {c.key: c for c in session.diagnose().candidates}
     assert own <= set(by_key)
     for axle in ("front", "rear"):
         mine, known = by_key[f"mybar.{axle}"], by_key[f"anti_roll_bar.{axle}"]
         assert (mine.drop, mine.gain) == pytest.approx((known.drop, known.gain), rel=1e-9)
         assert mine.values == pytest.approx(known.values, rel=1e-9)
-    version = work.add("bump.front", {"v0": 0.02})
+    version = session.add("bump.front", {"v0": 0.02})
     again = Study.open(study.folder)
     model = again.model(again.version(), "hub")
     found = next(e for e in model.effects if e.key == "bump.front")

@@ -13,7 +13,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.signals.filters import Filters
 from lacet.services.commands.__main__ import main
-from lacet.services.workspace.session import Work
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.support.tables import CAR, FILES, piece, written
 
@@ -146,12 +146,12 @@ def test_a_users_own_effect_is_found_ranked_added_and_taken_out(tmp_path: Path, 
     (folder / "effects" / "mine.py").write_text(OWN, encoding="utf-8")
     own = {"roll_stop.front", "roll_stop.rear", *(f"roll_stop.{c}" for c in ("fl", "fr", "rl", "rr"))}
     assert own <= set(Study.open(folder).effects("hub"))
-    work = Work(Study.open(folder))
-    assert own <= {c.key for c in work.diagnose().candidates}
-    version = work.add("roll_stop.front")
+    session = Session(Study.open(folder))
+    assert own <= {c.key for c in session.diagnose().candidates}
+    version = session.add("roll_stop.front")
     assert list(version.effects) == ["roll_stop.front"]
     names = {p["name"] for part in ("parameters", "not_identifiable") for p in version.result[part]}
     assert "roll_stop.front.k" in names
-    assert work.remove("roll_stop.front").effects == {}
+    assert session.remove("roll_stop.front").effects == {}
     with pytest.raises(UsageError, match="was not added"):
-        work.remove("roll_stop.front")
+        session.remove("roll_stop.front")
