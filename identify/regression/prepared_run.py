@@ -25,7 +25,7 @@ from lacet.identify.signals.reconstruct import Recording, Signals, bring_togethe
 
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
-TOGETHER = 64
+TOGETHER = 8
 """So many series go through the filter at once."""
 
 
@@ -129,7 +129,8 @@ class PreparedRun:
             return
         flat = np.concatenate([series.reshape(-1, series.shape[-1]) for _, _, series in batch])
         moving = np.any(flat, axis=-1)
-        flat[moving] = zero_phase_of(flat[moving], self.recording.filters)
+        if np.any(moving):
+            flat[moving] = zero_phase_of(flat[moving], self.recording.filters)
         start = 0
         for place, row, series in batch:
             stop, keep = start + series[..., 0].size, self.index[row]

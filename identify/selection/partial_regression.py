@@ -53,7 +53,7 @@ class PartialRegression:
         self.gain, self.reduced = self._without(self.total)
         self.noise = at_gain(self.column_noise, nuisance, self.gain)
 
-    @property
+    @cached_property
     def reduced_noisy(self) -> Array:
         """(w, w) reduced normal matrix with the noise in it."""
         return self.reduced + self.noise

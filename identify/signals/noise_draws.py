@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 from scipy.signal import sosfreqz
@@ -23,16 +24,20 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     names = list(channels)
     widths = [CHANNELS[channel].width for channel in names]
     scales = [recording.rig.noise(c) * np.sqrt(filters.rate / recording.rates[c]) for c in names]
-    frequency = np.fft.rfftfreq(n, 1.0 / filters.rate)
-    gain = np.ones(frequency.size)
-    if filters.pre_cutoff is not None:
-        sos = two_pass_sos(filters.pre_cutoff, filters.rate, filters.order)
-        gain = np.abs(sosfreqz(sos, worN=frequency, fs=filters.rate)[1]) ** 2
-    # Drawn in the frequency domain, where the filter is a product and stopped frequencies need no draw.
-    last = int(np.flatnonzero(gain > 1e-6)[-1]) + 1
-    spectrum = np.zeros((sum(widths), frequency.size), complex)
-    drawn = rng.standard_normal((2, sum(widths), last))
-    spectrum[:, :last] = np.sqrt(n / 2.0) * gain[:last] * (drawn[0] + 1j * drawn[1])
+    gain = _passed(filters.pre_cutoff, filters.rate, filters.order, n)
+    # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
+    drawn = rng.standard_normal((2, sum(widths), gain.size))
+    spectrum = np.sqrt(n / 2.0) * gain * (drawn[0] + 1j * drawn[1])
     series = np.fft.irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1)
     parts = np.split(series, np.cumsum(widths)[:-1])
     return dict(zip(names, parts, strict=True))
+
+
+@lru_cache(maxsize=16)
+def _passed(cutoff: float | None, rate: float, order: int, n: int) -> Array:
+    """Gain of the pre-filter at the frequencies of `n` samples, up to the last that it lets pass."""
+    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    if cutoff is None:
+        return np.ones(frequency.size)
+    gain = np.abs(sosfreqz(two_pass_sos(cutoff, rate, order), worN=frequency, fs=rate)[1]) ** 2
+    return gain[: int(np.flatnonzero(gain > 1e-6)[-1]) + 1]

@@ -88,7 +88,8 @@ class RigidBody(PhysicalEffect):
         table = wrench_regressor(*_vectors(self._frame(corner)))
         if self.where.startswith("wheel"):  # fold the ten into the four of a body of revolution
             table = np.stack([table[:, 5], table[:, 0] + table[:, 3], table[:, 8], table[:, 9]], axis=1)
-        return self._rows(corner, table[:3], table[3:])
+        # The inertia tensor's columns come first and have no force.
+        return self._rows(corner, table[:3, 2 if self.where.startswith("wheel") else 6 :], table[3:])
 
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:
         """By Newton and Euler directly, without the regressor."""
@@ -100,25 +101,30 @@ class RigidBody(PhysicalEffect):
             zz, xx, mz, m = values
             values = np.array([xx, 0, 0, xx, 0, zz, 0, 0, mz, m])
         force, moment = wrench(*_vectors(self._frame(corner)), values)
-        return self._rows(corner, force, moment)
+        return {row: series[0] for row, series in self._rows(corner, force[:, None], moment[:, None]).items()}
 
     def _frame(self, corner: CornerMotion) -> FrameMotion:
         return corner.wheel if self.where.startswith("wheel") else corner.axle
 
     def _rows(self, corner: CornerMotion, force: Array, moment: Array) -> dict[str, Array]:
-        """Carry a wrench about the wheel centre, (3, …, N) in the body's frame, to the rows it acts on."""
+        """Rows that wrenches about the wheel centre act on: row → (p, N).
+
+        `moment` (3, p, N) and `force` (3, f, N) in the body's frame; the first p − f wrenches have no force.
+        """
         name = self.where.partition(".")[2]
         spin, dphi_ds = None, corner.dphi_ds
         if self.where.startswith("wheel"):
             to_carrier = car_chain().to_body[self.number - 1]
             force, moment = np.tensordot(to_carrier, force, 1), np.tensordot(to_carrier, moment, 1)
             spin, dphi_ds = moment[1], corner.wheel_dphi_ds
-        both = turned(corner.axes, np.stack([force, moment], axis=1))
-        force, moment = both[:, 0], both[:, 1]
-        centre, dp_ds, dphi_ds = (v if force.ndim == 2 else v[:, None] for v in (corner.centre, corner.dp_ds, dphi_ds))
-        about_origin = moment + cross(centre, force)
-        out = {row: (*force, *about_origin)[k] for k, row in enumerate(_CHASSIS)}
-        out[f"suspension.{name}"] = dot(force, dp_ds) + dot(moment, dphi_ds)
+        force, moment = turned(corner.axes, force), turned(corner.axes, moment)
+        suspension = dot(moment, dphi_ds[:, None])
+        first = moment.shape[1] - force.shape[1]
+        suspension[first:] += dot(force, corner.dp_ds[:, None])
+        moment[:, first:] += cross(corner.centre[:, None], force)  # from here on about the body origin
+        force = np.concatenate([np.zeros((3, first, force.shape[2])), force], axis=1)
+        out = dict(zip(_CHASSIS, (*force, *moment), strict=True))
+        out[f"suspension.{name}"] = suspension
         if spin is not None:
             out[f"spin.{name}"] = spin
         return out
