@@ -1,1 +1,1 @@
-"""Everything with a main(): acquisition, workspace, planning, render, reproduction, then workbench and commands."""
+"""Services, everything with a main(), a socket, a thread or a file: acquisition, studies, planning, reports, workbench."""

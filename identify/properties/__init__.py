@@ -1,1 +1,1 @@
-"""What an engineer derives from a fit: mass and inertia of the vehicle, rates, ride, consistency of bodies."""
+"""Engineering properties of a fit: mass and inertia of the vehicle, rates, ride, consistency of bodies."""

@@ -8,11 +8,11 @@ from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
-from lacet.identify.progress import Progress
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
 from lacet.services.planning.separation import next_result, recommend, tied, untestable
+from lacet.services.progress import Progress
 from lacet.services.render import tables
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis

@@ -7,7 +7,6 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
-from lacet.identify.progress import Stage, Step
 from lacet.identify.properties.consistent_fit import consistency, consistent_fit
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
@@ -17,6 +16,7 @@ from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare, fails, worst_row
 from lacet.services.commands.progress import Line
+from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
@@ -78,9 +78,9 @@ def run(args: argparse.Namespace) -> int:
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
         found = nearest = None
         if args.consistent:
-            line.progress(Step(Stage.BODY_CONSISTENCY))
+            line.progress(ServiceStep(ServiceStage.BODY_CONSISTENCY))
             found = consistency(fitted)
-            line.progress(Step(Stage.CONSISTENT_FIT))
+            line.progress(ServiceStep(ServiceStage.CONSISTENT_FIT))
             nearest = consistent_fit(fitted)
             fitted = nearest.fit
         line.show("simulating the noise floor")

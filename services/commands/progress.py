@@ -9,7 +9,7 @@ from types import TracebackType
 from rich.console import Console
 from rich.status import Status
 
-from lacet.identify.progress import Step
+from lacet.services.progress import AnyStep
 from lacet.services.render.progress import sentence
 
 PERIOD = 5.0
@@ -33,7 +33,7 @@ class Line:
             self._shown = time.monotonic()
             print(text, file=sys.stderr, flush=True)
 
-    def progress(self, step: Step) -> None:
+    def progress(self, step: AnyStep) -> None:
         """Replace the line by the sentence of a computation's step."""
         self.show(sentence(step))
 

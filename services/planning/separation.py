@@ -26,13 +26,14 @@ from lacet.identify.design.run_ranking import DURATIONS
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Answer, Candidate
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.effect_text import not_measured
 from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.render.verdicts import why as why_untested
@@ -124,7 +125,7 @@ def recommend(
     faults = [fault for e in known.values() if (fault := e.as_fault) and fault.tolerance not in _UNTOUCHED]
     rig = fitted.runs[0].recording.rig
     question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
-    progress(Step(Stage.PRESENT_INFORMATION))
+    progress(ServiceStep(ServiceStage.PRESENT_INFORMATION))
     present = present_runs(question, session.floor(session.study.version()), diagnosis.noise_ratio)
     before = Separations(question, present)
     sized = _sized(before, found)
@@ -134,7 +135,7 @@ def recommend(
     planned, problems = _library(session, fitted, chosen, without, progress)
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
-        progress(Step(Stage.RUN_INFORMATION, number, len(planned), one.label))
+        progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(planned), one.label))
         lacking = next((lack for c in compared if (lack := one.prepared.lacks(c.effect))), None)
         if lacking:
             problems.append(f"left out: {one.label}: {not_measured(lacking)}")

@@ -27,13 +27,13 @@ from lacet.identify.design.run_information import (
     run_information,
 )
 from lacet.identify.design.run_ranking import Ranking, rank
-from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.services.planning.manoeuvre_library import Limits, Plan
 from lacet.services.planning.nominal_car import PlannedCar
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.simulate import Hidden, Sheet, SimulatedMotion, SimulationFailed, exchange_run
 from lacet.simulate import run as drive_car
 
@@ -96,7 +96,7 @@ def simulated_runs(
     out: list[PlannedRun] = []
     problems: list[str] = []
     for number, plan in enumerate(plans, 1):
-        progress(Step(Stage.SIMULATING_RUN, number, len(plans), plan.label))
+        progress(ServiceStep(ServiceStage.SIMULATING_RUN, number, len(plans), plan.label))
         try:
             run, lateral, factor = _motion(plan, like, sensors.rig, limits, folder)
             if (there := sensors.channels) is not None:
@@ -179,13 +179,13 @@ def next_runs(
     excess = residual_excess(values) if measured else {}
     informations: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
-        progress(Step(Stage.RUN_INFORMATION, number, len(runs), run.label))
+        progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(runs), run.label))
         informations.append(run_information(run.prepared, values, excess))
         run.prepared.forget_motion()
     present = values if measured else predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):
-        progress(Step(Stage.RANKING_RUNS))
+        progress(ServiceStep(ServiceStage.RANKING_RUNS))
         found = rank(values, now, informations, vehicle, longest, names, goal)
         out.append(found)
         if found.runs[0].worth <= 0.0:

@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from lacet.identify.progress import Progress, Stage, Step
+from lacet.identify.progress import Stage
+from lacet.services.progress import AnyStage, AnyStep, Progress, ServiceStage, ServiceStep
 
-_COUNTED = {
+_COUNTED: dict[AnyStage, str] = {
     Stage.NOISE_FLOOR: "simulating the noise floor",
     Stage.STATES_FOLLOWED: "what the residual follows",
     Stage.EXPLAINABLE_RESIDUAL: "what is left to explain",
 }
 """Stages with the number of parts done, where these are counted."""
 
-_PERCENT = {Stage.READING_LOG: "reading", Stage.DECODING_LOG: "decoding", Stage.WRITING_LOG: "writing"}
+_PERCENT: dict[AnyStage, str] = {
+    ServiceStage.READING_LOG: "reading",
+    ServiceStage.DECODING_LOG: "decoding",
+    ServiceStage.WRITING_LOG: "writing",
+}
 """Stages with the per cent done, where these are counted."""
 
-_PLAIN = {
-    Stage.STRUCTURE: "looking at the structure of the equations",
-    Stage.SCORING: "scoring it on the runs used and held out",
-    Stage.CONTRIBUTIONS: "what each effect brings",
-    Stage.MANOEUVRE_PHASES: "the phases of driving",
-    Stage.BODY_CONSISTENCY: "testing whether these bodies can exist",
-    Stage.CONSISTENT_FIT: "looking for the nearest bodies that can",
+_PLAIN: dict[AnyStage, str] = {
+    ServiceStage.STRUCTURE: "looking at the structure of the equations",
+    ServiceStage.SCORING: "scoring it on the runs used and held out",
+    ServiceStage.CONTRIBUTIONS: "what each effect brings",
+    ServiceStage.MANOEUVRE_PHASES: "the phases of driving",
+    ServiceStage.BODY_CONSISTENCY: "testing whether these bodies can exist",
+    ServiceStage.CONSISTENT_FIT: "looking for the nearest bodies that can",
     Stage.RESIDUAL_SPECTRA: "the residual in frequency",
     Stage.RESTORING_FORCES: "restoring-force surfaces",
     Stage.SENSOR_TOLERANCES: "what the sensor sheet leaves open",
@@ -32,60 +37,66 @@ _PLAIN = {
     Stage.LACK_OF_FIT: "what they leave",
     Stage.FLOOR_AT_TOLERANCES: "the noise floor at the parameters that the sensor sheet leads to",
     Stage.SYMBOLIC_LAWS: "simple laws that the residual follows",
-    Stage.PRESENT_INFORMATION: "the information of the present runs",
-    Stage.RANKING_RUNS: "ranking",
-    Stage.COMPARING_FOR_REPORT: "comparing for the report",
-    Stage.DRAWING_REPORT: "drawing the report",
-    Stage.DRAWING_FIRST_FAILURE: "drawing where the first model fails",
-    Stage.DRAWING_PRESENT_FAILURE: "drawing where the present model fails",
+    ServiceStage.PRESENT_INFORMATION: "the information of the present runs",
+    ServiceStage.RANKING_RUNS: "ranking",
+    ServiceStage.COMPARING_FOR_REPORT: "comparing for the report",
+    ServiceStage.DRAWING_REPORT: "drawing the report",
+    ServiceStage.DRAWING_FIRST_FAILURE: "drawing where the first model fails",
+    ServiceStage.DRAWING_PRESENT_FAILURE: "drawing where the present model fails",
 }
 """Stages with one sentence."""
 
-_FILLED: dict[Stage, str] = {
-    Stage.READING_RUN: "reading runs {subject}: {done} of {total}",
-    Stage.CANDIDATES: "trying {total} effects",
+_FILLED: dict[AnyStage, str] = {
+    ServiceStage.READING_RUN: "reading runs {subject}: {done} of {total}",
+    ServiceStage.CANDIDATES: "trying {total} effects",
     Stage.TRIAL_COLUMNS: "what {total} effects would do",
     Stage.SHAPE_CONSTANTS: "the constants of {subject}",
     Stage.PARAMETER_CONSTANCY: "whether {subject} is the same in all runs",
     Stage.REGRESSOR_NOISE_OF_EFFECT: "what noise does through {subject}",
     Stage.EFFECT_REMOVED: "the runs read again with {subject} removed",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",
-    Stage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",
-    Stage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
-    Stage.DRIVING: "driving {subject}, {done} %",
-    Stage.MEASURING: "measuring {subject}",
-    Stage.DRAWING_RUN: "drawing {subject}",
+    ServiceStage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",
+    ServiceStage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
+    ServiceStage.DRIVING: "driving {subject}, {done} %",
+    ServiceStage.MEASURING: "measuring {subject}",
+    ServiceStage.DRAWING_RUN: "drawing {subject}",
 }
 """Stages whose sentence holds the step's own numbers and names."""
 
 
-def sentence(step: Step) -> str:
+def sentence(step: AnyStep) -> str:
     """A step in words, without a full stop."""
-    text = _sentence(step)
-    return f"{step.campaign}: {text}" if step.campaign else text
+    if isinstance(step, ServiceStep):
+        text = _sentence(step, step.version, step.effects)
+        return f"{step.campaign}: {text}" if step.campaign else text
+    return _sentence(step)
 
 
 def in_words(show: Callable[[str], object]) -> Progress:
     """A progress callback that passes each step's sentence to `show`."""
 
-    def progress(step: Step) -> None:
+    def progress(step: AnyStep) -> None:
         show(sentence(step))
 
     return progress
 
 
-def _sentence(step: Step) -> str:
+def _sentence(step: AnyStep, version: int | None = None, effects: Sequence[str] = ()) -> str:
+    """A step in words; `version`, `effects` : of the model of a study that is fitted or compared."""
     match step.stage:
-        case Stage.READING_RUNS:
+        case ServiceStage.READING_RUNS:
             return f"reading {step.total} runs {step.subject}".rstrip() if step.total else "reading the runs"
-        case Stage.FITTING:
-            return _fitting(step)
+        case ServiceStage.FITTING if version is None:
+            constants = ", ".join(f"{name} = {value:g}" for name, value in step.values.items())
+            return f"fitting with {constants}" if constants else "fitting"
+        case ServiceStage.FITTING:
+            return f"fitting version {version or 'new'}: {', '.join(effects) or 'the base model alone'}"
         case Stage.NOISE_CORRECTION:
-            what = "fitting" if step.version is None else f"fitting version {_version(step)}"
+            what = "fitting" if version is None else f"fitting version {version or 'new'}"
             return f"{what}: {step.done} of {step.total} runs"
-        case Stage.COMPARING:
+        case ServiceStage.COMPARING:
             beside = f" with {step.subject}" if step.subject else ""
-            return f"comparing version {_version(step)}{beside}"
+            return f"comparing version {version or 'new'}{beside}"
         case Stage.LATENCIES:
             return f"reading the runs with {_latencies(step)}"
         case Stage.FLOOR_AT_LATENCIES:
@@ -106,16 +117,5 @@ def _sentence(step: Step) -> str:
             return _FILLED[step.stage].format(subject=step.subject, done=step.done, total=step.total)
 
 
-def _fitting(step: Step) -> str:
-    if step.version is not None:
-        return f"fitting version {_version(step)}: {', '.join(step.names) or 'the base model alone'}"
-    constants = ", ".join(f"{name} = {value:g}" for name, value in step.values.items())
-    return f"fitting with {constants}" if constants else "fitting"
-
-
-def _version(step: Step) -> str:
-    return str(step.version or "new")
-
-
-def _latencies(step: Step) -> str:
+def _latencies(step: AnyStep) -> str:
     return ", ".join(f"{name} {1e3 * x:+.1f} ms" for name, x in step.values.items())

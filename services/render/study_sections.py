@@ -6,10 +6,10 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
-from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.score import Comparison, pooled_ratio
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import tables
 from lacet.services.render.failure_report import where_pieces
 from lacet.services.render.figures import study_plots, validation_plots
@@ -112,7 +112,7 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
     pieces: list[str] = []
     for title, kind in (("Run used", "used"), ("Run held out", "held")):
         for part in after[kind]:
-            progress(Step(Stage.DRAWING_RUN, subject=part.name))
+            progress(ServiceStep(ServiceStage.DRAWING_RUN, subject=part.name))
             pieces.append(details(f"{title}: {part.name}", *_validation(part)))
     pieces += [f'<p class="fail">{html.escape(line)}.</p>' for part in after["held"] for line in rows_not_judged(part)]
     return section("Model against measurement", *pieces)

@@ -18,12 +18,13 @@ from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
-from lacet.identify.progress import Progress, Stage, Step
+from lacet.identify.progress import Stage
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import Loaded, load
@@ -139,13 +140,13 @@ def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress)
         run_seed = seed + RUN_STEP * index
 
         def driven(fraction: float, name: str = name) -> None:
-            progress(Step(Stage.DRIVING, round(100 * fraction), 100, name, campaign=campaign.name))
+            progress(ServiceStep(ServiceStage.DRIVING, round(100 * fraction), 100, name, campaign=campaign.name))
 
         motion = drive(car, make_manoeuvre(name, **settings), campaign.hidden, run_seed, progress=driven)
         truths.append(motion.truth())
         if file.is_file():
             continue
-        progress(Step(Stage.MEASURING, subject=name, campaign=campaign.name))
+        progress(ServiceStep(ServiceStage.MEASURING, subject=name, campaign=campaign.name))
         part = file.with_name(f"part-{file.name}")
         part.unlink(missing_ok=True)
         if campaign.wires:
@@ -172,10 +173,10 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
     """The fit of the campaign's model to its runs (as ``lacet identify --json``), stored for the next time."""
     if places.fit.is_file():
         return json.loads(places.fit.read_text(encoding="utf-8"))
-    progress(Step(Stage.READING_RUNS, campaign=campaign.name))
+    progress(ServiceStep(ServiceStage.READING_RUNS, campaign=campaign.name))
     loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
     fitted = _fitted(campaign, loaded, progress)
-    progress(Step(Stage.NOISE_FLOOR, campaign=campaign.name))
+    progress(ServiceStep(Stage.NOISE_FLOOR, campaign=campaign.name))
     result = fit_result(fitted, loaded, [compare(fitted, drive, SCORE_DRAWS) for drive in fitted.runs])
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
@@ -191,11 +192,11 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
         (name, values), *_ = shapes.items()
         tried: dict[float, float] = {}
         for value in values:
-            progress(Step(Stage.FITTING, values={name: value}, campaign=campaign.name))
+            progress(ServiceStep(ServiceStage.FITTING, values={name: value}, campaign=campaign.name))
             model = Model.of([*base, *_shaped(extra, name, value)])
             tried[value] = _misfit(fit(model, loaded.prepared, FitOptions(unbias=False)))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
-    progress(Step(Stage.FITTING, campaign=campaign.name))
+    progress(ServiceStep(ServiceStage.FITTING, campaign=campaign.name))
     return fit(Model.of([*base, *extra]), loaded.prepared)
 
 

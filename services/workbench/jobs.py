@@ -15,7 +15,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
-from lacet.identify.progress import Step
+from lacet.services.progress import AnyStep
 from lacet.services.render.progress import sentence
 from lacet.services.workbench.events import Events
 
@@ -74,7 +74,7 @@ class JobProgress:
         self.job.done, self.job.total = (int(found[1]), int(found[2])) if found else (None, None)
         self._say(found is None)
 
-    def progress(self, step: Step) -> None:
+    def progress(self, step: AnyStep) -> None:
         """Set the text from a step of a computation. Raises Cancelled."""
         self.report(sentence(step))
 

@@ -19,12 +19,12 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.effects.base import Effect
-from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.render.rows import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
@@ -138,12 +138,12 @@ class SessionCache:
         stamp = stamp_of(study)
         if kept is None or kept.stamp != stamp:
             session = self.session(study, progress)
-            progress(Step(Stage.COMPARING, version=version.number))
+            progress(ServiceStep(ServiceStage.COMPARING, version=version.number))
             fitted = session.fitted(version)
             pairs = session.pairs(version)
-            progress(Step(Stage.CONTRIBUTIONS))
+            progress(ServiceStep(ServiceStage.CONTRIBUTIONS))
             shares = tuple(shares_of(fitted, run, part) for part, run in pairs)
-            progress(Step(Stage.MANOEUVRE_PHASES))
+            progress(ServiceStep(ServiceStage.MANOEUVRE_PHASES))
             phases = tuple(phases_of(run.motion) for _, run in pairs)
             parts = tuple(part for part, _ in pairs)
             kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, session))

@@ -11,8 +11,9 @@ from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
-from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.progress import silent
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record, decode_frames, write_decoded
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 
 
 def decode_log(
@@ -34,15 +35,15 @@ def decode_log(
     decoder = open_decoder(reader, rig, documents or [])
     part = output.with_name(output.name + ".part")
     try:
-        progress(Step(Stage.READING_LOG, 0, 100))
+        progress(ServiceStep(ServiceStage.READING_LOG, 0, 100))
         frames = [reader.frames(source) for source in reader.sources()]
-        progress(Step(Stage.DECODING_LOG, 20, 100))
+        progress(ServiceStep(ServiceStage.DECODING_LOG, 20, 100))
         blocks = decode_frames(decoder, frames)
-        progress(Step(Stage.WRITING_LOG, 40, 100))
+        progress(ServiceStep(ServiceStage.WRITING_LOG, 40, 100))
         axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
         with LogWriter(part, _start(reader, decoder), axes=axes, overwrite=True) as writer:
             for fraction in write_decoded(writer, frames, blocks):
-                progress(Step(Stage.WRITING_LOG, int(100 * (0.4 + 0.6 * fraction)), 100))
+                progress(ServiceStep(ServiceStage.WRITING_LOG, int(100 * (0.4 + 0.6 * fraction)), 100))
             last_ns = max((int(batch.t_ns.max()) for batch in frames if len(batch)), default=0)
             writer.close(closing_record(reader, decoder, last_ns))
         os.replace(part, output)

@@ -8,8 +8,8 @@ from typing import Any
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import phases_of
-from lacet.identify.progress import Progress
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
+from lacet.services.progress import Progress
 from lacet.services.render.failure_text import failure_sentences
 from lacet.services.render.rows import explainable
 from lacet.services.workspace.session import Session

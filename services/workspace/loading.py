@@ -12,10 +12,11 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.chain import Chain
-from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import plausibility
 from lacet.services.render.rows import row_absence, run_notes
 
@@ -118,7 +119,7 @@ def load(
     car: Vehicle | None = None
     sensors: Rig | None = None
     for done, path in enumerate(paths):
-        progress(Step(Stage.READING_RUN, done, len(paths)))
+        progress(ServiceStep(ServiceStage.READING_RUN, done, len(paths)))
         try:
             run = _named_apart(open_run(path), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]

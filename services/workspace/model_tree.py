@@ -11,11 +11,11 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
-from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.properties.structural_identifiability import Structure, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.identifiability import joint_position, structurally, unidentified
 from lacet.services.render.rows import row_absence
 from lacet.services.workspace.loading import Loaded, default_filters, load
@@ -61,7 +61,7 @@ def find_model(
         found = Vehicle.load(car or first)
         seen = reference or (sensors.wheel_reference if sensors else "contact")
         return Asked(found, seen, Model.of(base_model(found, seen)), None, sensors)
-    progress(Step(Stage.READING_RUNS, total=len(runs)))
+    progress(ServiceStep(ServiceStage.READING_RUNS, total=len(runs)))
     loaded = load(runs, rig, car, default_filters(None))
     if reference and reference != loaded.reference:
         raise UsageError(f"--reference {reference}: the runs have {loaded.reference} wheel loads")
@@ -71,7 +71,7 @@ def find_model(
 
 def _of_study(study: Study, progress: Progress) -> Asked:
     folder = study.folder
-    progress(Step(Stage.READING_RUNS, total=len(study.used), subject="used"))
+    progress(ServiceStep(ServiceStage.READING_RUNS, total=len(study.used), subject="used"))
     loaded = load(study.paths(), folder / "rig.toml", folder / "vehicle.toml", study.filters)
     versions = [v for v in study.versions() if v.number == study.current]
     if not versions:
@@ -81,11 +81,11 @@ def _of_study(study: Study, progress: Progress) -> Asked:
 
 def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     """The tree and the parameters of a model as plain data (``docs/json.md``, ``info``)."""
-    progress(Step(Stage.STRUCTURE))
+    progress(ServiceStep(ServiceStage.STRUCTURE))
     found = structure(asked.vehicle, asked.reference, asked.model.physics, asked.brakes, asked.rig)
     by_name: dict[str, Estimate] = {}
     if asked.loaded is not None:
-        progress(Step(Stage.FITTING))
+        progress(ServiceStep(ServiceStage.FITTING))
         by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.prepared))}
     tree = car_tree(asked.vehicle)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]

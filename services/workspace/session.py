@@ -11,14 +11,15 @@ from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
 from lacet.identify.effects.catalogue import base_model, find_effect
-from lacet.identify.progress import Stage, Step, silent
+from lacet.identify.progress import silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
-from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, Progress, floor_of
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
+from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.workspace.loading import Loaded, check_reference, load
 from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
@@ -73,7 +74,7 @@ class Session:
 
     def __init__(self, study: Study, progress: Progress = silent):
         self.study, self.progress = study, progress
-        progress(Step(Stage.READING_RUNS, total=len(study.used), subject="used"))
+        progress(ServiceStep(ServiceStage.READING_RUNS, total=len(study.used), subject="used"))
         self.loaded = self._read(study.paths(), "used")
         self._held: tuple[PreparedRun, ...] | None = None
         self._fits: dict[int, Fit] = {}
@@ -94,7 +95,7 @@ class Session:
         if self._held is None:
             self._held = ()
             if self.study.held:
-                self.progress(Step(Stage.READING_RUNS, total=len(self.study.held), subject="held out"))
+                self.progress(ServiceStep(ServiceStage.READING_RUNS, total=len(self.study.held), subject="held out"))
                 loaded = self._read(self.study.paths(held=True), "held out")
                 check_reference(self.loaded.reference, loaded.reference)
                 known = self.loaded.warnings
@@ -105,10 +106,12 @@ class Session:
     def fitted(self, version: Version) -> Fit:
         """The fit of a version."""
         if version.number not in self._fits:
-            self.progress(Step(Stage.FITTING, names=tuple(version.effects), version=version.number))
+            self.progress(ServiceStep(ServiceStage.FITTING, effects=tuple(version.effects), version=version.number))
             model = self.study.model(version, self.loaded.reference)
             self._fits[version.number] = fit(
-                model, self.loaded.prepared, progress=lambda step: self.progress(replace(step, version=version.number))
+                model,
+                self.loaded.prepared,
+                progress=lambda step: self.progress(ServiceStep.of_version(step, version.number)),
             )
         return self._fits[version.number]
 
@@ -123,7 +126,7 @@ class Session:
         number = max((v.number for v in self.study.versions()), default=0) + 1
         version = Version(number, effects, note)
         fitted = self.fitted(version)
-        self.progress(Step(Stage.SCORING))
+        self.progress(ServiceStep(ServiceStage.SCORING))
         used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
         result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
         try:
@@ -148,7 +151,7 @@ class Session:
             runs = self.held if held else self.loaded.prepared
             parts: list[Comparison] = []
             for run in runs:
-                self.progress(Step(Stage.COMPARING, subject=run.name, version=version.number))
+                self.progress(ServiceStep(ServiceStage.COMPARING, subject=run.name, version=version.number))
                 parts.append(compare(fitted, run, SCORE_DRAWS, knowledge=knowledge))
             self._compared[key] = parts
         return self._compared[key]
@@ -177,7 +180,7 @@ class Session:
         key = floor_key(self.study, version)
         kept = load_noise(self.study, key)
         candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
-        self.progress(Step(Stage.CANDIDATES, total=len(candidates)))
+        self.progress(ServiceStep(ServiceStage.CANDIDATES, total=len(candidates)))
         diagnosis = diagnose(fitted, floor, candidates, noise=kept, progress=self.progress)
         if diagnosis.noise is not kept:
             save_noise(self.study, key, diagnosis.noise)

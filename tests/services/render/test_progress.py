@@ -3,13 +3,14 @@
 import pytest
 
 from lacet.identify.progress import Stage, Step
+from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render.progress import in_words, sentence
 
 
-@pytest.mark.parametrize("stage", Stage)
+@pytest.mark.parametrize("stage", [*Stage, *ServiceStage])
 def test_every_stage_has_a_sentence(stage):
     """None is forgotten, and none ends in a full stop: numbers may follow."""
-    text = sentence(Step(stage, 1, 2, subject="sine"))
+    text = sentence(ServiceStep(stage, 1, 2, subject="sine"))
     assert text
     assert not text.endswith(".")
 
@@ -17,20 +18,23 @@ def test_every_stage_has_a_sentence(stage):
 @pytest.mark.parametrize(
     ("step", "text"),
     [
-        (Step(Stage.READING_RUNS, total=3, subject="held out"), "reading 3 runs held out"),
-        (Step(Stage.READING_RUNS, campaign="simulation"), "simulation: reading the runs"),
-        (Step(Stage.READING_RUN, 1, 3, "used"), "reading runs used: 1 of 3"),
-        (Step(Stage.FITTING), "fitting"),
+        (ServiceStep(ServiceStage.READING_RUNS, total=3, subject="held out"), "reading 3 runs held out"),
+        (ServiceStep(ServiceStage.READING_RUNS, campaign="simulation"), "simulation: reading the runs"),
+        (ServiceStep(ServiceStage.READING_RUN, 1, 3, "used"), "reading runs used: 1 of 3"),
+        (ServiceStep(ServiceStage.FITTING), "fitting"),
         (Step(Stage.NOISE_CORRECTION, 1, 4), "fitting: 1 of 4 runs"),
-        (Step(Stage.FITTING, version=0), "fitting version new: the base model alone"),
+        (ServiceStep(ServiceStage.FITTING, version=0), "fitting version new: the base model alone"),
         (
-            Step(Stage.FITTING, names=("coulomb.front", "payload"), version=2),
+            ServiceStep(ServiceStage.FITTING, effects=("coulomb.front", "payload"), version=2),
             "fitting version 2: coulomb.front, payload",
         ),
-        (Step(Stage.FITTING, values={"speed": 0.05}, campaign="experiment"), "experiment: fitting with speed = 0.05"),
-        (Step(Stage.NOISE_CORRECTION, 1, 4, version=2), "fitting version 2: 1 of 4 runs"),
-        (Step(Stage.COMPARING, version=2), "comparing version 2"),
-        (Step(Stage.COMPARING, subject="sine", version=0), "comparing version new with sine"),
+        (
+            ServiceStep(ServiceStage.FITTING, values={"speed": 0.05}, campaign="experiment"),
+            "experiment: fitting with speed = 0.05",
+        ),
+        (ServiceStep(Stage.NOISE_CORRECTION, 1, 4, version=2), "fitting version 2: 1 of 4 runs"),
+        (ServiceStep(ServiceStage.COMPARING, version=2), "comparing version 2"),
+        (ServiceStep(ServiceStage.COMPARING, subject="sine", version=0), "comparing version new with sine"),
         (Step(Stage.NOISE_FLOOR), "simulating the noise floor"),
         (Step(Stage.NOISE_FLOOR, 7, 199), "simulating the noise floor: 7 of 199"),
         (
@@ -42,9 +46,9 @@ def test_every_stage_has_a_sentence(stage):
             "the runs read again, latencies up to 4.2 ms removed (2)",
         ),
         (Step(Stage.REGRESSOR_NOISE, 7, 80), "the noise in what they follow: 7 of 80 draws"),
-        (Step(Stage.SIMULATING_RUN, 2, 9, "sine at 20 m/s"), "simulating 2 of 9: sine at 20 m/s"),
-        (Step(Stage.WRITING_LOG, 40, 100), "writing, 40 of 100 %"),
-        (Step(Stage.DRIVING, 37, 100, "sine", campaign="simulation"), "simulation: driving sine, 37 %"),
+        (ServiceStep(ServiceStage.SIMULATING_RUN, 2, 9, "sine at 20 m/s"), "simulating 2 of 9: sine at 20 m/s"),
+        (ServiceStep(ServiceStage.WRITING_LOG, 40, 100), "writing, 40 of 100 %"),
+        (ServiceStep(ServiceStage.DRIVING, 37, 100, "sine", campaign="simulation"), "simulation: driving sine, 37 %"),
     ],
 )
 def test_what_a_step_says(step, text):
@@ -59,4 +63,4 @@ def test_what_is_called_may_stop_the_computation():
         raise KeyboardInterrupt(text)
 
     with pytest.raises(KeyboardInterrupt, match="ranking"):
-        in_words(full)(Step(Stage.RANKING_RUNS))
+        in_words(full)(ServiceStep(ServiceStage.RANKING_RUNS))

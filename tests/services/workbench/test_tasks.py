@@ -13,8 +13,8 @@ from fastapi.testclient import TestClient
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.open_run import open_run
-from lacet.identify.progress import Stage, Step
 from lacet.services.commands.__main__ import main
+from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
 from lacet.services.workbench.events import Events
@@ -130,7 +130,7 @@ def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypat
     def slow(self: Session, *args: Any) -> Any:
         reached.set()
         assert go_on.wait(20.0)
-        self.progress(Step(Stage.SCORING))
+        self.progress(ServiceStep(ServiceStage.SCORING))
         return record(self, *args)
 
     monkeypatch.setattr(Session, "record", slow)

@@ -1,0 +1,75 @@
+"""Progress of the services: their stages around the computations of identify, and the callback that receives both."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from lacet.identify.progress import Stage, Step
+
+
+class ServiceStage(Enum):
+    """A stage of a service; `lacet.services.render.progress` has the sentence of each."""
+
+    # Runs and fits of a study
+    READING_RUNS = auto()
+    READING_RUN = auto()
+    STRUCTURE = auto()
+    FITTING = auto()
+    SCORING = auto()
+    COMPARING = auto()
+    CONTRIBUTIONS = auto()
+    MANOEUVRE_PHASES = auto()
+    BODY_CONSISTENCY = auto()
+    CONSISTENT_FIT = auto()
+    CANDIDATES = auto()
+    # Planning
+    PRESENT_INFORMATION = auto()
+    SIMULATING_RUN = auto()
+    RUN_INFORMATION = auto()
+    RANKING_RUNS = auto()
+    # Decoding of a log
+    READING_LOG = auto()
+    DECODING_LOG = auto()
+    WRITING_LOG = auto()
+    # Reproduction
+    DRIVING = auto()
+    MEASURING = auto()
+    # Report
+    COMPARING_FOR_REPORT = auto()
+    DRAWING_REPORT = auto()
+    DRAWING_FIRST_FAILURE = auto()
+    DRAWING_PRESENT_FAILURE = auto()
+    DRAWING_RUN = auto()
+
+
+AnyStage = Stage | ServiceStage
+"""A stage of identify or of a service."""
+AnyStep = Step[AnyStage]
+"""A step of identify or of a service."""
+
+
+@dataclass(frozen=True)
+class ServiceStep(AnyStep):
+    """A step with its place in a study or a reproduction.
+
+    Attributes
+    ----------
+    effects : effects of the model being fitted, beyond the base model.
+    version : number of the study's version, 0 for one not recorded yet; None outside a study.
+    campaign : name of the campaign being reproduced, or empty.
+    """
+
+    effects: tuple[str, ...] = ()
+    version: int | None = None
+    campaign: str = ""
+
+    @classmethod
+    def of_version(cls, step: AnyStep, version: int) -> ServiceStep:
+        """A step of a computation for a version of a study."""
+        return cls(step.stage, step.done, step.total, step.subject, step.values, version=version)
+
+
+Progress = Callable[[AnyStep], None]
+"""Receiver of the steps of services and of identify; an exception that it raises ends the computation there."""
