@@ -123,7 +123,7 @@ class RigidBody(PhysicalEffect):
         suspension[first:] += dot(force, corner.dp_ds[:, None])
         moment[:, first:] += cross(corner.centre[:, None], force)  # from here on about the body origin
         force = np.concatenate([np.zeros((3, first, force.shape[2])), force], axis=1)
-        out = dict(zip(_CHASSIS, (*force, *moment), strict=True))
+        out: dict[str, Array] = dict(zip(_CHASSIS, (*force, *moment), strict=True))
         out[f"suspension.{name}"] = suspension
         if spin is not None:
             out[f"spin.{name}"] = spin

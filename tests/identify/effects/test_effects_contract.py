@@ -118,7 +118,7 @@ Dimension = tuple[int, int, int]
 
 _DIMENSION: dict[str, Dimension] = {
     "travel": (0, 1, 0), "rate": (0, 1, -1), "accel": (0, 1, -2), "steer": (0, 0, 0), "camber": (0, 0, 0),
-    "pitch": (0, 0, 0), "centre": (0, 1, 0), "dp_ds": (0, 0, 0), "dphi_ds": (0, -1, 0), "wheel_dphi_ds": (0, -1, 0),
+    "pitch": (0, 0, 0), "axes": (0, 0, 0), "centre": (0, 1, 0), "dp_ds": (0, 0, 0), "dphi_ds": (0, -1, 0), "wheel_dphi_ds": (0, -1, 0),
     "torque_work": (1, 1, -2), "torque": (1, 2, -2),
     "force": (1, 1, -2), "moment": (1, 2, -2), "spin_axis": (0, 0, 0), "spin": (0, 0, -1), "spin_accel": (0, 0, -2),
     "normal": (0, 0, 0), "height": (0, 1, 0), "deflection": (0, 1, 0), "deflection_rate": (0, 1, -1),
@@ -227,6 +227,8 @@ def mirrored(part: Any) -> Any:
             flip = [[1.0], [-1.0], [1.0]] if name in _POLAR else [[-1.0], [1.0], [-1.0]]
             assert name in _POLAR | _AXIAL, name
             changes[name] = value * flip
+        elif name == "axes":  # the mirror before the rotation and after it
+            changes[name] = value * np.outer([1.0, -1.0, 1.0], [1.0, -1.0, 1.0])[:, :, None]
         elif name in _ANGLES:
             changes[name] = -value
     return replace(part, **changes)

@@ -88,12 +88,12 @@ def bars(source: str) -> list[str]:
 
 
 def names_from_below(source: str) -> set[str]:
-    """Names that a module imports from lacet's other rooms."""
+    """Names that a module imports from lacet's other rooms; how progress is told belongs to no room."""
     return {
         f"{node.module}.{alias.name}"
         for node in ast.walk(ast.parse(source))
         if isinstance(node, ast.ImportFrom) and str(node.module).startswith("lacet.")
-        and not str(node.module).startswith("lacet.identify.selection")
+        and not str(node.module).startswith(("lacet.identify.selection", "lacet.identify.progress"))
         for alias in node.names
     }  # fmt: skip
 
