@@ -9,9 +9,17 @@ from lacet.identify.car.motion import GroundLaserOffset
 from lacet.identify.effects.base import Effect, Parameter, is_sensor_fault
 from lacet.identify.effects.excluded import ExcludedEffect
 from lacet.identify.regression.prepared_run import Unmeasured
+from lacet.services.render.rows import CORNER_WORDS
 
 _MEASURED = "Already measured: cannot be missing here"
 """Heading of what the measurements hold."""
+
+
+def effect_label(key: str) -> str:
+    """An effect's key in words: ``anti_roll_bar.front`` is ``anti-roll bar, front``."""
+    family, *place = key.split(".")
+    name = family.replace("anti_roll", "anti-roll").replace("_", " ")
+    return ", ".join([name, *(CORNER_WORDS.get(part, part.replace("_", " ")) for part in place)])
 
 
 def not_measured(lacking: Unmeasured | None) -> str:

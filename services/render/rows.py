@@ -17,7 +17,8 @@ LEVELS = (FAILS, 1.6, 2.5, 6.0)
 """Residual ÷ floor above which a row is drawn at the next of five levels of colour."""
 
 _KINDS = {"suspension": ("Susp", "suspension"), "tyre": ("Tyre", "tyre"), "spin": ("Spin", "wheel spin")}
-_CORNERS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+CORNER_WORDS = {"fl": "front left", "fr": "front right", "rl": "rear left", "rr": "rear right"}
+"""The corners in words."""
 _CHASSIS = {
     "fx": "longitudinal force", "fy": "lateral force", "fz": "vertical force", "mx": "roll moment",
     "my": "pitch moment", "mz": "yaw moment",
@@ -129,7 +130,7 @@ def row_label(row: Row) -> dict[str, str]:
     if row.kind == "chassis":
         return {"label": row.place.capitalize(), "about": f"chassis, {_CHASSIS[row.place]}", "unit": row.unit}
     label, about = _KINDS[row.kind]
-    return {"label": label, "about": f"{about}, {_CORNERS[row.place]}", "unit": row.unit}
+    return {"label": label, "about": f"{about}, {CORNER_WORDS[row.place]}", "unit": row.unit}
 
 
 def with_verdict(score: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lacet.identify.validation.score import fails, pooled_ratio, row_ratios, worst_row
+from lacet.services.render.units import TRAVEL, TRAVEL_RATE
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 1) -> str:
@@ -120,7 +121,7 @@ def ranges(result: Mapping[str, Any]) -> str:
     """Ranges of the states covered by the runs, within which every verdict holds."""
     seen = result.get("ranges") or {}
     lines: list[list[str]] = []
-    for kind, factor, unit in (("travel", 1e3, "mm"), ("rate", 1e3, "mm/s"), ("load", 1.0, "N")):
+    for kind, factor, unit in (("travel", *TRAVEL), ("rate", *TRAVEL_RATE), ("load", 1.0, "N")):
         parts = [seen[f"{kind}.{c}"] for c in _PLACES[:4] if f"{kind}.{c}" in seen]
         if parts:
             low, high = min(p["low"] for p in parts), max(p["high"] for p in parts)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,10 +13,45 @@ from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.progress import silent
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.residual_map import Against, against_states
+from lacet.identify.validation.restoring_force import LEAST_SAMPLES
 from lacet.identify.validation.spectra import row_spectrum
+from lacet.services.render.rows import CORNER_WORDS
+from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import Needs, NotThere
 from lacet.services.workbench.session_cache import WAIT, SessionCache
+
+
+def where_payload(cache: SessionCache, version: int) -> dict[str, Any]:
+    """The failure analysis as ``lacet where --json`` has it, with labels and display units where the page draws it."""
+    _, found = cache.found_where(version)
+    return {
+        **found,
+        "against": {
+            row: {name: {**one, "shown": _shown(Row.parse(row), one["unit"], one["state"])} for name, one in of.items()}
+            for row, of in found["against"].items()
+        },
+        "surfaces": {
+            corner: {**one, "shown": _shown_surface(corner, one["travel"], one["rate"])}
+            for corner, one in found["surfaces"].items()
+        },
+        "least_samples": LEAST_SAMPLES,
+    }
+
+
+def _shown(row: Row, unit: str, values: Sequence[float]) -> dict[str, Any]:
+    """Values of a state in display units, and the unit of the row's residual."""
+    factor, text = display_unit(unit, max(map(abs, values)))
+    return {"state": [factor * value for value in values], "unit": text, "row_unit": row.unit}
+
+
+def _shown_surface(corner: str, travel: Sequence[float], rate: Sequence[float]) -> dict[str, Any]:
+    """Name of a corner, and the edges of its surface in display units."""
+    return {
+        "label": CORNER_WORDS[corner], "unit": Row.parse(f"suspension.{corner}").unit,
+        "travel": [TRAVEL[0] * edge for edge in travel], "travel_unit": TRAVEL[1],
+        "rate": [TRAVEL_RATE[0] * edge for edge in rate], "rate_unit": TRAVEL_RATE[1],
+    }  # fmt: skip
 
 
 def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
@@ -30,7 +66,7 @@ def against_payload(cache: SessionCache, version: int, row: str, state: str) -> 
                 raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
             clear = against_states(found.fitted.runs, found.fitted.residual, of, [state], found.clear)
             ready = clear[state]
-    return plain(_against(ready))
+    return plain(_against(ready) | {"shown": _shown(of, ready.mean.unit, ready.mean.centre.tolist())})
 
 
 def _row(found: FailureAnalysis, text: str) -> Row:
@@ -61,8 +97,9 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
     return plain(
         {
-            "row": row, "unit": ready.unit, "frequency": ready.frequency, "residual": ready.residual,
-            "floor": ready.floor, "high": ready.high, "coherence": dict(ready.coherence), "level": ready.level,
+            "row": row, "unit": ready.unit, "density_unit": f"({ready.unit})²/Hz", "frequency": ready.frequency,
+            "residual": ready.residual, "floor": ready.floor, "high": ready.high, "level": ready.level,
+            "coherence": dict(ready.coherence),
             "together": {"of": ready.together_of, "squared": ready.together, "level": ready.together_level},
             "segments": ready.segments,
         }

@@ -17,7 +17,7 @@ from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
 from lacet.services.workbench.refusals import NotThere
-from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload
+from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload, where_payload
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
 from lacet.services.workbench.session_cache import SessionCache
 
@@ -203,7 +203,7 @@ def residual_map(request: Request, version: int) -> Any:
 @api.get("/where/{version}")
 def where(request: Request, version: int) -> Any:
     """Failure analysis of a version."""
-    return bench(request).cache.found_where(version)[1]
+    return where_payload(bench(request).cache, version)
 
 
 @api.get("/against/{version}/{row}/{state}")

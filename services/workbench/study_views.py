@@ -16,7 +16,9 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, pooled_ratio
+from lacet.services.render.effect_text import effect_label
 from lacet.services.render.rows import row_label, with_verdict
+from lacet.services.render.units import unit_text
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.session_cache import Compared, SessionCache
@@ -94,7 +96,7 @@ def series_body(found: Compared, run: str, row: str) -> bytes:
     arrays["zeros"] = shares.zeros[row]
     return packed(
         arrays, version=found.version.number, run=run, row=row, unit=score.unit, floor=score.floor, used=part.used,
-        rms=score.rms, ratio=score.ratio,
+        rms=score.rms, ratio=score.ratio, labels={key: effect_label(key) for key in shares.effects[row]},
     )  # fmt: skip
 
 
@@ -180,6 +182,7 @@ def parameters_payload(study: Study, number: int | None) -> dict[str, Any]:
             "parameters": [
                 {
                     **p,
+                    "unit": unit_text(p["unit"]),
                     "apriori": apriori[p["name"]].value if p["name"] in apriori else None,
                     "apriori_source": apriori[p["name"]].source if p["name"] in apriori else None,
                     "before": before.get(p["name"], []),

@@ -12,6 +12,7 @@ from lacet.identify.effects.language.parser import LineFault
 from lacet.identify.effects.language.states import STATES, SUFFIXES
 from lacet.identify.progress import silent
 from lacet.services.render.effect_text import trial_outcome
+from lacet.services.render.units import unit_text
 from lacet.services.workbench.refusals import Busy
 from lacet.services.workbench.session_cache import WAIT, SessionCache
 from lacet.services.workspace.effect_list import effect_records
@@ -40,7 +41,7 @@ def check(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
     says = (
         f"{cls.name}: {found['about']}. Tried as {', '.join(variants)}." if variants else "it has no place on this car"
     )
-    return plain({"ok": True, "says": says, **found, "line": stored, "error": None, "at": None})
+    return plain({"ok": True, "says": says, **_shown(found), "line": stored, "error": None, "at": None})
 
 
 def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
@@ -54,7 +55,7 @@ def keep(cache: SessionCache, name: str, line: str) -> dict[str, Any]:
     tried, sentence = _tried(cache, study, cls)
     replaced = put(study, cls, stored)
     found = line_result(cls, study.vehicle, _reference(study))
-    return plain({"ok": True, **found, "line": stored, "replaced": replaced, "tried": tried, "tells": sentence})
+    return plain({"ok": True, **_shown(found), "line": stored, "replaced": replaced, "tried": tried, "tells": sentence})
 
 
 def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[dict[str, Any]], str]:
@@ -73,12 +74,11 @@ def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
     study = cache.study
     in_model = set(study.version().effects)
     own = {cls.name: cls.line.text for cls in own_lines(study)}
-    records = effect_records(study, _reference(study))
     return plain(
         {
             "effects": [
                 {**r, "own": r["family"] in own, "line": own.get(r["family"]), "in_model": r["effect"] in in_model}
-                for r in records
+                for r in map(_shown, effect_records(study, _reference(study)))
             ],
             "own": [{"effect": name, "line": text} for name, text in own.items()],
             "states": [{"name": s.name, "unit": s.unit, "about": s.about, "of": "wheel" if s.wheel else "body"}
@@ -87,6 +87,11 @@ def catalogue_payload(cache: SessionCache) -> dict[str, Any]:
             "functions": list(FUNCTIONS),
         }
     )  # fmt: skip
+
+
+def _shown(record: dict[str, Any]) -> dict[str, Any]:
+    """The record of an effect with the units of its parameters as shown."""
+    return {**record, "parameters": [{**p, "unit": unit_text(p["unit"])} for p in record["parameters"]]}
 
 
 def _reference(study: Study) -> str:

@@ -22,6 +22,7 @@ from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.spectra import RowSpectrum
 from lacet.services.render.figures.study_plots import ERROR, FAULT, HELD, MEASURED, MODEL
+from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
 
 COLOURS = dict(
     zip(
@@ -40,7 +41,6 @@ MOST = 5.0
 """Smallest upper end of the colour scale, error ÷ floor."""
 LEAST, UTMOST = 0.5, 50.0
 """Lower end of the colour scale, and largest upper end, error ÷ floor."""
-_MILLI = {"m": "mm", "m/s": "mm/s"}
 
 
 def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
@@ -111,7 +111,7 @@ def against_figure(against: Mapping[str, Against]) -> Figure:
     grid = list(figure.subplots(lines, across, squeeze=False).flat)
     first = next(iter(against.values()))
     for axes, (name, one) in zip(grid, against.items(), strict=False):
-        scale, unit = _handy(one.mean.unit)
+        scale, unit = display_unit(one.mean.unit, float(np.max(np.abs(one.mean.centre))))
         axes.plot(scale * one.values, one.residual, ".", ms=3.5, color=ERROR, alpha=0.5, mew=0, label="samples")
         x = scale * one.mean.centre
         axes.fill_between(x, one.mean.low, one.mean.high, color=HELD, alpha=0.45, lw=0, label="95 % of the mean")
@@ -142,16 +142,17 @@ def surface_figure(surfaces: Mapping[str, Surface], what: str = "residual") -> F
     image = None
     for axes, (corner, one) in zip(grid, surfaces.items(), strict=False):
         cmap = "RdBu_r" if what == "residual" else "viridis"
-        image = axes.pcolormesh(1e3 * one.travel, 1e3 * one.rate, fields[corner], cmap=cmap, vmin=low, vmax=high)
+        travel, rate = TRAVEL[0] * one.travel, TRAVEL_RATE[0] * one.rate
+        image = axes.pcolormesh(travel, rate, fields[corner], cmap=cmap, vmin=low, vmax=high)
         axes.set_facecolor("#eeeeee")
         single = (one.count >= LEAST_SAMPLES) & (one.blocks < 2)
-        x, y = (0.5e3 * (edges[:-1] + edges[1:]) for edges in (one.travel, one.rate))
+        x, y = (0.5 * (edges[:-1] + edges[1:]) for edges in (travel, rate))
         jj, ii = np.nonzero(single)
         axes.plot(x[ii], y[jj], "x", ms=4, mew=0.7, color=MEASURED)
         scatter = f"   scatter about it {one.scatter:.3g} N" if what == "residual" else ""
         axes.set_title(f"{corner}{scatter}", fontsize=9, loc="left")
-        axes.set_xlabel("travel [mm], compression positive", fontsize=8)
-        axes.set_ylabel("rate [mm/s]", fontsize=8)
+        axes.set_xlabel(f"travel [{TRAVEL[1]}], compression positive", fontsize=8)
+        axes.set_ylabel(f"rate [{TRAVEL_RATE[1]}]", fontsize=8)
         axes.tick_params(labelsize=8)
     for axes in grid[len(surfaces) :]:
         axes.set_axis_off()
@@ -246,11 +247,6 @@ def _root_scale(axes: Axes, high: float) -> None:
     decades = 10.0 ** np.arange(int(log10(high)) + 1)
     ticks = [0.0, 1.0, *(float(x) for x in np.outer(decades, (2.0, 5.0, 10.0)).ravel() if x <= high)]
     axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
-
-
-def _handy(unit: str) -> tuple[float, str]:
-    """Factor and name of the unit in which engineers read a state."""
-    return (1e3, _MILLI[unit]) if unit in _MILLI else (1.0, unit)
 
 
 def _legend(figure: Figure, axes: Axes) -> None:

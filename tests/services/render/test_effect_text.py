@@ -11,7 +11,7 @@ from lacet.identify.car.motion import GroundLaserOffset
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason
 from lacet.services.commands.__main__ import main
-from lacet.services.render.effect_text import catalogue_text, not_measured, trial_outcome, why_not
+from lacet.services.render.effect_text import catalogue_text, effect_label, not_measured, trial_outcome, why_not
 from lacet.services.render.verdicts import reason_text
 from lacet.services.workspace.effect_list import list_effects
 
@@ -25,6 +25,13 @@ def test_what_a_run_lacks_is_said_with_its_name() -> None:
     assert not_measured(None) == ""
     one = Candidate("tyre_damping.front", {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=LACKING)
     assert reason_text(one, None, 99) == f"Cannot be tested: {WORDS}."
+
+
+def test_an_effect_has_a_label_in_words() -> None:
+    """With its corner, axle, channel or run."""
+    assert effect_label("anti_roll_bar.front") == "anti-roll bar, front"
+    assert effect_label("spring.fl") == "spring, front left"
+    assert effect_label("sensor_gain.hub.rr") == "sensor gain, hub, rear right"
 
 
 def test_a_trial_says_where_it_acts_or_why_not() -> None:

@@ -14,6 +14,8 @@ from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import FAILS
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.packed_arrays import packed, unpacked
+from lacet.services.workbench.residual_views import where_payload
+from lacet.services.workbench.session_cache import SessionCache
 from tests.services.workbench.bench_page import Page
 
 
@@ -71,6 +73,8 @@ def test_the_answer_is_the_command_lines(shared: Page, tmp_path: Path):
         main([command, str(shared.folder), "--json", str(file), *more])
         theirs = json.loads(file.read_text(encoding="utf-8"))
         ours = shared.get(f"{command}/1")
+        for part in (*ours.get("against", {}).values(), ours.get("surfaces", {})):
+            assert all(one.pop("shown") for one in part.values())
         for key in set(theirs) - {"format", "command", "pictures"}:
             assert ours[key] == theirs[key], (command, key)
     for run in shared.get("compare/1")["runs"]:
@@ -87,6 +91,36 @@ def test_the_ranking_is_kept_and_shown(shared: Page):
     units = [candidate.pop("unit") for candidate in found["candidates"]]
     assert units == [Row.parse(c["rows"][0]).unit if c["rows"] else "" for c in on_disk["candidates"]]
     assert found == on_disk
+
+
+def test_the_page_gets_states_and_surfaces_in_display_units(shared: Page):
+    """It converts no unit and names no corner itself."""
+    where = shared.get("where/1")
+    travel = shared.get("against/1/suspension.fl/travel")
+    assert travel["shown"]["unit"] == "mm"
+    assert travel["shown"]["state"] == pytest.approx([1e3 * value for value in travel["state"]])
+    asked = shared.get("against/1/chassis.fz/speed")
+    assert (asked["shown"]["unit"], asked["shown"]["state"]) == ("m/s", asked["state"])
+    turned = shared.get("against/1/chassis.fz/roll rate")
+    assert turned["shown"]["unit"] == "°/s"
+    assert turned["shown"]["state"] == pytest.approx(np.degrees(turned["state"]))
+    surface = where["surfaces"]["rl"]
+    assert (surface["shown"]["label"], surface["shown"]["unit"]) == ("rear left", "N")
+    assert (surface["shown"]["travel_unit"], surface["shown"]["rate_unit"]) == ("mm", "mm/s")
+    assert surface["shown"]["travel"] == pytest.approx([1e3 * edge for edge in surface["travel"]])
+    head, _ = arrays(shared, "series/1/sine/suspension.fl")
+    assert head["labels"]["spring.fl"] == "spring, front left"
+    checked = shared.post("effect/check", {"name": "own", "line": "suspension: p * load"})
+    assert [p["unit"] for p in checked["parameters"]] == [""]  # a plain number
+
+
+def test_states_that_are_known_already_have_display_units_too(monkeypatch: pytest.MonkeyPatch, folder: Path):
+    """As those that are asked for one by one."""
+    known = {"against": {"chassis.mx": {"roll angle": {"unit": "rad", "state": [-0.01, 0.02]}}}, "surfaces": {}}
+    monkeypatch.setattr(SessionCache, "found_where", lambda self, number: (None, known))
+    shown = where_payload(SessionCache(folder), 1)["against"]["chassis.mx"]["roll angle"]["shown"]
+    assert shown["state"] == pytest.approx(np.degrees([-0.01, 0.02]))
+    assert (shown["unit"], shown["row_unit"]) == ("°", "N·m")
 
 
 def test_any_state_and_any_spectrum_can_be_asked_for(shared: Page):

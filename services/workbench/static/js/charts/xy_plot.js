@@ -81,7 +81,7 @@ export function xyPlot(root, options) {
     const parts = o.items.filter((i) => i.name && (i.kind === "line" || (i.kind === "band" && i.low.length === line.x.length)))
       .map((i) => (i.kind === "line" ? `${i.name} ${short(i.y[k])}` : `${i.name} ${short(i.low[k])} to ${short(i.high[k])}`));
     const count = o.counts ? `, ${o.counts[k]} samples` : "";
-    return `at ${short(line.x[k])} ${o.x.unit}: ${parts.join(", ")}${o.y.unit && o.y.unit !== "1" ? ` ${o.y.unit}` : ""}${count}`;
+    return `at ${short(line.x[k])} ${o.x.unit}: ${parts.join(", ")}${o.y.unit ? ` ${o.y.unit}` : ""}${count}`;
   }
 
   dress();
@@ -99,7 +99,7 @@ export function xyPlot(root, options) {
 
 /** A quantity with its unit; a number without one has none. */
 function named({ label, unit }) {
-  return unit && unit !== "1" ? `${label} [${unit}]` : label;
+  return unit ? `${label} [${unit}]` : label;
 }
 
 function key(item) {

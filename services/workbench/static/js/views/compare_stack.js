@@ -3,7 +3,6 @@
 import { stacked } from "../charts/area.js";
 import { timeChart } from "../charts/time_chart.js";
 import { h } from "../widgets/dom.js";
-import { words } from "../widgets/format.js";
 
 const MOST_LAYERS = 8;
 const NOTHING = new Float32Array(0);
@@ -39,7 +38,7 @@ export function rowStack(root, { sync, row, onZoom, onClose, tall = true }) {
     third = null;
     box.hidden = !how.shares;
     if (!how.shares) return;
-    const own = found ? layers(found.arrays, how.centred) : { series: [], restack: null };
+    const own = found ? layers(found, how.centred) : { series: [], restack: null };
     third = timeChart(box, { ...base, t: found?.arrays.t ?? NOTHING, unit: found?.meta.unit ?? "", height: tall ? 180 : 150,
       title: how.centred ? "Share of each effect, about its mean" : "Share of each effect", series: own.series,
       onToggle: own.restack, testid: "chart-shares", keyTestid: "effect-layer" });
@@ -81,7 +80,7 @@ function rest(residual, floor) {
 }
 
 /** Stacked layers, the largest share first, and the line they add up to. */
-function layers(arrays, centred) {
+function layers({ arrays, meta }, centred) {
   const own = Object.keys(arrays).filter((name) => name.startsWith("effect:") || name === "zeros")
     .map((name) => ({ key: name.replace(/^effect:/, ""), values: arrays[name] }));
   for (const one of own) {
@@ -92,7 +91,7 @@ function layers(arrays, centred) {
   const shown = own.filter((one) => one.size > 0);
   const few = shown.length > MOST_LAYERS ? shown.slice(0, MOST_LAYERS - 1) : shown;
   const rest = shown.slice(few.length);
-  const series = few.map((one) => ({ name: one.key === "zeros" ? "sensor zeros" : words(one.key), key: one.key,
+  const series = few.map((one) => ({ name: one.key === "zeros" ? "sensor zeros" : meta.labels[one.key], key: one.key,
     values: centred ? one.values.map((v) => v - one.mean) : one.values }));
   if (rest.length) {
     const sum = new Float32Array(arrays.t.length);

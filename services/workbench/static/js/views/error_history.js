@@ -1,7 +1,7 @@
 /** The error falls: the waterfall by version, the parameters and how they changed, and what can be taken away. */
 
 import { h } from "../widgets/dom.js";
-import { number, short, times, unitText } from "../widgets/format.js";
+import { number, short, times } from "../widgets/format.js";
 import { createWaterfall, legend } from "../charts/waterfall.js";
 
 /**
@@ -251,7 +251,7 @@ export async function show(root, app) {
           h("td", { class: "num strong", text: number(p.value, p.half95) }),
           h("td", { class: "num", text: `± ${number(p.half95, p.half95)}` }),
           sheet.checked ? h("td", { class: "num", text: `± ${number(p.half95_sheet, p.half95_sheet)}` }) : null,
-          h("td", { text: unitText(p.unit) || "–" }),
+          h("td", { text: p.unit || "–" }),
           h("td", {
             class: "num muted",
             title: p.apriori_source || null,

@@ -1,7 +1,7 @@
 /** Live: the channels of a car that is recording now, and how well each arrives. */
 
 import { h } from "../widgets/dom.js";
-import { short, unitText } from "../widgets/format.js";
+import { short } from "../widgets/format.js";
 
 const LATE = 1.0; // a channel that has not been heard for so long is late [s]
 const SLOW = 0.9; // part of its expected rate below which a channel is slow
@@ -90,7 +90,7 @@ export async function show(root, app) {
           "tr",
           { "data-testid": `live-${c.name}` },
           h("th", { scope: "row", class: "code", text: c.name }),
-          h("td", { text: unitText(c.unit) || "–" }),
+          h("td", { text: c.unit || "–" }),
           h("td", { class: v.kind }, h("span", { "aria-hidden": "true", text: `${v.mark} ` }), v.text),
           h("td", { class: "num", text: c.rate === null || c.rate === undefined ? "–" : `${short(c.rate, 3)} Hz` }),
           h("td", { class: "num", text: c.expected ? `${short(c.expected, 3)} Hz` : "–" }),

@@ -1,7 +1,7 @@
 /** The ranked list of candidates: one line each, the chosen one in full beside its preview. */
 
 import { h } from "../widgets/dom.js";
-import { number, percent, short, unitText } from "../widgets/format.js";
+import { number, percent, short } from "../widgets/format.js";
 
 const FEW = 10;
 const ANSWERS = {
@@ -193,7 +193,7 @@ export function createRanking(app, about, act) {
           : value > 0 === (p.expect === "positive")
             ? ", sign ✓"
             : `, ! ${p.expect} expected`;
-      return `${number(value, c.half95?.[k])} ± ${number(c.half95?.[k], c.half95?.[k])} ${unitText(p?.unit)}${sign}`;
+      return `${number(value, c.half95?.[k])} ± ${number(c.half95?.[k], c.half95?.[k])} ${p?.unit ?? ""}${sign}`;
     });
     return c.values.length > 2 ? [...shown, `and ${c.values.length - 2} more`] : shown.length ? shown : ["–"];
   }

@@ -1,7 +1,7 @@
 /** Runs: what is there, bringing files in, and which runs the model is made from. */
 
 import { h } from "../widgets/dom.js";
-import { duration, short, size, unitText } from "../widgets/format.js";
+import { duration, short, size } from "../widgets/format.js";
 import { jobId } from "../net/jobs.js";
 
 const ROLES = [
@@ -268,7 +268,7 @@ export async function show(root, app) {
                   null,
                   h("th", { scope: "row", class: "code", text: c.name }),
                   h("td", { text: [c.components ?? []].flat().join(", ") || "1" }),
-                  h("td", { text: [c.unit ?? ""].flat().map(unitText).join(", ") || "–" }),
+                  h("td", { text: c.unit || "–" }),
                   h("td", { class: "num", text: c.rate ? `${short(c.rate, 3)} Hz` : "–" }),
                   h("td", { class: "num", text: String(c.samples ?? "–") }),
                   h("td", { class: c.flagged ? "num warn" : "num", text: flagged(c) }),

@@ -1,7 +1,6 @@
 /** An effect of one's own in one line: units are checked while it is written; kept in the study when asked. */
 
 import { debounce, h } from "../widgets/dom.js";
-import { unitText } from "../widgets/format.js";
 
 const WAIT = 300; // after the last key, before the line is checked [ms]
 const EXAMPLE = "bump = suspension: p * travel**2 * sign(rate)";
@@ -92,7 +91,7 @@ export function createOwnLine(app, act) {
     says.className = `own-says ${answer.ok ? "ok" : "wrong"}`;
     line.setAttribute("aria-invalid", String(!answer.ok));
     if (answer.ok) {
-      const units = (answer.parameters ?? []).map((p) => `${p.name} [${unitText(p.unit) || "no unit"}]`).join(", ");
+      const units = (answer.parameters ?? []).map((p) => `${p.name} [${p.unit || "no unit"}]`).join(", ");
       says.replaceChildren(
         h("b", { class: "good", text: "✓ The units agree. " }),
         [

@@ -62,7 +62,7 @@ class WhereView {
     const one = (value, text) => h("label", { class: "check" }, h("input", { type: "radio", name: "surface-kind", value,
       checked: value === this.kind, onchange: () => {
         this.kind = value;
-        if (this.found) this.surfaces.update(this.found.surfaces, value);
+        if (this.found) this.surfaces.update(this.found.surfaces, value, this.found.least_samples);
       } }), text);
     return h("div", { class: "bar", role: "radiogroup", "aria-label": "which surface" },
       one("residual", "What the model misses"), one("force", "The whole force"));
@@ -108,7 +108,7 @@ class WhereView {
       this.found = found;
       this.says.textContent = found.says;
       this.choices();
-      this.surfaces.update(found.surfaces, this.kind);
+      this.surfaces.update(found.surfaces, this.kind, found.least_samples);
       this.tables();
       this.pictures.show(found, this.version, this.app.state.row);
     } catch (cause) {

@@ -51,11 +51,9 @@ export function rowPictures(root, app) {
       const one = now.found.against?.[now.row]?.[name] ?? await ask(`api/against/${now.version}/${path(now.row)}/${path(name)}`, "left");
       if (mine !== turn || state.value !== name) return;
       veils.left.clear();
-      const unit = one.row_unit ?? unitOf(now.row);
-      const [scale, shown] = handy(one.unit, one.state);
-      const x = one.state.map((v) => scale * v);
+      const { state: x, unit, row_unit: rowUnit } = one.shown;
       first.update({
-        title: "", x: { label: name, unit: shown }, y: { label: "error", unit },
+        title: "", x: { label: name, unit }, y: { label: "error", unit: rowUnit },
         hint: one.put_back ? "What the model's own springs, dampers and masses absorbed is put back." : "The residual as it is.",
         counts: one.count,
         items: [
@@ -79,7 +77,7 @@ export function rowPictures(root, app) {
       const x = { label: "frequency", unit: "Hz", range: [0, one.frequency.at(-1)] };
       const f = one.frequency;
       power.update({
-        title: "Spectrum", x, y: { label: "power density", unit: `(${one.unit})²/Hz`, log: true },
+        title: "Spectrum", x, y: { label: "power density", unit: one.density_unit, log: true },
         hint: `mean of ${short(one.segments, 2)} segments of 4 s`,
         items: [
           { kind: "band", name: "noise, up to 95 %", colour: "--floor", x: f, low: one.floor, high: one.high },
@@ -89,7 +87,7 @@ export function rowPictures(root, app) {
       });
       const peaks = Object.entries(one.coherence).map(([name, c]) => [name, c, Math.max(...c)]).sort((a, b) => b[2] - a[2]);
       share.update({
-        title: "Coherence with states, squared", x, y: { label: "coherence²", unit: "1", range: [0, 1] },
+        title: "Coherence with states, squared", x, y: { label: "coherence²", unit: "", range: [0, 1] },
         hint: `above ${one.level.toFixed(2)} it is no chance (5 %, any state, any frequency)`,
         items: [
           { kind: "level", name: "chance, 5 %", value: one.level, colour: "--chart-ink", dash: [5, 3] },
@@ -114,10 +112,6 @@ export function rowPictures(root, app) {
     return needing(app, () => app.api.get(address), { version: now.version }, veils[place]).finally(() => clearTimeout(slow));
   }
 
-  function unitOf(row) {
-    return now.found.left?.[row]?.unit ?? app.rows().find((r) => r.row === row)?.unit ?? "N";
-  }
-
   return {
     show(found, version, row) {
       now = { found, version, row };
@@ -140,14 +134,6 @@ function sentence(row, follows) {
   const strong = follows.filter((f) => f.p <= 0.05).slice(0, 3);
   if (!strong.length) return `${row} follows none of its states more than chance does.`;
   return `${row} follows ${strong.map((f) => `${f.state} (${percent(f.part)} of its squares, ${short(f.rms)} ${f.row_unit} RMS, p ${short(f.p, 2)})`).join("; ")}.`;
-}
-
-/** Metres that are small are read in millimetres, radians in degrees. */
-function handy(unit, values) {
-  const size = Math.max(...values.map(Math.abs));
-  if ((unit === "m" || unit === "m/s") && size < (unit === "m" ? 0.5 : 1.5)) return [1e3, `m${unit}`];
-  if (unit === "rad" || unit === "rad/s" || unit === "rad/s²") return [180 / Math.PI, unit.replace("rad", "°")];
-  return [1, unit || "1"];
 }
 
 function path(text) {

@@ -66,21 +66,3 @@ export function size(bytes) {
 export function minus(text) {
   return text.replace(/(^|[^0-9A-Za-z])-(?=[0-9.])/g, "$1−").replace(/e-/g, "e−");
 }
-
-/** @param {string} unit @returns {string} a unit as shown; 1, - and empty are no unit */
-export function unitText(unit) {
-  return !unit || unit === "1" || unit === "-" ? "" : unit;
-}
-
-const PLACES = { fl: "front left", fr: "front right", rl: "rear left", rr: "rear right", front: "front", rear: "rear" };
-
-/**
- * An effect or row key in words: `anti_roll_bar.front` → `anti-roll bar, front`.
- * @param {string} key
- * @returns {string}
- */
-export function words(key) {
-  const [head, ...rest] = key.split(".");
-  const name = head.replace(/^anti_roll/, "anti-roll").replaceAll("_", " ");
-  return [name, ...rest.map((r) => PLACES[r] ?? r.replaceAll("_", " "))].join(", ");
-}
