@@ -82,7 +82,7 @@ class Hidden:
             ) from None
 
     def truth(self) -> dict[str, Any]:
-        """JSON-able record."""
+        """The effect as a JSON-able record of the true values."""
         kind = KINDS[self.effect]
         return {"name": self.name, "size": self.size, "unit": kind.unit, "shape": dict(self.shape), "law": kind.about}
 

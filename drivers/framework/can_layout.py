@@ -57,7 +57,7 @@ class Unit:
     checksum: dbc.Signal | None
 
     def layout(self) -> tuple:
-        """Everything that decoding depends on, without names: equal for units whose frames have the same layout."""
+        """Key of the unit's frame layout, without names: equal for units whose frames have the same layout."""
         return (
             tuple(message.length for message in self.messages),
             tuple(

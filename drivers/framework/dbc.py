@@ -54,7 +54,7 @@ class Signal:
         return frozenset(s // 8 * 8 + 7 - s % 8 for s in stream) if self.big_endian else frozenset(stream)
 
     def bare(self) -> Signal:
-        """The same signal without its name: equal for signals that are extracted alike."""
+        """The signal without its name: equal for signals that are extracted alike."""
         return replace(self, name="")
 
     @cached_property

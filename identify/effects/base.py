@@ -255,7 +255,7 @@ class TyreForce(PhysicalEffect):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Both axles."""
+        """The variants of both axles (the same parameter left and right)."""
         return [cls(where) for where in AXLES]
 
     @abstractmethod
@@ -287,12 +287,12 @@ class SensorFault(Effect):
 
     @property
     def sheet_kind(self) -> str:
-        """`tolerance`."""
+        """Entry of the sensor sheet that bounds it: its `tolerance`."""
         return self.tolerance
 
     @property
     def sheet_entries(self) -> frozenset[tuple[str, str]]:
-        """Its kind of tolerance in each of its channels."""
+        """Entries of the sensor sheet for it: its kind of tolerance in each of its channels."""
         return frozenset((self.tolerance, channel) for channel in self.channels())
 
     def sheet_bound(self, rig: Rig) -> float:

@@ -389,7 +389,7 @@ class Chain:
         return out
 
     def with_geometry(self, numbers: Sequence[Mapping[str, float]], gravity: Array) -> Chain:
-        """The same tree with other lengths [m], angles [rad] and gravity [m/s²], one mapping a row."""
+        """The chain with other lengths [m], angles [rad] and gravity [m/s²], one mapping a row."""
         joints = [
             Joint(k.j, k.ant, k.sigma, **{key: row[key] for key in GEOMETRY})
             for k, row in zip(self.joints, numbers, strict=True)

@@ -29,7 +29,7 @@ _RHO2 = (4.0 / 9.0, 1.0 / 36.0)
 
 
 class Colour(Enum):
-    """How a residual's spectrum compares with its noise floor's."""
+    """Comparison of a residual's spectrum with its noise floor's."""
 
     LIKE_NOISE = auto()
     LOUDER = auto()

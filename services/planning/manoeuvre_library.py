@@ -55,7 +55,7 @@ class Plan:
         return f"{self.manoeuvre.name} {self.words}" + (f", lateral {lateral:.1f} m/s²" if self.lateral else "")
 
     def made(self, **settings: Any) -> Plan:
-        """The same with some settings of the manoeuvre changed."""
+        """The plan with some settings of the manoeuvre changed."""
         return dataclasses.replace(self, manoeuvre=dataclasses.replace(self.manoeuvre, **settings))
 
 

@@ -1,4 +1,4 @@
-"""Effects in words: the catalogue, what a run lacks for one, what came of trying one."""
+"""Effects in words: labels, the catalogue, channels that a run lacks for one, the outcome of a trial."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def effect_label(key: str) -> str:
 
 
 def not_measured(lacking: Unmeasured | None) -> str:
-    """What an effect needs and a run lacks; an empty string where it lacks nothing."""
+    """Channels that an effect needs and a run lacks, in words; an empty string where it lacks none."""
     if lacking is None:
         return ""
     return f"{', '.join(_need(one) for one in lacking.needs)} not measured in {lacking.run}"
@@ -43,7 +43,7 @@ def why_not(lacking: Unmeasured | None, acts_on: Sequence[str]) -> str:
 
 
 def trial_outcome(tried: Sequence[Mapping[str, Any]]) -> str:
-    """What came of trying a user's effect (``docs/json.md``, ``effect``, `tried`), in a few words."""
+    """Outcome of trying a user's effect (``docs/json.md``, ``effect``, `tried`), in a few words."""
     acts = [item["effect"] for item in tried if not item["why_not"]]
     cannot = [f"{item['effect']} cannot be tested ({item['why_not']})" for item in tried if item["why_not"]]
     if not cannot:

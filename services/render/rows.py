@@ -66,7 +66,7 @@ def run_notes(notes: Iterable[RunNote]) -> list[str]:
 
 
 def colour_words(score: RowScore) -> str:
-    """How a row's residual compares with the noise floor; an empty string where it was not compared."""
+    """Comparison of a row's residual with the noise floor, in words; an empty string where it was not compared."""
     match score.colour:
         case None:
             return ""

@@ -58,7 +58,7 @@ class Campaign:
     wires: bool
 
     def shortened(self, seconds: float) -> Campaign:
-        """The same with runs of this duration [s]."""
+        """The campaign with runs of this duration [s]."""
         return replace(self, manoeuvres=tuple((n, {**s, "duration": seconds}) for n, s in self.manoeuvres))
 
 

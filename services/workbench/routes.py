@@ -62,7 +62,7 @@ def choose(request: Request, body: _JSON) -> Any:
 
 @api.get("/runs")
 def runs(request: Request) -> Any:
-    """Every run."""
+    """The list of runs."""
     b = bench(request)
     waiting = [path for path in undecoded(b.cache) if _decoding(b, path.name) is None]
     return [*b.files.all(), *map(undecoded_record, waiting)]

@@ -191,7 +191,7 @@ class SessionCache:
         study, version = self.version(number)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp_of(study):
-            raise Needs("where", f"nobody has looked yet where version {version.number} fails")
+            raise Needs("where", f"it has not been analysed yet where version {version.number} fails")
         return kept[1:]
 
     def diagnosis(self, number: int) -> Diagnosis | None:

@@ -51,7 +51,7 @@ class Dimension:
 
     @property
     def inertial_unit(self) -> str:
-        """The same in kilograms where it is a mass, a first moment or an inertia: what multiplies an acceleration."""
+        """SI unit, in kilograms for a mass, a first moment or an inertia, which multiply an acceleration."""
         masses = {Dimension.of(1, power): unit for power, unit in enumerate(("kg", "kg·m", "kg·m²"))}
         return masses.get(self, self.unit)
 
