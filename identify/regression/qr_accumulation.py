@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.linalg
@@ -102,19 +103,25 @@ class RunEquations:
         return total
 
 
+@dataclass(frozen=True)
 class Equations:
     """The equations of several runs in common parameters.
 
-    Parameters
+    Attributes
     ----------
     runs : each run's equations.
     known : (k, p) what is known beforehand, as equations with σ = 1 and right side 0.
     rows : the rows any run has.
     """
 
-    def __init__(self, runs: Sequence[RunEquations], known: Array, rows: Sequence[str]):
-        self.runs, self.known, self.rows = tuple(runs), known, tuple(rows)
-        self.counts = {row: sum(run.counts.get(row, 0) for run in runs) for row in rows}
+    runs: Sequence[RunEquations]
+    known: Array
+    rows: Sequence[str]
+
+    @cached_property
+    def counts(self) -> dict[str, int]:
+        """Number of samples of each row, over all runs."""
+        return {row: sum(run.counts.get(row, 0) for run in self.runs) for row in self.rows}
 
     @property
     def p(self) -> int:

@@ -93,6 +93,7 @@ class Fit:
     root : (q + 1, q + 1) R factor of the weighted ``[W | Y]`` with priors, every run's zeros eliminated.
     assembly, equations : what it was made from, to go through the samples again.
     options : how it was fitted.
+    removed : (f,) sizes of the model's sensor faults that were removed from `runs`.
     """
 
     model: Model
@@ -112,6 +113,7 @@ class Fit:
     assembly: Assembly
     equations: Equations
     options: FitOptions
+    removed: Array
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -265,7 +267,7 @@ def fit(
         out = _fit_linear(model, corrected, options, stored, progress, out.physics)
     theta = out.theta.copy()
     theta[theta.size - faults.size :] += faults
-    return replace(out, theta=theta)
+    return replace(out, theta=theta, removed=faults)
 
 
 def _fit_linear(
@@ -418,6 +420,7 @@ def _result(model: Model, base: BaseParameters, options: FitOptions, found: _Sol
         assembly=assembly,
         equations=equations,
         options=options,
+        removed=np.zeros(len(model.faults)),
     )
 
 

@@ -28,7 +28,7 @@ class FailureAnalysis:
 
     Attributes
     ----------
-    fitted : the fit analysed.
+    rows : the rows of the fit.
     parts, phases : comparisons with the runs asked for, runs used by the fit first, and their manoeuvre phases.
     ratios : row → RMS of residual ÷ noise floor over the runs asked for that the fit used; over all where it used none.
     worst : rows that fail, largest ratio first; the row of the largest ratio alone when none fails.
@@ -37,10 +37,12 @@ class FailureAnalysis:
     follows : row → the states its residual depends on.
     spectra : spectra of the rows in `worst`.
     surfaces : corner → restoring-force surface.
-    clear : the states with little enough noise to be used, blurred.
+    against : row of `worst` → state → the residual against it, for the states that predict most of it, with the part
+        that the model absorbed added again.
+    against_every : state → the residual of the first of `worst` against it, every state of the row.
     """
 
-    fitted: Fit
+    rows: tuple[Row, ...]
     parts: tuple[Comparison, ...]
     phases: tuple[Phases, ...]
     ratios: Mapping[str, float]
@@ -50,17 +52,13 @@ class FailureAnalysis:
     follows: Mapping[str, Sequence[Follows]]
     spectra: Mapping[str, RowSpectrum]
     surfaces: Mapping[str, Surface]
-    clear: ClearStates
+    against: Mapping[Row, Mapping[str, Against]]
+    against_every: Mapping[str, Against]
 
     @property
     def failing(self) -> bool:
         """Whether any row fails."""
         return any(fails(ratio) for ratio in self.ratios.values())
-
-    def against(self, row: Row, every: bool = False) -> dict[str, Against]:
-        """A row's residual against the states that predict most of it, or against every state."""
-        names = None if every else [f.state for f in self.follows.get(row, [])][:SHOWN_STATES]
-        return against_states(self.fitted.runs, self.fitted.residual, row, names, None if every else self.clear)
 
 
 def analyse_failure(
@@ -88,11 +86,18 @@ def analyse_failure(
     progress(Step(Stage.EXPLAINABLE_RESIDUAL))
     explainable = explainable_residual(fitted, floor, clear, draws=draws, progress=progress)
     progress(Step(Stage.RESTORING_FORCES))
+    against = {
+        name: against_states(
+            fitted.runs, fitted.residual, name, [f.state for f in follows.get(name, [])][:SHOWN_STATES], clear
+        )
+        for name in worst
+    }
     return FailureAnalysis(
-        fitted=fitted, parts=tuple(parts), phases=tuple(phases), ratios=ratios, worst=worst,
+        rows=fitted.rows, parts=tuple(parts), phases=tuple(phases), ratios=ratios, worst=worst,
         in_phase=by_phase(parts, phases), explainable=explainable, follows=follows,
         spectra={name: s for name, s in found.items() if s is not None}, surfaces=restoring_surfaces(fitted),
-        clear=clear,
+        against=against,
+        against_every=against_states(fitted.runs, fitted.residual, worst[0]) if worst else {},
     )  # fmt: skip
 
 

@@ -58,7 +58,8 @@ class Comparison:
     """A model's prediction of one run: measured and modelled rows after filter and decimation, with their scores.
 
     `t` row → (n,) s; `measured`, `modelled` row → (n,); `modelled` includes the run's sensor zeros, given in `zeros`.
-    `used` says whether the model was fitted to this run; `whiteness` row → the residual's colour.
+    `used` says whether the model was fitted to this run; `whiteness` row → the residual's colour; `seconds` length of
+    the run [s].
     """
 
     name: str
@@ -69,6 +70,7 @@ class Comparison:
     zeros: tuple[Zeros, Array]
     used: bool
     whiteness: Mapping[str, Whiteness]
+    seconds: float
 
     def __repr__(self) -> str:
         ratios = ", ".join(f"{row} {score.ratio:.2f}" for row, score in self.scores.items())
@@ -110,7 +112,8 @@ def compare(
         if colour is not None:
             colours[row] = colour
     t: dict[str, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
-    return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours)
+    seconds = float(run.recording.t[-1] - run.recording.t[0])
+    return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours, seconds)
 
 
 def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:

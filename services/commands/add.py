@@ -52,7 +52,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("name an effect, or give --best")
     with Line() as line:
         session = Session(study, line.progress)
-        known = session.study.effects(session.loaded.reference)
+        known = session.study.effects(session.reference(session.study.version()))
         effect = find_effect(key, known)
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()

@@ -6,11 +6,10 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
-from lacet.identify.properties.derived import damper_curves
 from lacet.identify.validation.score import worst_row
+from lacet.services.commands.pictures import write_pictures
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
 from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.workspace.results import scores
 from lacet.services.workspace.session import Session
@@ -46,10 +45,7 @@ def run(args: argparse.Namespace) -> int:
         held = session.comparisons(version, held=True)
         if not args.no_pictures:
             line.show("drawing")
-            for part in (*used, *held):
-                pictures += draw_comparison(part, study.folder / "pictures", f"{part.name}-v{version.number}")
-            curves = damper_curves(session.fitted(version), session.knowledge(version))
-            pictures += draw_dampers(curves, study.folder / "pictures", f"dampers-v{version.number}")
+            pictures = write_pictures(session.pictures(version), study.folder / "pictures")
     not_judged = [line for part in held for line in rows_not_judged(part)]
     result = {
         "version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held),

@@ -15,11 +15,11 @@ from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare, fails, worst_row
+from lacet.services.commands.pictures import write_pictures
 from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
-from lacet.services.render.figures.validation_plots import draw_comparison, draw_dampers
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.results import consistency_result, fit_result
 
@@ -91,8 +91,14 @@ def run(args: argparse.Namespace) -> int:
         pictures: list[Path] = []
         if args.pictures is not None:
             line.show("drawing")
-            pictures = [file for part in parts for file in draw_comparison(part, args.pictures, part.name)]
-            pictures += draw_dampers(damper_curves(fitted, knowledge), args.pictures, "dampers")
+            # Only here: matplotlib takes half a second to load.
+            from lacet.services.render.figures.validation_plots import comparison_pictures, damper_picture
+
+            drawn_parts = {part.name: comparison_pictures(part) for part in parts}
+            drawings = {f"{run}-{what}": png for run, some in drawn_parts.items() for what, png in some.items()}
+            if (dampers := damper_picture(damper_curves(fitted, knowledge))) is not None:
+                drawings["dampers"] = dampers
+            pictures = write_pictures(drawings, args.pictures)
     if found and nearest:
         result["consistency"] = consistency_result(found, nearest)
     many = "s" if len(loaded.prepared) > 1 else ""

@@ -10,6 +10,7 @@ from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
+from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
@@ -25,7 +26,8 @@ A study is a folder of text files: the runs used and held out, every version of 
   lacet study new DIR --use sinus.mcap rough.mcap --hold braking.mcap      make one and fit the base model
   lacet study DIR                                                          how the error fell, version by version
   lacet study DIR --report report.html                                     the same with pictures, in one file
-  lacet study DIR --version 2                                              go to any version"""
+  lacet study DIR --version 2                                              go to any version
+  lacet study DIR --clear-cache                                            remove what was computed, versions apart"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +46,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default 6 Hz)")
     parser.add_argument("--report", metavar="FILE", type=Path, help="write a report with pictures, one HTML file")
     parser.add_argument("--version", type=int, help="go to a version")
+    parser.add_argument(
+        "--clear-cache", action="store_true", help="remove the values computed for the study (they are made anew)"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -58,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
         study = Study.open(folder)
         if args.version is not None:
             study = study.go_to(args.version)
+        if args.clear_cache:
+            print(f"{Store(study.folder).clear()} files removed from {study.folder / FOLDER}")
     versions = study.versions()
     if not versions:
         raise UsageError(f"{folder} has no version: its making was broken off; remove it and make it again")

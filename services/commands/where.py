@@ -7,9 +7,9 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
 from lacet.services.commands.progress import Line
-from lacet.services.render.failure_report import write_where
 from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
-from lacet.services.workspace.failure import analyse_version, failure_result
+from lacet.services.workspace.failure import failure_result
+from lacet.services.workspace.report import write_where
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 
@@ -44,10 +44,11 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     version = study.version(args.version)
     with Line() as line:
-        found = analyse_version(Session(study, line.progress), version, line.progress, args.row, args.only_run)
+        session = Session(study, line.progress)
+        found = session.failure(version, args.row, args.only_run)
         if args.report:
             line.show("drawing")
-            write_where(found, args.report, study.folder.name, version.number, list(version.effects))
+            write_where(session, version, found, args.report, [args.row, args.only_run])
     print(f"{failure_sentences(found)}\n")
     print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")
     print(f"What the error follows (part of its squares in cross-validation):\n{follows_table(found)}\n")

@@ -118,7 +118,7 @@ def recommend(
         engine_library()
     except UsageError as missing:
         raise UsageError(f"runs are predicted by simulation: {missing}") from None
-    known = session.study.effects(session.loaded.reference)
+    known = session.study.effects(session.reference(session.study.version()))
     compared, found = _compared(fitted, known, diagnosis, wanted)
     untested = next((c for c in diagnosis.candidates if [c.key] == wanted and not c.tested), None)
     why = why_untested(diagnosis, untested) if untested else ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
-from pathlib import Path
 
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
@@ -38,13 +37,13 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
     out.append(f"<h3>What the error follows</h3>{pre(follows_table(found))}")
     for k, row in enumerate(found.worst[:MOST_ROWS]):
         own: list[str] = []
-        if against := found.against(row):
+        if against := found.against[row]:
             own.append(picture(against_figure(against)))
         if row in found.spectra:
             own.append(picture(spectrum_figure(found.spectra[row])))
         # Some thirty panels take seconds to lay out, hence for the worst row only.
-        if k == 0 and (every := found.against(row, every=True)):
-            own.append(details(f"{row} against every state", picture(against_figure(every))))
+        if k == 0 and found.against_every:
+            own.append(details(f"{row} against every state", picture(against_figure(found.against_every))))
         out += own if k == 0 else [details(row, *own)]
     if found.surfaces:
         out.append(f"<h3>Restoring-force surfaces</h3>{picture(surface_figure(found.surfaces))}")
@@ -52,14 +51,11 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
     return out
 
 
-def write_where(found: FailureAnalysis, file: Path, name: str, number: int, effects: Sequence[str]) -> None:
-    """Write one self-contained HTML file on version `number` of study `name`, with `effects` beyond the base model."""
+def where_page(found: FailureAnalysis, name: str, number: int, effects: Sequence[str]) -> str:
+    """One self-contained HTML page on version `number` of study `name`, with `effects` beyond the base model."""
     added = ", ".join(effects) or "nothing"
     head = (
         f"<h1>{html.escape(name)}: where the model fails</h1>"
         f'<p class="note">version {number}; added to the base model: {html.escape(added)}</p>'
     )
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(
-        page(f"lacet where: {name}", head + section("Where it fails", *where_pieces(found))), encoding="utf-8"
-    )
+    return page(f"lacet where: {name}", head + section("Where it fails", *where_pieces(found)))

@@ -11,10 +11,12 @@ from lacet.daq.formats.result import plain
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.progress import silent
+from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.residual_map import Against, against_states
 from lacet.identify.validation.restoring_force import LEAST_SAMPLES
 from lacet.identify.validation.spectra import row_spectrum
+from lacet.identify.validation.states import ClearStates
 from lacet.services.render.rows import CORNER_WORDS
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
 from lacet.services.workbench.packed_arrays import packed
@@ -58,21 +60,27 @@ def against_payload(cache: SessionCache, version: int, row: str, state: str) -> 
     """A row's residual against a state; for states with little noise the part absorbed by the model is added again."""
     found, _ = cache.found_where(version)
     of = _row(found, row)
-    ready = found.against(of).get(state) if of in found.worst else None
+    ready = found.against.get(of, {}).get(state)
     if ready is None:
         with cache.computing(WAIT):
-            every = against_states(found.fitted.runs, found.fitted.residual, of, None)
+            fitted = _fitted(cache, version)
+            every = against_states(fitted.runs, fitted.residual, of, None)
             if state not in every:
                 raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
-            clear = against_states(found.fitted.runs, found.fitted.residual, of, [state], found.clear)
-            ready = clear[state]
+            ready = against_states(fitted.runs, fitted.residual, of, [state], ClearStates(fitted.runs))[state]
     return plain(_against(ready) | {"shown": _shown(of, ready.mean.unit, ready.mean.centre.tolist())})
+
+
+def _fitted(cache: SessionCache, number: int) -> Fit:
+    """The fit of a version; to be called while `computing`."""
+    study, version = cache.version(number)
+    return cache.session(study, silent).fitted(version)
 
 
 def _row(found: FailureAnalysis, text: str) -> Row:
     """A row of the analysed fit by its text. Raises NotThere with the nearest match."""
-    if text not in found.fitted.rows:
-        raise NotThere(f"no row {text}{nearest(text, found.fitted.rows)}")
+    if text not in found.rows:
+        raise NotThere(f"no row {text}{nearest(text, found.rows)}")
     return Row.parse(text)
 
 
@@ -91,8 +99,8 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
         of = _row(found, row)
         with cache.computing(WAIT):
             study, number = cache.version(version)
-            floor = cache.session(study, silent).floor(number)
-            ready = row_spectrum(found.fitted, floor, of, found.clear)
+            session = cache.session(study, silent)
+            ready = row_spectrum(session.fitted(number), session.floor(number), of)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
     return plain(

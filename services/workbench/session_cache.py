@@ -17,10 +17,10 @@ from typing import Any
 
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
-from lacet.identify.car.manoeuvre_phases import Phases, phases_of
+from lacet.identify.car.manoeuvre_phases import Phases
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.validation.contributions import Shares, shares_of
+from lacet.identify.validation.contributions import Shares
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.one_step_update import Preview, preview
 from lacet.identify.validation.score import Comparison
@@ -28,7 +28,7 @@ from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render.identifiability import rows_not_judged
 from lacet.services.render.rows import with_verdict
 from lacet.services.workbench.refusals import Busy, Needs
-from lacet.services.workspace.failure import analyse_version, failure_result
+from lacet.services.workspace.failure import failure_result
 from lacet.services.workspace.results import scores
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study, Version
@@ -139,14 +139,9 @@ class SessionCache:
         if kept is None or kept.stamp != stamp:
             session = self.session(study, progress)
             progress(ServiceStep(ServiceStage.COMPARING, version=version.number))
-            fitted = session.fitted(version)
-            pairs = session.pairs(version)
-            progress(ServiceStep(ServiceStage.CONTRIBUTIONS))
-            shares = tuple(shares_of(fitted, run, part) for part, run in pairs)
-            progress(ServiceStep(ServiceStage.MANOEUVRE_PHASES))
-            phases = tuple(phases_of(run.motion) for _, run in pairs)
-            parts = tuple(part for part, _ in pairs)
-            kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts, session))
+            parts = tuple(session.every_comparison(version))
+            shares, phases = tuple(session.shares(version)), tuple(session.phases(version))
+            kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts))
         _keep(self._compared, version.number, kept)
         return kept
 
@@ -156,7 +151,7 @@ class SessionCache:
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp:
-            found = analyse_version(self.session(study, progress), version, progress)
+            found = self.session(study, progress).failure(version, progress=progress)
             kept = stamp, found, failure_result(version, found)
         _keep(self._where, version.number, kept)
         return kept[1]
@@ -201,12 +196,9 @@ class SessionCache:
         return kept[1] if kept and kept[0] == stamp_of(study) else None
 
 
-def compare_payload(version: Version, parts: tuple[Comparison, ...], session: Session) -> dict[str, Any]:
+def compare_payload(version: Version, parts: tuple[Comparison, ...]) -> dict[str, Any]:
     """Scores of every row of every run, as in the result of ``lacet compare``."""
     used, held = scores([p for p in parts if p.used]), scores([p for p in parts if not p.used])
-    seconds = {
-        run.name: float(run.recording.t[-1] - run.recording.t[0]) for run in (*session.loaded.prepared, *session.held)
-    }
     return plain(
         {
             "version": version.number,
@@ -215,7 +207,7 @@ def compare_payload(version: Version, parts: tuple[Comparison, ...], session: Se
             "held": held,
             "runs": [
                 {
-                    "name": part.name, "used": part.used, "seconds": seconds[part.name],
+                    "name": part.name, "used": part.used, "seconds": part.seconds,
                     "rows": [{"row": row, **with_verdict(score)} for row, score in (used | held)[part.name].items()],
                     "not_judged": rows_not_judged(part),
                 }

@@ -192,7 +192,7 @@ class Tasks:
     def _shown(self, session: Session, number: int, teller: JobProgress) -> dict[str, Any]:
         """The new version's comparison, computed at once, as the page will ask for it."""
         self.cache.compare(number, teller.progress)
-        return {"version": number, "warnings": list(session.loaded.warnings)}
+        return {"version": number, "warnings": session.study.version(number).result.get("warnings", [])}
 
 
 def _dropped(find: Callable[[Run, Path | None], Found], run: Run, file: Path) -> Found:

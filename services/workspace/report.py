@@ -1,20 +1,48 @@
-"""Report of a study as one HTML file: its history, analyses and comparisons."""
+"""Reports as one HTML file each: of a study (history, analyses, comparisons), and of where a version fails."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from lacet.identify.progress import silent
-from lacet.identify.properties.derived import damper_curves
+from lacet.identify.validation.failure_analysis import FailureAnalysis
+from lacet.services.cache.keys import text_digest
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
-from lacet.services.render import study_sections as sections
-from lacet.services.render.html import page
-from lacet.services.workspace.failure import analyse_version
 from lacet.services.workspace.session import Session
+from lacet.services.workspace.study import Version
 
 
 def write_report(session: Session, file: Path, progress: Progress = silent) -> None:
     """Write the report of a study: fall of the error, failure analysis, missing effects, parameters."""
+    study = session.study
+    files = [one for part in ("versions", "diagnoses") for one in sorted((study.folder / part).glob("*.json"))]
+    told = [text_digest(one) for one in files]
+    text = session.page("report", study.version(), told, lambda: _report(session, progress))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+
+
+def write_where(session: Session, version: Version, found: FailureAnalysis, file: Path, asked: Sequence[str]) -> None:
+    """Write a version's failure analysis with all its pictures; `asked` : the row and the run that were asked for."""
+    text = session.page("where-page", version, list(asked), lambda: _where_page(session, version, found))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+
+
+def _where_page(session: Session, version: Version, found: FailureAnalysis) -> str:
+    # Only here: matplotlib takes half a second to load.
+    from lacet.services.render.failure_report import where_page
+
+    return where_page(found, session.study.folder.name, version.number, list(version.effects))
+
+
+def _report(session: Session, progress: Progress) -> str:
+    """The report's HTML text."""
+    # Only here: matplotlib takes half a second to load.
+    from lacet.services.render import study_sections as sections
+    from lacet.services.render.html import page
+
     study = session.study
     versions = study.versions()
     now, first = study.version(), versions[0]
@@ -29,14 +57,14 @@ def write_report(session: Session, file: Path, progress: Progress = silent) -> N
         sections.head(versions[0], now, len(study.used), len(study.held), diagnosis),
         sections.error_falls(versions),
     ]
-    failing = analyse_version(session, first, progress)
+    failing = session.failure(first, progress=progress)
     progress(ServiceStep(ServiceStage.DRAWING_FIRST_FAILURE))
     pieces = sections.base_model_fails(failing)
     if now.number != first.number:
-        later = analyse_version(session, now, progress)
+        later = session.failure(now, progress=progress)
         progress(ServiceStep(ServiceStage.DRAWING_PRESENT_FAILURE))
         pieces += sections.present_model_fails(now, failing.worst[0], before["used"], after["used"], later)
-    curves = damper_curves(session.fitted(now), session.knowledge(now)) if now.result.get("derived") else {}
+    curves = session.damper_curves(now) if now.result.get("derived") else {}
     found = {v.number: study.diagnosis(v.number) for v in versions}
     parts += [
         sections.where_it_fails(pieces),
@@ -46,5 +74,4 @@ def write_report(session: Session, file: Path, progress: Progress = silent) -> N
         sections.parameters(now),
         sections.rows(now),
     ]
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(page(f"lacet: {study.folder.name}", "\n".join(parts)), encoding="utf-8")
+    return page(f"lacet: {study.folder.name}", "\n".join(parts))

@@ -7,23 +7,33 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from lacet.daq.errors import UsageError
+from lacet.daq.errors import UsageError, nearest
+from lacet.identify.car.manoeuvre_phases import Phases, phases_of
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.progress import silent
+from lacet.identify.properties.derived import DamperCurve, damper_curves
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
+from lacet.identify.selection.regressor_noise import RegressorNoise
+from lacet.identify.validation.contributions import Shares, shares_of
+from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
+from lacet.services.cache.keys import service_sources
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
-from lacet.services.workspace.floor_cache import floor_key, load_floor, load_noise, save_floor, save_noise
 from lacet.services.workspace.loading import Loaded, check_reference, load
 from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
+from lacet.services.workspace.session_records import diagnosis_record, fit_record, restored_diagnosis, restored_fit
 from lacet.services.workspace.study import Study, Version
+from lacet.services.workspace.study_cache import StudyCache
 
 MOST_EFFECTS = 10
 """Largest number of effects that a search for missing ones adds."""
@@ -73,14 +83,32 @@ class Session:
     """
 
     def __init__(self, study: Study, progress: Progress = silent):
-        self.study, self.progress = study, progress
-        progress(ServiceStep(ServiceStage.READING_RUNS, total=len(study.used), subject="used"))
-        self.loaded = self._read(study.paths(), "used")
+        self.progress = progress
+        self._study, self._cache = study, StudyCache(study)
+        self._loaded: Loaded | None = None
         self._held: tuple[PreparedRun, ...] | None = None
         self._fits: dict[int, Fit] = {}
-        self._knowledge: dict[int, Knowledge] = {}
         self._floors: dict[int, NoiseFloor] = {}
         self._compared: dict[tuple[int, bool], list[Comparison]] = {}
+
+    @property
+    def study(self) -> Study:
+        """The study at work."""
+        return self._study
+
+    @study.setter
+    def study(self, study: Study) -> None:
+        self._study, self._cache = study, StudyCache(study)
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    @property
+    def loaded(self) -> Loaded:
+        """The runs used, read when they are first asked for."""
+        if self._loaded is None:
+            self.progress(ServiceStep(ServiceStage.READING_RUNS, total=len(self.study.used), subject="used"))
+            self._loaded = self._read(self.study.paths(), "used")
+        return self._loaded
 
     def _read(self, paths: Sequence[Path], kind: str) -> Loaded:
         folder = self.study.folder
@@ -91,7 +119,7 @@ class Session:
 
     @property
     def held(self) -> tuple[PreparedRun, ...]:
-        """The runs held out."""
+        """The runs held out, read when they are first asked for."""
         if self._held is None:
             self._held = ()
             if self.study.held:
@@ -99,93 +127,215 @@ class Session:
                 loaded = self._read(self.study.paths(held=True), "held out")
                 check_reference(self.loaded.reference, loaded.reference)
                 known = self.loaded.warnings
-                self.loaded = replace(self.loaded, warnings=(*known, *(w for w in loaded.warnings if w not in known)))
+                warnings = (*known, *(w for w in loaded.warnings if w not in known))
+                self._loaded = replace(self.loaded, warnings=warnings)
                 self._held = loaded.prepared
         return self._held
+
+    def reference(self, version: Version) -> str:
+        """Wheel reference of the runs: as a version's result has it, or from the runs themselves."""
+        return str(version.result.get("wheel_reference") or self.loaded.reference)
+
+    # -- values of a version, kept in the study -----------------------------------------------------------------------
 
     def fitted(self, version: Version) -> Fit:
         """The fit of a version."""
         if version.number not in self._fits:
-            self.progress(ServiceStep(ServiceStage.FITTING, effects=tuple(version.effects), version=version.number))
-            model = self.study.model(version, self.loaded.reference)
-            self._fits[version.number] = fit(
-                model,
-                self.loaded.prepared,
-                progress=lambda step: self.progress(ServiceStep.of_version(step, version.number)),
-            )
+            reference = self.reference(version)
+            key = self._cache.key("regression", version, reference)
+            model, kept = self.study.model(version, reference), self._cache.store.load("fit", key)
+            if kept is not None:
+                self._fits[version.number] = restored_fit(kept, model, self.loaded.prepared)
+            else:
+                found = self._fit(version, model)
+                self._cache.store.save("fit", key, fit_record(found))
+                self._fits[version.number] = found
         return self._fits[version.number]
 
+    def _fit(self, version: Version, model: Model) -> Fit:
+        self.progress(ServiceStep(ServiceStage.FITTING, effects=tuple(version.effects), version=version.number))
+        return fit(
+            model, self.loaded.prepared,
+            progress=lambda step: self.progress(ServiceStep.of_version(step, version.number)),
+        )  # fmt: skip
+
     def knowledge(self, version: Version) -> Knowledge:
-        """Uncertainty of a version's parameters, from the runs used."""
-        if version.number not in self._knowledge:
-            self._knowledge[version.number] = Knowledge.of(self.fitted(version))
-        return self._knowledge[version.number]
+        """The parameter knowledge of a version, from the runs used."""
+        key = self._cache.key("validation", version, self.reference(version))
+        return self._cache.kept("knowledge", key, lambda: Knowledge.of(self.fitted(version)))
+
+    def damper_curves(self, version: Version) -> dict[str, DamperCurve]:
+        """Corner → damper curve of a version."""
+        key = self._cache.key("properties", version, self.reference(version))
+        return self._cache.kept("dampers", key, lambda: damper_curves(self.fitted(version), self.knowledge(version)))
+
+    def comparisons(self, version: Version, held: bool) -> list[Comparison]:
+        """A version against the runs used, or held out."""
+        place = (version.number, held)
+        if place not in self._compared:
+            key = self._key_with(version, held, SCORE_DRAWS)
+            self._compared[place] = self._cache.kept("compared", key, lambda: self._compare(version, held))
+        return self._compared[place]
+
+    def _compare(self, version: Version, held: bool) -> list[Comparison]:
+        fitted = self.fitted(version)
+        knowledge = self.knowledge(version) if held else None
+        parts: list[Comparison] = []
+        for run in self.held if held else self.loaded.prepared:
+            self.progress(ServiceStep(ServiceStage.COMPARING, subject=run.name, version=version.number))
+            parts.append(compare(fitted, run, SCORE_DRAWS, knowledge=knowledge))
+        return parts
+
+    def _key_with(self, version: Version, held: bool, *more: object) -> str:
+        """Key of a value of the runs used, or held out, that validation makes."""
+        runs = self._cache.runs_key(held=True) if held else []
+        return self._cache.key("validation", version, self.reference(version), held, runs, *more)
+
+    def every_comparison(self, version: Version) -> list[Comparison]:
+        """A version against all runs, those used first."""
+        return [*self.comparisons(version, held=False), *self.comparisons(version, held=True)]
+
+    def shares(self, version: Version) -> list[Shares]:
+        """Each effect's contribution to the prediction of all runs, those used first."""
+        out: list[Shares] = []
+        for held in (False, True):
+            key = self._key_with(version, held)
+            out += self._cache.kept("shares", key, lambda held=held: self._shares(version, held))
+        return out
+
+    def _shares(self, version: Version, held: bool) -> list[Shares]:
+        self.progress(ServiceStep(ServiceStage.CONTRIBUTIONS))
+        runs, fitted = self.held if held else self.loaded.prepared, self.fitted(version)
+        return [shares_of(fitted, run, part) for run, part in zip(runs, self.comparisons(version, held), strict=True)]
+
+    def phases(self, version: Version) -> list[Phases]:
+        """The manoeuvre phases of all runs, those used first."""
+        out: list[Phases] = []
+        for held in (False, True):
+            key = self._key_with(replace(version, effects={}), held)
+            out += self._cache.kept("phases", key, lambda held=held: self._phases(held))
+        return out
+
+    def _phases(self, held: bool) -> list[Phases]:
+        self.progress(ServiceStep(ServiceStage.MANOEUVRE_PHASES))
+        return [phases_of(run.motion) for run in (self.held if held else self.loaded.prepared)]
+
+    def pictures(self, version: Version) -> dict[str, bytes]:
+        """Pictures of a version against all runs and of its dampers: name → PNG."""
+        held = self._cache.runs_key(held=True)
+        key = self._cache.key("properties", version, self.reference(version), held, service_sources("render"))
+        runs, dampers = self._cache.kept("pictures", key, lambda: self._drawn(version))
+        out = {
+            f"{run}-v{version.number}-{what}": png for run, pictures in runs.items() for what, png in pictures.items()
+        }
+        return out if dampers is None else {**out, f"dampers-v{version.number}": dampers}
+
+    def _drawn(self, version: Version) -> tuple[dict[str, dict[str, bytes]], bytes | None]:
+        # Only here: matplotlib takes half a second to load.
+        from lacet.services.render.figures.validation_plots import comparison_pictures, damper_picture
+
+        parts, curves = self.every_comparison(version), self.damper_curves(version)
+        return {part.name: comparison_pictures(part) for part in parts}, damper_picture(curves)
+
+    def page(self, kind: str, version: Version, told: object, write: Callable[[], str]) -> str:
+        """An HTML page on a version: kept, or as `write` gives it; `told` is what it tells beside values of the version."""
+        sentences, held = service_sources("render", "workspace"), self._cache.runs_key(held=True)
+        about = [self.study.folder.resolve().name, version.number, self.study.draws, held, told, sentences]
+        key = self._cache.key("properties", version, self.reference(version), *about)
+        return self._cache.kept(kind, key, write)
+
+    def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
+        """The noise floor of a version's fit on the runs used, in single precision."""
+        if version.number not in self._floors:
+            key = self._cache.key("validation", version, self.reference(version), self.study.draws)
+
+            def simulated() -> tuple[dict[str, NDArray[np.float32]], ...]:
+                made = floor_of(self.fitted(version), self.study.draws, progress=progress or self.progress)
+                return tuple({row: a.astype(np.float32) for row, a in part.items()} for part in made.draws)
+
+            single = self._cache.kept("floor", key, simulated)
+            draws = tuple({row: a.astype(float) for row, a in part.items()} for part in single)
+            self._floors[version.number] = NoiseFloor.of(draws)
+        return self._floors[version.number]
+
+    def failure(
+        self, version: Version, row: str = "", run: str = "", progress: Progress | None = None
+    ) -> FailureAnalysis:
+        """The failure analysis of a version, in all rows and runs or in those asked for.
+
+        Raises UsageError for an unknown row or run.
+        """
+        parts, phases = self.every_comparison(version), self.phases(version)
+        names = [part.name for part in parts]
+        if run and run not in names:
+            raise UsageError(f"no run {run} in this study{nearest(run, names)}: {', '.join(names)}")
+        rows = [one for one in ROWS if any(one in part.measured for part in parts if part.used)]
+        if row and row not in rows:
+            raise UsageError(f"no row {row} in these runs{nearest(row, rows)}: {', '.join(rows)}")
+        chosen = [k for k, name in enumerate(names) if run in ("", name)]
+        parts, phases = [parts[k] for k in chosen], [phases[k] for k in chosen]
+        held = self._cache.runs_key(held=True)
+        key = self._cache.key("validation", version, self.reference(version), self.study.draws, held, row, run)
+
+        def analysed() -> FailureAnalysis:
+            told = progress or self.progress
+            fitted, floor = self.fitted(version), self.floor(version, told)
+            found = analyse_failure(fitted, floor, parts, phases, Row.parse(row) if row else None, told)
+            return replace(found, parts=(), phases=())  # these are kept already
+
+        return replace(self._cache.kept("where", key, analysed), parts=tuple(parts), phases=tuple(phases))
+
+    def diagnose(self, progress: Progress | None = None) -> Diagnosis:
+        """Rank what is missing in the current version, and keep the finding."""
+        version = self.study.version()
+        reference = self.reference(version)
+        key = self._cache.key("selection", version, reference, self.study.draws, catalogue=True)
+        candidates = {k: e for k, e in self.study.effects(reference).items() if not e.base}
+        noise = self._kept_noise(key)
+        ranking = None if noise is None else self._cache.store.load("ranking", key)
+        if noise is not None and ranking is not None:
+            diagnosis = restored_diagnosis(ranking, candidates, noise)
+        else:
+            fitted, floor = self.fitted(version), self.floor(version, progress)
+            self.progress(ServiceStep(ServiceStage.CANDIDATES, total=len(candidates)))
+            diagnosis = diagnose(fitted, floor, list(candidates.values()), noise=noise, progress=self.progress)
+            self._cache.store.save("noise", key, diagnosis.noise.arrays())
+            self._cache.store.save("ranking", key, diagnosis_record(diagnosis))
+        self.study.record_diagnosis(diagnosis_result(diagnosis))
+        return diagnosis
+
+    def _kept_noise(self, key: str) -> RegressorNoise | None:
+        arrays = self._cache.store.load("noise", key)
+        return None if arrays is None else RegressorNoise.from_arrays(arrays)
+
+    # -- versions -----------------------------------------------------------------------------------------------------
 
     def record(self, effects: Mapping[str, Mapping[str, float]], note: str) -> Version:
-        """Fit a model, score it on all runs and store it as the study's new version."""
+        """Fit a model, score it on all runs and keep it as the study's new version; known results are used again."""
         number = max((v.number for v in self.study.versions()), default=0) + 1
-        version = Version(number, effects, note)
-        fitted = self.fitted(version)
-        self.progress(ServiceStep(ServiceStage.SCORING))
-        used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
-        result = fit_result(fitted, self.loaded, used, held, self.knowledge(version))
+        reference = self.reference(self.study.version()) if self.study.current else self.loaded.reference
+        version = Version(number, effects, note, {"wheel_reference": reference})
+        held, sentences = self._cache.runs_key(held=True), service_sources("render", "workspace")
+        key = self._cache.key("properties", version, reference, held, SCORE_DRAWS, sentences)
+        result = self._cache.kept("result", key, lambda: self._result(version))
         try:
             self.study = self.study.record(effects, note, result)
         finally:
-            if self.study.current != number:  # another writer's version has taken this number
+            if self.study.current != number:  # another writer's version has this number now
                 self.forget(number)
         return self.study.version()
 
-    def forget(self, number: int) -> None:
-        """Remove the cached computations of a version's number."""
-        for kept in (self._fits, self._knowledge, self._floors):
-            kept.pop(number, None)
-        self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
-
-    def comparisons(self, version: Version, held: bool) -> list[Comparison]:
-        """Comparisons of a version with the runs used, or with those held out."""
-        key = (version.number, held)
-        if key not in self._compared:
-            fitted = self.fitted(version)
-            knowledge = self.knowledge(version) if held else None
-            runs = self.held if held else self.loaded.prepared
-            parts: list[Comparison] = []
-            for run in runs:
-                self.progress(ServiceStep(ServiceStage.COMPARING, subject=run.name, version=version.number))
-                parts.append(compare(fitted, run, SCORE_DRAWS, knowledge=knowledge))
-            self._compared[key] = parts
-        return self._compared[key]
-
-    def pairs(self, version: Version) -> list[tuple[Comparison, PreparedRun]]:
-        """Every run of a version with its comparison, runs used first."""
-        used = zip(self.comparisons(version, held=False), self.loaded.prepared, strict=True)
-        return [*used, *zip(self.comparisons(version, held=True), self.held, strict=True)]
-
-    def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
-        """The noise floor of a version's fit on the runs used, simulated once and stored in the study."""
-        if version.number not in self._floors:
-            key = floor_key(self.study, version)
-            found = load_floor(self.study, key)
-            if found is None:
-                made = floor_of(self.fitted(version), self.study.draws, progress=progress or self.progress)
-                found = save_floor(self.study, key, made)
-            self._floors[version.number] = found
-        return self._floors[version.number]
-
-    def diagnose(self, progress: Progress | None = None) -> Diagnosis:
-        """Rank what is missing in the current version, and store the diagnosis."""
-        version = self.study.version()
+    def _result(self, version: Version) -> dict[str, Any]:
         fitted = self.fitted(version)
-        floor = self.floor(version, progress)
-        key = floor_key(self.study, version)
-        kept = load_noise(self.study, key)
-        candidates = [e for e in self.study.effects(self.loaded.reference).values() if not e.base]
-        self.progress(ServiceStep(ServiceStage.CANDIDATES, total=len(candidates)))
-        diagnosis = diagnose(fitted, floor, candidates, noise=kept, progress=self.progress)
-        if diagnosis.noise is not kept:
-            save_noise(self.study, key, diagnosis.noise)
-        self.study.record_diagnosis(diagnosis_result(diagnosis))
-        return diagnosis
+        self.progress(ServiceStep(ServiceStage.SCORING))
+        used, held = self.comparisons(version, held=False), self.comparisons(version, held=True)
+        return fit_result(fitted, self.loaded, used, held, self.knowledge(version))
+
+    def forget(self, number: int) -> None:
+        """Let go of what was computed for a version's number."""
+        for values in (self._fits, self._floors):
+            values.pop(number, None)
+        self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
 
     def add_missing(
         self, most: int = MOST_EFFECTS,
@@ -217,7 +367,7 @@ class Session:
         version = self.study.version()
         if key in version.effects:
             raise UsageError(f"{key} is in the model already (version {version.number})")
-        effect = find_effect(key, self.study.effects(self.loaded.reference))
+        effect = find_effect(key, self.study.effects(self.reference(version)))
         if shape is None:
             found = (self.study.diagnosis() or {}).get("candidates", [])
             shape = next((c["shape"] for c in found if c["effect"] == key), {})

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -18,17 +17,17 @@ from lacet.services.render.rows import colour_words
 _KINDS = ("chassis", "suspension", "tyre", "spin")
 
 
-def draw_comparison(part: Comparison, folder: Path, stem: str) -> list[Path]:
-    """Write a figure for each kind of row of a run (figures 4 to 10 of the paper), and two of its whiteness."""
-    figures = {f"{stem}-{kind}": comparison_figure(part, rows) for kind, rows in kinds(part).items()}
+def comparison_pictures(part: Comparison) -> dict[str, bytes]:
+    """Pictures of a run: one for each kind of row (figures 4 to 10 of the paper), two of its whiteness; what → PNG."""
+    figures = {kind: comparison_figure(part, rows) for kind, rows in kinds(part).items()}
     if part.whiteness:
-        figures |= {f"{stem}-spectrum": spectrum_figure(part), f"{stem}-autocorrelation": acf_figure(part)}
-    return _written(figures, folder)
+        figures |= {"spectrum": spectrum_figure(part), "autocorrelation": acf_figure(part)}
+    return {what: png(figure) for what, figure in figures.items()}
 
 
-def draw_dampers(curves: Mapping[str, DamperCurve], folder: Path, stem: str) -> list[Path]:
-    """Write the damper curves of all corners as one figure; none when no suspension row was measured."""
-    return _written({stem: damper_figure(curves)}, folder) if curves else []
+def damper_picture(curves: Mapping[str, DamperCurve]) -> bytes | None:
+    """The damper curves of all corners as PNG; None when no suspension row was measured."""
+    return png(damper_figure(curves)) if curves else None
 
 
 def kinds(part: Comparison) -> dict[str, list[str]]:
@@ -126,13 +125,3 @@ def _label(axes: Axes, part: Comparison, row: str, x: str, y: str) -> None:
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
-
-
-def _written(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
-    folder.mkdir(parents=True, exist_ok=True)
-    files: list[Path] = []
-    for name, figure in figures.items():
-        file = folder / f"{name}.png"
-        file.write_bytes(png(figure))
-        files.append(file)
-    return files

@@ -1,0 +1,148 @@
+"""Keys of cached values: digests of everything that a value depends on, by content and never by path.
+
+A value depends on lacet's sources up to the room that made it, on NumPy and SciPy, and on what it was computed from.
+Of the catalogue only the files of the effects in a model count: a change of another effect leaves its fit valid.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import inspect
+import json
+import os
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import scipy
+
+import lacet.daq
+import lacet.identify
+import lacet.services
+from lacet.identify.effects.base import Effect
+from lacet.identify.effects.catalogue import effect_classes
+from lacet.identify.effects.user_files import is_own
+from lacet.services.cache.store import FOLDER
+
+SCHEMA = 1
+"""Version of what is stored; another one makes everything anew."""
+ROOMS = ("multibody", "signals", "car", "effects", "regression", "validation", "properties", "selection", "design")
+"""Rooms of `lacet.identify` from bottom to top, as the import contracts have them."""
+_IDENTIFY = Path(str(lacet.identify.__file__)).parent
+_SERVICES = Path(str(lacet.services.__file__)).parent
+_DAQ = Path(str(lacet.daq.__file__)).parent
+
+
+def key_of(room: str, effects: Iterable[type[Effect]] | None, *parts: object) -> str:
+    """Key of a value.
+
+    Parameters
+    ----------
+    room : the room of `lacet.identify` that makes it.
+    effects : classes of the effects in it; None for the whole catalogue.
+    parts : everything else that it depends on, as JSON data.
+    """
+    versions = [SCHEMA, np.__version__, scipy.__version__]
+    chosen = None if effects is None else tuple(sorted({_place(cls) for cls in effects if not is_own(cls)}))
+    body = json.dumps([versions, _sources(room, chosen), *parts], sort_keys=True, default=str)
+    return hashlib.sha256(body.encode()).hexdigest()[:32]
+
+
+@cache
+def _sources(room: str, effect_files: tuple[str, ...] | None) -> str:
+    """Digest of lacet's sources up to a room; of files that only define effects, those named and what they import."""
+    files = [*_DAQ.rglob("*.py"), *_IDENTIFY.glob("*.py")]
+    for name in ROOMS[: ROOMS.index(room) + 1]:
+        files += (_IDENTIFY / name).rglob("*.py")
+    if effect_files is not None:
+        needed = _with_imports(effect_files)
+        unneeded = {_place(cls) for cls in effect_classes().values()} - needed
+        files = [file for file in files if str(file.resolve()) not in unneeded]
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _place(cls: type[Effect]) -> str:
+    return str(Path(inspect.getfile(cls)).resolve())
+
+
+def _with_imports(files: Iterable[str]) -> set[str]:
+    """Files of effects with all files of effects that these import."""
+    out: set[str] = set()
+    open_ = list(files)
+    while open_:
+        name = open_.pop()
+        if name in out:
+            continue
+        out.add(name)
+        for node in ast.walk(ast.parse(Path(name).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("lacet.identify.effects."):
+                inside = _IDENTIFY.joinpath(*str(node.module).split(".")[2:]).with_suffix(".py")
+                if inside.is_file():
+                    open_.append(str(inside.resolve()))
+    return out
+
+
+@cache
+def service_sources(*rooms: str) -> str:
+    """Digest of the sources of rooms of `lacet.services`, for values that hold their sentences."""
+    digest = hashlib.sha256()
+    for room in rooms:
+        for file in sorted((_SERVICES / room).rglob("*.py")):
+            digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+def text_digest(file: Path) -> str:
+    """Digest of a small file's content; of no content where there is no file."""
+    return hashlib.sha256(file.read_bytes() if file.is_file() else b"").hexdigest()
+
+
+def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
+    """Digests of the contents of runs, remembered in the study by size, time of change and inode.
+
+    Raises OSError for a run that cannot be read.
+    """
+    memory = study / FOLDER / "runs.json"
+    known: dict[str, Any] = {}
+    with suppress(OSError, ValueError):
+        read: Any = json.loads(memory.read_text(encoding="utf-8"))
+        known = read if isinstance(read, dict) else known
+    found: dict[str, list[Any]] = {}
+    for run in runs:
+        state = run.stat()
+        stamp = [state.st_size, state.st_mtime_ns, state.st_ino]
+        before = known.get(str(run.resolve()))
+        if isinstance(before, list) and len(entry := cast(list[Any], before)) == 4 and entry[:3] == stamp:
+            found[str(run.resolve())] = entry
+        else:
+            found[str(run.resolve())] = [*stamp, _content(run)]
+    if any(known.get(name) != entry for name, entry in found.items()):
+        _remember(memory, {**known, **found})
+    return [entry[3] for entry in found.values()]
+
+
+def _content(run: Path) -> str:
+    """Digest of a file, and of the JSON file beside a CSV."""
+    digest = hashlib.sha256()
+    with run.open("rb") as stream:
+        while part := stream.read(1 << 20):
+            digest.update(part)
+    beside = run.with_suffix(".json")
+    if run.suffix.lower() == ".csv" and beside.is_file():
+        digest.update(beside.read_bytes())
+    return digest.hexdigest()
+
+
+def _remember(file: Path, found: Mapping[str, Any]) -> None:
+    part = file.with_suffix(f".{os.getpid()}")
+    with suppress(OSError):
+        file.parent.mkdir(exist_ok=True)
+        part.write_text(json.dumps(found), encoding="utf-8")
+        part.replace(file)

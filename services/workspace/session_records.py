@@ -1,0 +1,46 @@
+"""Fits and rankings without what a study makes again (runs, model, effects), for keeping, and the whole ones again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.regression.assembly import Assembly
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import Fit, at_faults
+from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.regressor_noise import RegressorNoise
+
+_LIVE = ("model", "runs", "assembly")
+"""What a fit holds beside its values: it is made again from the study."""
+
+
+def fit_record(fitted: Fit) -> dict[str, Any]:
+    """Values of a fit by name, with where its sensitivities were taken (`at`) and the samples' `weights`."""
+    values = {f.name: getattr(fitted, f.name) for f in fields(Fit) if f.name not in _LIVE}
+    return {**values, "at": fitted.assembly.at, "weights": fitted.assembly.weights}
+
+
+def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[PreparedRun]) -> Fit:
+    """The fit of a record, of the same model on the same runs."""
+    values = dict(record)
+    at, weights = values.pop("at"), values.pop("weights")
+    removed, base, options = values["removed"], values["base"], values["options"]
+    if model.faults:
+        runs = [PreparedRun(at_faults(run.recording, model.faults, removed)) for run in runs]
+    assembly = Assembly(model.physics, base.independent, model.faults, runs, at, options.zeros)
+    return Fit(model=model, runs=tuple(runs), assembly=assembly.weighted(weights), **values)
+
+
+def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Values of a ranking by name, of its effects the keys; without the noise in the columns."""
+    values = {f.name: getattr(diagnosis, f.name) for f in fields(Diagnosis) if f.name != "noise"}
+    return {**values, "effects": list(diagnosis.effects)}
+
+
+def restored_diagnosis(record: Mapping[str, Any], effects: Mapping[str, Effect], noise: RegressorNoise) -> Diagnosis:
+    """The ranking of a record; `effects` by key, those that can be computed among them."""
+    return Diagnosis(**{**record, "effects": {key: effects[key] for key in record["effects"]}, "noise": noise})
