@@ -103,7 +103,7 @@ class Store:
         total = 0
         for time, size, file in sorted(found, reverse=True):
             total += size
-            left_over = file.name.startswith("writing-") and time < newest - 3600.0
-            if left_over or (file.suffix == ".zip" and total > self.most):
+            abandoned = file.name.startswith("writing-") and time < newest - 3600.0
+            if abandoned or (file.suffix == ".zip" and total > self.most):
                 with suppress(OSError):
                     file.unlink(missing_ok=True)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.validation.score import worst_row
-from lacet.services.commands.pictures import write_pictures
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
 from lacet.services.render.identifiability import rows_not_judged
+from lacet.services.workspace.report import write_pictures
 from lacet.services.workspace.results import scores
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study

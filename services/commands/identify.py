@@ -15,12 +15,12 @@ from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import compare, fails, worst_row
-from lacet.services.commands.pictures import write_pictures
 from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
 from lacet.services.workspace.loading import default_filters, load
+from lacet.services.workspace.report import write_pictures
 from lacet.services.workspace.results import consistency_result, fit_result
 
 HELP = "fit the base model to runs and print the parameters"

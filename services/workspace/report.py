@@ -1,8 +1,8 @@
-"""Reports as one HTML file each: of a study (history, analyses, comparisons), and of where a version fails."""
+"""Reports as files: of a study (history, analyses, comparisons), of where a version fails, and single pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from lacet.identify.progress import silent
@@ -17,8 +17,8 @@ def write_report(session: Session, file: Path, progress: Progress = silent) -> N
     """Write the report of a study: fall of the error, failure analysis, missing effects, parameters."""
     study = session.study
     files = [one for part in ("versions", "diagnoses") for one in sorted((study.folder / part).glob("*.json"))]
-    told = [text_digest(one) for one in files]
-    text = session.page("report", study.version(), told, lambda: _report(session, progress))
+    content = [text_digest(one) for one in files]
+    text = session.page("report", study.version(), content, lambda: _report(session, progress))
     file.parent.mkdir(parents=True, exist_ok=True)
     file.write_text(text, encoding="utf-8")
 
@@ -35,6 +35,16 @@ def _where_page(session: Session, version: Version, found: FailureAnalysis) -> s
     from lacet.services.render.failure_report import where_page
 
     return where_page(found, session.study.folder.name, version.number, list(version.effects))
+
+
+def write_pictures(pictures: Mapping[str, bytes], folder: Path) -> list[Path]:
+    """Write pictures, name → PNG, into a folder; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    files: list[Path] = []
+    for name, content in pictures.items():
+        files.append(folder / f"{name}.png")
+        files[-1].write_bytes(content)
+    return files
 
 
 def _report(session: Session, progress: Progress) -> str:

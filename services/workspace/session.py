@@ -237,10 +237,10 @@ class Session:
         parts, curves = self.every_comparison(version), self.damper_curves(version)
         return {part.name: comparison_pictures(part) for part in parts}, damper_picture(curves)
 
-    def page(self, kind: str, version: Version, told: object, write: Callable[[], str]) -> str:
-        """An HTML page on a version: kept, or as `write` gives it; `told` is what it tells beside values of the version."""
+    def page(self, kind: str, version: Version, content: object, write: Callable[[], str]) -> str:
+        """An HTML page on a version, kept or as `write` gives it; `content` : what it shows beside its values."""
         sentences, held = service_sources("render", "workspace"), self._cache.runs_key(held=True)
-        about = [self.study.folder.resolve().name, version.number, self.study.draws, held, told, sentences]
+        about = [self.study.folder.resolve().name, version.number, self.study.draws, held, content, sentences]
         key = self._cache.key("properties", version, self.reference(version), *about)
         return self._cache.kept(kind, key, write)
 
@@ -278,9 +278,9 @@ class Session:
         key = self._cache.key("validation", version, self.reference(version), self.study.draws, held, row, run)
 
         def analysed() -> FailureAnalysis:
-            told = progress or self.progress
-            fitted, floor = self.fitted(version), self.floor(version, told)
-            found = analyse_failure(fitted, floor, parts, phases, Row.parse(row) if row else None, told)
+            receiver = progress or self.progress
+            fitted, floor = self.fitted(version), self.floor(version, receiver)
+            found = analyse_failure(fitted, floor, parts, phases, Row.parse(row) if row else None, receiver)
             return replace(found, parts=(), phases=())  # these are kept already
 
         return replace(self._cache.kept("where", key, analysed), parts=tuple(parts), phases=tuple(phases))
