@@ -107,7 +107,7 @@ def text_digest(file: Path) -> str:
 def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
     """Digests of the contents of runs, remembered in the study by size, time of change and inode.
 
-    Raises OSError for a run that cannot be read.
+    That of a run that cannot be read is empty: whoever reads it says so.
     """
     memory = study / FOLDER / "runs.json"
     known: dict[str, Any] = {}
@@ -115,17 +115,21 @@ def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
         read: Any = json.loads(memory.read_text(encoding="utf-8"))
         known = read if isinstance(read, dict) else known
     found: dict[str, list[Any]] = {}
+    out: list[str] = []
     for run in runs:
-        state = run.stat()
-        stamp = [state.st_size, state.st_mtime_ns, state.st_ino]
-        before = known.get(str(run.resolve()))
-        if isinstance(before, list) and len(entry := cast(list[Any], before)) == 4 and entry[:3] == stamp:
-            found[str(run.resolve())] = entry
-        else:
-            found[str(run.resolve())] = [*stamp, _content(run)]
-    if any(known.get(name) != entry for name, entry in found.items()):
+        name, entry = str(run.resolve()), ["", "", "", ""]
+        with suppress(OSError):
+            state = run.stat()
+            stamp = [state.st_size, state.st_mtime_ns, state.st_ino]
+            before = known.get(name)
+            if isinstance(before, list) and len(kept := cast(list[Any], before)) == 4 and kept[:3] == stamp:
+                entry = kept
+            else:
+                entry = found[name] = [*stamp, _content(run)]
+        out.append(entry[3])
+    if found:
         _remember(memory, {**known, **found})
-    return [entry[3] for entry in found.values()]
+    return out
 
 
 def _content(run: Path) -> str:

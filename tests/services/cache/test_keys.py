@@ -94,6 +94,7 @@ def test_a_run_is_read_once_and_known_by_its_content(tmp_path: Path, monkeypatch
     assert run_digests(study, [one])[0] != first[0]
     (study / ".cache" / "runs.json").write_text('{"damaged')
     assert run_digests(study, [other]) == [first[1]]
+    assert run_digests(study, [tmp_path / "gone.parquet", other, other]) == ["", first[1], first[1]]
 
 
 @pytest.mark.parametrize("damage", ['{"damaged', "[]", '{"%s": [1]}', '{"%s": null}'])
