@@ -205,10 +205,9 @@ def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[st
     z = len(piece.zeros.sigma)
     moved: list[dict[str, Array]] = []
     for sign in (1, -1):
-        run = piece.prepared.noisy(0, sign, [2003, piece.run], loads=True)
+        run = piece.prepared.noisy(sign, [2003, piece.run], loads=True)
         noisy = replace(piece, prepared=run, sensitivity=piece.sensitivity.on(run.recording))
         moved.append(dict(question.columns(noisy)))
-    piece.prepared.forget_noisy(loads=True)
     share = sum(map(_samples, pieces)) / _samples(piece)
     parts = [(plus - moved[1][row])[:, z:] * (0.5 * np.sqrt(share) / sigma[row]) for row, plus in moved[0].items()]
     return _merged(np.zeros((0, question.width)), *parts)

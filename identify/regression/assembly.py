@@ -41,6 +41,11 @@ class Piece:
     sensitivity: Sensitivity | None
     weights: Mapping[str, Array] | None
 
+    def anew(self) -> Piece:
+        """The same equations, with nothing that was computed beside them: full-rate motion, slopes, further columns."""
+        sensitivity = None if self.sensitivity is None else self.sensitivity.anew()
+        return replace(self, prepared=self.prepared.anew(), sensitivity=sensitivity)
+
 
 @dataclass(frozen=True)
 class Known:
@@ -103,28 +108,29 @@ class Assembly:
             yield from self.pieces_of(run)
 
     def pieces_of(self, run: int) -> Iterator[Piece]:
-        """Every piece of one run, in order."""
+        """Every piece of one run, in order; what is computed on a part of a long run goes with the piece."""
         drive = self.runs[run]
         for number, part in enumerate(drive.pieces()):
-            place = None if part is drive else number
-            piece = self._cache.pieces.get((run, place))
-            if piece is None:
-                piece = self._make(run, place, part)
-                self._keep(piece)
-            weights = self.weights.get((run, place))
-            yield piece if weights is None else replace(piece, weights=weights)
-            if place is not None:
-                piece.prepared.forget_motion()
-                piece.prepared.forget_columns()
-                if piece.sensitivity is not None:
-                    piece.sensitivity.forget_slopes()
+            yield self._piece(run, None if part is drive else number, part)
+
+    def _piece(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
+        """A piece as it is kept, or made now."""
+        piece = self._cache.pieces.get((run, number))
+        if piece is None:
+            piece = self._make(run, number, drive)
+            self._keep(piece)
+        elif number is not None:
+            piece = piece.anew()
+        weights = self.weights.get((run, number))
+        return piece if weights is None else replace(piece, weights=weights)
 
     def _keep(self, piece: Piece) -> None:
-        if piece.number is not None:
-            self._cache.long += float(np.ptp(piece.prepared.recording.t))
-            if self._cache.long > KEPT:
-                return
-        self._cache.pieces[piece.run, piece.number] = piece
+        if piece.number is None:
+            self._cache.pieces[piece.run, None] = piece
+            return
+        self._cache.long += float(np.ptp(piece.prepared.recording.t))
+        if self._cache.long <= KEPT:
+            self._cache.pieces[piece.run, piece.number] = piece.anew()
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
         """Responses of a piece to the sensor sheet's gains and latencies."""

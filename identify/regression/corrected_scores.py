@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.prepared_run import NoisyColumns
 from lacet.identify.regression.qr_accumulation import scaled_triangle
 
 NOISE_DRAWS = 6
@@ -59,29 +60,27 @@ class NoiseMoments:
             row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ offset)
             for row, block in piece.blocks.items()
         }
-        physics = {row: block[:, z : z + b] for row, block in piece.blocks.items()}
+        position = np.full(sum(len(effect.parameters) for effect in effects), -1)
+        position[keep] = np.arange(b)
         for draw in range(self.draws):
-            pair = [piece.prepared.noisy(draw, sign, [2002, *place, draw]) for sign in (1, -1)]
+            pair = [piece.prepared.noisy_columns(effects, sign, [2002, *place, draw]) for sign in (1, -1)]
             for row, (W, y) in plain.items():
                 weight = np.full(len(y), sigma[row] ** -2.0)
                 if piece.weights is not None:
                     weight = weight * piece.weights[row] ** 2
-                shifts = [noisy.matrix(effects, row)[:, keep] - physics[row] for noisy in pair]
-                errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
                 # (W + δ)ᵀ(W + δ) − WᵀW, where only the few columns that act on this row have a δ.
-                active = np.flatnonzero(np.any(shifts[0] != 0.0, axis=0))
-                mean: Array = 0.5 * (shifts[0] + shifts[1])[:, active].T * weight
+                active, shifts = _shifts(pair, effects, row, position, piece.blocks[row][:, z : z + b])
+                errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
+                mean: Array = 0.5 * (shifts[0] + shifts[1]).T * weight
                 across = mean @ W
                 self.slopes[draw][active] += across
                 self.slopes[draw][:, active] += across.T
                 self.constants[draw][active] += mean @ y
                 self.constants[draw] += W.T @ (0.5 * weight * (errors[0] + errors[1]))
                 for shift, error in zip(shifts, errors, strict=True):
-                    part: Array = 0.5 * shift[:, active].T * weight
-                    self.slopes[draw][np.ix_(active, active)] += part @ shift[:, active]
+                    part: Array = 0.5 * shift.T * weight
+                    self.slopes[draw][np.ix_(active, active)] += part @ shift
                     self.constants[draw][active] += part @ error
-            for noisy in pair:
-                noisy.forget_motion()
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
         """The estimate without the bias, and the covariance that the correction leaves in it.
@@ -112,6 +111,21 @@ class NoiseMoments:
         scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
         doubt = scatter.T @ scatter / (self.draws * (self.draws - 1))
         return corrected, doubt + given_back(inverse, slope, priors)
+
+
+def _shifts(
+    pair: Sequence[NoisyColumns], effects: Sequence[PhysicalEffect], row: str, position: NDArray[np.intp], clean: Array
+) -> tuple[NDArray[np.intp], list[Array]]:
+    """Positions (a,) of the columns of a row that noise moves, and by how much, (n, a) with it added and subtracted.
+
+    `position` of each parameter among the columns `clean` (n, b), −1 where it has none.
+    """
+    (places, added), (_, taken) = (noisy.acting(effects, row) for noisy in pair)
+    at = position[places]
+    there = at >= 0
+    shifts = [columns[:, there] - clean[:, at[there]] for columns in (added, taken)]
+    moved = np.any(shifts[0] != 0.0, axis=0)
+    return at[there][moved], [shift[:, moved] for shift in shifts]
 
 
 def given_back(inverse: Array, noise: Array, priors: Array) -> Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
@@ -14,8 +15,8 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import GroundLaserOffset, Motion
-from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect, PhysicalEffect
+from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.effects.base import Effect, PhysicalEffect, with_places
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -27,6 +28,10 @@ PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
 TOGETHER = 8
 """So many series go through the filter at once."""
+
+
+ColumnKey = tuple[str, tuple[tuple[str, float], ...]]
+"""Key and shape constants of an effect."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,29 @@ class Unmeasured:
     needs: tuple[str | GroundLaserOffset, ...]
 
 
+@dataclass(frozen=True)
+class NoisyColumns:
+    """Columns of effects, and left sides row → (n,), of a run with one draw of noise added or subtracted."""
+
+    columns: Mapping[ColumnKey, Mapping[str, Array]]
+    measured: Mapping[str, Array]
+
+    def acting(self, effects: Sequence[PhysicalEffect], row: str) -> tuple[NDArray[np.intp], Array]:
+        """Places of the parameters that act on a row, where those of all effects stand in order, and (n, a) columns."""
+        places = [np.zeros(0, np.intp)]
+        columns = [np.zeros((0, len(self.measured[row])))]
+        for effect, place in with_places(effects):
+            found = self.of(effect)
+            if row in found:
+                places.append(np.arange(place.start, place.stop, dtype=np.intp))
+                columns.append(found[row])
+        return np.concatenate(places), np.concatenate(columns).T
+
+    def of(self, effect: PhysicalEffect) -> Mapping[str, Array]:
+        """An effect's columns, row → (p, n)."""
+        return self.columns[column_key(effect)]
+
+
 class PreparedRun:
     """A recording with its motion; what is computed for one effect is kept for the next question.
 
@@ -50,12 +78,13 @@ class PreparedRun:
     ----------
     recording : channels on one grid.
     offset : place of its first sample in the run it is a piece of, 0 for a whole run.
+    index : kept sample indices by row, where they are known already.
     """
 
-    def __init__(self, recording: Recording, offset: int = 0):
-        self.recording, self.offset = recording, offset
-        self._noisy: dict[tuple[int, int, bool], PreparedRun] = {}
-        self._columns: dict[tuple[str, tuple[tuple[str, float], ...]], dict[str, Array]] = {}
+    def __init__(self, recording: Recording, offset: int = 0, index: Mapping[str, NDArray[np.intp]] | None = None):
+        self.recording, self.offset, self._index = recording, offset, index
+        self._noisy: dict[tuple[int, tuple[int, ...]], NoisyColumns] = {}
+        self._columns: dict[ColumnKey, dict[str, Array]] = {}
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
@@ -76,15 +105,21 @@ class PreparedRun:
         """The motion and loads at full rate."""
         return build_motion(self.recording)
 
-    @cached_property
+    @property
     def rows(self) -> tuple[Row, ...]:
         """Rows with a measured left side and at least one usable sample."""
-        return tuple(row for row in self.motion.rows if len(self.motion.kept(row)))
+        return tuple(row for row in ROWS if row in self.index)
 
     @cached_property
-    def index(self) -> Mapping[str, np.ndarray]:
+    def index(self) -> Mapping[str, NDArray[np.intp]]:
         """Kept sample indices by row."""
-        return {row: self.motion.kept(row) for row in self.rows}
+        if self._index is not None:
+            return self._index
+        return {row: kept for row in self.motion.rows if len(kept := self.motion.kept(row))}
+
+    def anew(self) -> PreparedRun:
+        """The same run and its kept samples, without the motion and the columns that were computed on it."""
+        return PreparedRun(self.recording, self.offset, self.index)
 
     @cached_property
     def measured(self) -> dict[str, Array]:
@@ -93,7 +128,7 @@ class PreparedRun:
 
     def columns(self, effect: PhysicalEffect) -> dict[str, Array]:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
-        key = (effect.key, tuple(sorted(effect.shape.items())))
+        key = column_key(effect)
         if key not in self._columns:
             self._columns[key] = self.decimated(checked_columns(effect, self.motion))
         return self._columns[key]
@@ -149,8 +184,7 @@ class PreparedRun:
 
     def prepare(self, effects: Sequence[PhysicalEffect]) -> None:
         """Make the columns of all effects that are not there yet, through the filter together."""
-        keys = [(effect.key, tuple(sorted(effect.shape.items()))) for effect in effects]
-        fresh = [(key, effect) for key, effect in zip(keys, effects, strict=True) if key not in self._columns]
+        fresh = [(key, effect) for effect in effects if (key := column_key(effect)) not in self._columns]
         if not fresh:
             return
         done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
@@ -176,40 +210,38 @@ class PreparedRun:
             usable = {name: mask & own for name, mask in part.usable.items()}
             yield PreparedRun(replace(part, usable=usable), offset=first)
 
-    def noisy(self, draw: int, sign: int, seed: Sequence[int], loads: bool = False) -> PreparedRun:
-        """This run with one more draw of its channels' noise added or subtracted; kept for the next fit.
+    def noisy(self, sign: int, seed: Sequence[int], loads: bool = False) -> PreparedRun:
+        """This run with one more draw of its channels' noise added (`sign` 1) or subtracted (−1), made anew each time.
 
         Unless `loads` are asked for, wheel loads are left alone: in the base model they stand on the left side only,
         where noise brings no bias.
         """
-        key = (draw, sign, loads)
-        if key not in self._noisy:
-            recording = self.recording
-            values = recording.signals.value
-            still = () if loads else ("wheel.force", "wheel.moment")
-            moving = [name for name in values if CHANNELS[name].family not in still]
-            noise = draw_noise(recording, moving, np.random.default_rng(seed))
-            moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
-            signals = Signals.differentiated(moved, recording.filters.rate)
-            self._noisy[key] = PreparedRun(recording.with_signals(signals))
-        return self._noisy[key]
+        recording = self.recording
+        values = recording.signals.value
+        still = () if loads else ("wheel.force", "wheel.moment")
+        moving = [name for name in values if CHANNELS[name].family not in still]
+        noise = draw_noise(recording, moving, np.random.default_rng(seed))
+        moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
+        return PreparedRun(recording.with_signals(Signals.differentiated(moved, recording.filters.rate)))
 
-    def forget_motion(self) -> None:
-        """Let go of the full-rate motion, which is rebuilt if asked for again; columns made so far are kept."""
-        self.__dict__.pop("motion", None)
-
-    def forget_columns(self) -> None:
-        """Let go of the effects' columns, which are made again if asked for."""
-        self._columns.clear()
-
-    def forget_noisy(self, loads: bool = False) -> None:
-        """Let go of the runs with more noise, which hold all their channels; they are drawn again if asked for.
-
-        With `loads`, those alone that have noise in the wheel loads too.
-        """
-        self._noisy = {key: run for key, run in self._noisy.items() if loads and not key[2]}
+    def noisy_columns(self, effects: Sequence[PhysicalEffect], sign: int, seed: Sequence[int]) -> NoisyColumns:
+        """Columns with noise, the loads without: kept for the next fit, while the `noisy` run itself is not."""
+        key = sign, tuple(seed)
+        found = self._noisy.get(key)
+        fresh = [effect for effect in effects if found is None or column_key(effect) not in found.columns]
+        if found is None or fresh:
+            run = self.noisy(sign, seed)
+            run.prepare(fresh)
+            known = {**found.columns, **run._columns} if found else run._columns
+            found = self._noisy[key] = NoisyColumns(known, found.measured if found else run.measured)
+        return found
 
     def lacks(self, effect: Effect) -> Unmeasured | None:
         """What an effect needs that is not measured in this run; None where it can be computed."""
         needs = effect.lacks(self.motion)
         return Unmeasured(self.name, needs) if needs else None
+
+
+def column_key(effect: Effect) -> ColumnKey:
+    """What the columns of an effect depend on: its key and its shape constants."""
+    return effect.key, tuple(sorted(effect.shape.items()))

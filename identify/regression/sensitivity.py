@@ -46,33 +46,57 @@ def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -
     return out
 
 
+SlopesByInput = Mapping[Input, Mapping[str, Array]]
+"""Derivative of the residual by each input: input → row → its values."""
+
+
 @dataclass(frozen=True)
-class Sensitivity:
-    """Derivatives of the residual by channels.
+class CombSlopes:
+    """Derivatives of the residual by channels at the instants of a comb, interpolated in between.
 
     Attributes
     ----------
-    recording : what it was taken on.
+    t : (N,) every sample's time [s].
     comb : indices of the samples at which the derivatives were taken.
-    coarse : (channel, component, order of derivative) → row → values there, or a scalar where it is constant.
+    coarse : values there, or a scalar where a derivative is constant.
     """
 
-    recording: Recording
+    t: Array
     comb: NDArray[np.intp]
-    coarse: Mapping[Input, Mapping[str, Array]]
+    coarse: SlopesByInput
 
     @cached_property
-    def slopes(self) -> Mapping[Input, Mapping[str, Array]]:
+    def every(self) -> SlopesByInput:
         """As `coarse`, at every sample (N,)."""
-        t, at = self.recording.t, self.recording.t[self.comb]
+        at = self.t[self.comb]
         return {
-            key: {row: slope if slope.ndim == 0 else np.interp(t, at, slope) for row, slope in rows.items()}
+            key: {row: slope if slope.ndim == 0 else np.interp(self.t, at, slope) for row, slope in rows.items()}
             for key, rows in self.coarse.items()
         }
 
-    def forget_slopes(self) -> None:
-        """Release the memory of the full-rate slopes, which are made again if asked for."""
-        self.__dict__.pop("slopes", None)
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives of a run's residual by its channels.
+
+    Attributes
+    ----------
+    recording : the run, whose noise and faults are looked at.
+    taken : the derivatives, those of this recording or of another of the same motion.
+    """
+
+    recording: Recording
+    taken: CombSlopes
+
+    @property
+    def slopes(self) -> SlopesByInput:
+        """The derivatives at every sample (N,), or a scalar where one is constant."""
+        return self.taken.every
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that any row answers to."""
+        return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
 
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
@@ -97,13 +121,16 @@ class Sensitivity:
             for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
                 part = slice(copy * comb.size, (copy + 1) * comb.size)
                 slopes[key] = _slopes(before, {row: a[part] for row, a in after.items()}, step)
-        return cls(recording, comb, {key: found for key, found in slopes.items() if found})
+        found = {key: rows for key, rows in slopes.items() if rows}
+        return cls(recording, CombSlopes(recording.t, comb, found))
 
     def on(self, recording: Recording) -> Sensitivity:
         """The same slopes on the same run with other noise."""
-        out = replace(self, recording=recording)
-        out.__dict__["slopes"] = self.slopes
-        return out
+        return replace(self, recording=recording)
+
+    def anew(self) -> Sensitivity:
+        """The same, its slopes known at the comb alone until they are asked for: those at every sample are large."""
+        return replace(self, taken=replace(self.taken))
 
     def response(self, perturbation: Perturbation) -> dict[str, Array]:
         """Change of the residual at full rate, row → (N,), for a change of channels."""
@@ -134,8 +161,7 @@ class Sensitivity:
 
     def noise(self, rng: np.random.Generator) -> dict[str, Array]:
         """One random draw of the residual's noise from the channels' noise, row → (N,)."""
-        seen = dict.fromkeys(name for name, _, _ in self.slopes)
-        return self.response(draw_noise(self.recording, seen, rng))
+        return self.response(draw_noise(self.recording, self.channels, rng))
 
 
 def _enters(effect: PhysicalEffect) -> bool:

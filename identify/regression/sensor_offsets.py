@@ -34,7 +34,7 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
     names: list[str] = []
     sigma: list[float] = []
     series: list[dict[str, Array]] = []
-    seen = [(name, k) for name, k, order in sensitivity.coarse if order == 0]
+    seen = [(name, k) for name, k, order in sensitivity.taken.coarse if order == 0]
     if every:
         seen = [(name, k) for name in run.recording.signals.value for k in range(CHANNELS[name].width)]
     for channel, component in dict.fromkeys(seen):

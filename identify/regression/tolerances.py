@@ -35,8 +35,7 @@ def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEnt
     """Change of Y − W θ for one tolerance of each entry, after the parallel filter: entry → row → (n,)."""
     recording = run.recording
     values, rig = recording.signals.value, recording.rig
-    seen = dict.fromkeys(name for name, _, _ in sensitivity.coarse)
-    entries = sheet_entries(rig, seen)
+    entries = sheet_entries(rig, sensitivity.channels)
 
     def changes() -> Iterator[dict[str, Array]]:
         for (what, channel, k), members in entries.items():

@@ -181,8 +181,7 @@ class Fit:
         for run, drive in enumerate(self.runs):
             piece = next(self.assembly.pieces_of(run))
             assert piece.sensitivity is not None
-            seen = dict.fromkeys(name for name, _, _ in piece.sensitivity.coarse)
-            found |= dict.fromkeys(sheet_entries(drive.recording.rig, seen))
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, piece.sensitivity.channels))
         return tuple(entry for entry in found if entry[:2] not in ours)
 
     def entry_name(self, entry: SheetEntry) -> str:
@@ -329,8 +328,6 @@ def _fit_linear(
         for piece in assembly.pieces():
             progress(Step(Stage.NOISE_CORRECTION, piece.run, len(prepared)))
             moments.add(piece, effects, keep, sigma, followers[piece.run])
-            if piece.number is not None:
-                piece.prepared.forget_noisy()
     if options.unbias:
         corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])
         x, correction = corrected, corrected - x

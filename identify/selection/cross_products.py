@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain
 
 import numpy as np
 import scipy.linalg
@@ -210,6 +211,11 @@ class CrossProducts:
             tuple(zero_gains), tuple(noise_zeros),
         )  # fmt: skip
 
+    @property
+    def block_count(self) -> int:
+        """Number of blocks of the cross-validation over all runs."""
+        return 1 + max(int(block.number.max()) for block in self.blocks)
+
     def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
         """(n, k) of each block: columns · coefficients (w, k), less their regression on the run's zeros."""
         for block in self.blocks:
@@ -228,7 +234,8 @@ def _blocks(
     """One run's samples; `first` is the number of its first block."""
     filters = fitted.runs[run].recording.filters
     seen: dict[str, int] = {}
-    for piece in fitted.assembly.pieces_of(run):
+
+    def of_piece(piece: Piece) -> Iterator[Block]:
         for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma):
             start = seen.get(row, 0)
             seen[row] = start + len(columns)
@@ -241,6 +248,9 @@ def _blocks(
             columns[:, -1] -= model @ fitted.solution
             columns[:, : layout.model] = model @ turn
             yield Block(run, row, zeros, columns, active, number, noise)
+
+    # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
+    return chain.from_iterable(map(of_piece, fitted.assembly.pieces_of(run)))
 
 
 def columns_of(

@@ -120,9 +120,9 @@ def regressor_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
 def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
     """Run → numbers of the pieces drawn for, about `noise_seconds` of data in all; and their share of all data."""
     counts = {
-        (run, k): _samples(piece)
+        (run, k): samples
         for run in range(len(fitted.runs))
-        for k, piece in enumerate(fitted.assembly.pieces_of(run))
+        for k, samples in enumerate(map(_samples, fitted.assembly.pieces_of(run)))
     }
     seconds = sum(float(np.ptp(drive.recording.t)) for drive in fitted.runs)
     nuisance = list(counts)[:: max(1, int(seconds // SELECTION.noise_seconds))]
@@ -145,8 +145,14 @@ def _of_run(
     further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
     further[:, layout.right] -= values * sums.prior_stiffening / priors
     whole: dict[str, Array] = {}
-    for piece in (piece for k, piece in enumerate(fitted.assembly.pieces_of(run)) if k in chosen):
-        for row, (places, products) in _of_piece(fitted, layout, sigma, piece, pairs, drawn).items():
+
+    def of_piece(piece: Piece) -> _Products:
+        return _of_piece(fitted, layout, sigma, piece, pairs, drawn)
+
+    # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
+    picked = itertools.compress(fitted.assembly.pieces_of(run), (k in chosen for k in itertools.count()))
+    for found in map(of_piece, picked):
+        for row, (places, products) in found.items():
             there = whole.setdefault(row, np.zeros((z + w, z + w)))
             there[np.ix_(places, places)] += products
     return {row: at_zeros(side[:, None] * products * side, further) for row, products in whole.items()}
@@ -170,7 +176,7 @@ def _of_piece(
         out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
         for sign in (1, -1):
-            noisy = replace(piece, prepared=piece.prepared.noisy(draw, sign, [2003, *place, draw], loads=True))
+            noisy = replace(piece, prepared=piece.prepared.noisy(sign, [2003, *place, draw], loads=True))
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
@@ -181,9 +187,7 @@ def _of_piece(
                 across = zeros[row].T @ (columns - before) / (2 * pairs)
                 products[:z, z:] += across
                 products[z:, :z] += across.T
-            noisy.prepared.forget_motion()
         drawn()
-    piece.prepared.forget_noisy(loads=True)
     return out
 
 
@@ -198,25 +202,29 @@ def noise_through_effect(
 
     `sigma` are the rows' weights, `noise_ratio` by how much their noise exceeds the sheet's.
     """
-    physics, theta, tried = fitted.model.physics, fitted.physics, effect.as_physics
-    if tried is None:
-        raise ValueError(f"{effect.key} is a sensor fault: noise goes through the laws of physics")
     out = dict.fromkeys(sigma, 0.0)
-    for piece in fitted.assembly.pieces():
-        run = piece.prepared
-        law = {row: values @ columns for row, columns in run.columns(tried).items()}
-        remainder = {row: run.measured[row] - run.matrix(physics, row) @ theta for row in law}
-        for draw in range(SELECTION.law_noise_draws):
-            noisy = run.noisy(draw, 1, [2005, piece.run, piece.number or 0, draw], loads=True)
-            for row, columns in noisy.columns(tried).items():
-                plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
-                both = plain - (values @ columns - law[row])
-                out[row] += (
-                    noise_ratio[row] ** 2
-                    * float(both @ both - plain @ plain)
-                    / sigma[row] ** 2
-                    / SELECTION.law_noise_draws
-                )
-            noisy.forget_motion()
-        run.forget_noisy(loads=True)
+
+    def of_piece(piece: Piece) -> dict[str, float]:
+        return _squares_through_law(fitted, piece, effect, values)
+
+    for squares in map(of_piece, fitted.assembly.pieces()):
+        for row, added in squares.items():
+            out[row] += noise_ratio[row] ** 2 * added / sigma[row] ** 2 / SELECTION.law_noise_draws
+    return out
+
+
+def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Array) -> dict[str, float]:
+    """Row → squares that noise adds to a piece's residual beside a law, less those beside the model alone."""
+    physics, theta, law, run = fitted.model.physics, fitted.physics, effect.as_physics, piece.prepared
+    if law is None:
+        raise ValueError(f"{effect.key} is a sensor fault: noise goes through the laws of physics")
+    force = {row: values @ columns for row, columns in run.columns(law).items()}
+    remainder = {row: piece.right[row] - run.matrix(physics, row) @ theta for row in force}
+    out = dict.fromkeys(force, 0.0)
+    for draw in range(SELECTION.law_noise_draws):
+        noisy = run.noisy(1, [2005, piece.run, piece.number or 0, draw], loads=True)
+        for row, columns in noisy.columns(law).items():
+            plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
+            both = plain - (values @ columns - force[row])
+            out[row] += float(both @ both - plain @ plain)
     return out

@@ -26,11 +26,16 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
 
     `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
-    parts = [{row: [series] for row, series in part.items()} for part in floor.draws]
     pieces = [list[Piece]() for _ in fitted.runs]
-    for piece in fitted.assembly.pieces():
-        pieces[piece.run].append(piece)
-    noise = [_noise(fitted, pieces[run], part, floor.count, sheet, seed) for run, part in enumerate(parts)]
+    noise = [list[dict[str, Array]]() for _ in fitted.runs]
+    for run, part in enumerate(floor.draws):
+        start = dict.fromkeys(part, 0)
+        for piece in fitted.assembly.pieces_of(run):
+            stop = {row: start[row] + len(block) for row, block in piece.blocks.items()}
+            own = {row: part[row][:, start[row] : end] for row, end in stop.items()}
+            start |= stop
+            noise[run].append(_with_tolerances(fitted, piece, own, seed) if sheet else own)
+            pieces[run].append(piece.anew())
     solved: list[tuple[Array, Array, int]] = []
     lower: list[Array] = []
     right: list[Array] = []
@@ -60,25 +65,18 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     return tuple(out)
 
 
-def _noise(
-    fitted: Fit, pieces: list[Piece], part: Mapping[str, list[Array]], count: int, sheet: bool, seed: int
-) -> list[dict[str, Array]]:
-    """Noise of each piece of a run, row → (D, n): its part of the floor's draws, with the sheet's tolerances drawn."""
-    out: list[dict[str, Array]] = []
-    start = dict.fromkeys(part, 0)
-    for piece in pieces:
-        here: dict[str, Array] = {}
-        for row, block in piece.blocks.items():
-            here[row] = part[row][0][:, start[row] : start[row] + len(block)].copy()
-            start[row] += len(block)
-        if sheet and piece.sensitivity is not None:
-            for name, response in fitted.assembly.sheet_responses(piece).items():
-                # Seeded by the entry's name, so that a run without one sensor draws the same values of the others.
-                sizes = np.random.default_rng([seed, 7, *"/".join(map(str, name)).encode()]).standard_normal(count)
-                for row, series in response.items():
-                    if row in here:
-                        here[row] += sizes[:, None] * series
-        out.append(here)
+def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[str, Array], seed: int) -> dict[str, Array]:
+    """Row → (D, n): a piece's part of the floor's draws, with the sensor sheet's tolerances drawn too."""
+    out = {row: series.copy() for row, series in draws.items()}
+    if piece.sensitivity is None:
+        return out
+    for name, response in fitted.assembly.sheet_responses(piece).items():
+        # Seeded by the entry's name, so that a run without one sensor draws the same values of the others.
+        rng = np.random.default_rng([seed, 7, *"/".join(map(str, name)).encode()])
+        sizes = rng.standard_normal((len(next(iter(draws.values()))), 1))
+        for row, series in response.items():
+            if row in out:
+                out[row] += sizes * series
     return out
 
 

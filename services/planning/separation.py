@@ -27,6 +27,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import find_effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import silent
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Answer, Candidate
@@ -136,14 +137,13 @@ def recommend(
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(planned), one.label))
-        lacking = next((lack for c in compared if (lack := one.prepared.lacks(c.effect))), None)
+        drive = PreparedRun(one.prepared.recording)  # its motion is large, and not needed again
+        lacking = next((lack for c in compared if (lack := drive.lacks(c.effect))), None)
         if lacking:
             problems.append(f"left out: {one.label}: {not_measured(lacking)}")
             continue
-        weighted = planned_run(question, one.prepared, diagnosis.noise_ratio)
+        weighted = planned_run(question, drive, diagnosis.noise_ratio)
         runs.append(_judged(question, present, before, one, weighted, chosen, bool(why)))
-        one.prepared.forget_motion()
-        one.prepared.forget_columns()
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)

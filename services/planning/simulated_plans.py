@@ -180,8 +180,9 @@ def next_runs(
     informations: list[RunInformation] = []
     for number, run in enumerate(runs, 1):
         progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(runs), run.label))
-        informations.append(run_information(run.prepared, values, excess))
-        run.prepared.forget_motion()
+        # A fit to the planned runs holds their motions; else a motion, which is large, is not needed again.
+        drive = PreparedRun(run.prepared.recording) if measured else run.prepared
+        informations.append(run_information(drive, values, excess))
     present = values if measured else predicted(values, now)
     out: list[Ranking] = []
     for _ in range(count):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.run import Run, Signal
 from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations, narrow_triangle, triangle
@@ -181,6 +183,82 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] - peaks[0] < 0.5 * (channels[1] - channels[0]), (peaks, channels)
+
+
+def test_a_piece_keeps_nothing_that_was_computed_on_it(
+    rough: Run, model: Model, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Read again, a piece has its equations, and no motion, columns, noise or slopes; whoever holds it still has his.
+
+    Made anew or kept, so that a diagnosis of a long run never holds two pieces' motions.
+    """
+    monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 7.0)
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    assembly = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(unbias=False)).assembly
+    held = list(assembly.pieces())
+    for piece in held:
+        piece.prepared.prepare(model.physics)
+        piece.prepared.noisy_columns(model.physics, 1, [1])
+        assert piece.sensitivity is not None
+        assert piece.sensitivity.slopes
+    again = list(assembly.pieces())
+    kept = [one.blocks is piece.blocks for one, piece in zip(again, held, strict=True)]
+    assert kept == [True, False, False]
+    assert "motion" not in vars(again[0].prepared)
+    assert not again[0].prepared._columns
+    assert not again[0].prepared._noisy
+    assert again[0].sensitivity is not None
+    assert "every" not in vars(again[0].sensitivity.taken)
+    for one, piece in zip(again, held, strict=True):
+        assert "motion" in vars(piece.prepared)
+        for row, block in piece.blocks.items():
+            np.testing.assert_array_equal(one.blocks[row], block)
+            np.testing.assert_array_equal(one.prepared.index[row], piece.prepared.index[row])
+
+
+def test_only_one_piece_is_whole_at_a_time(rough: Run, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A piece that is mapped to something small is gone before the next one is made."""
+    monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 0.0)
+    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    assembly = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(unbias=False)).assembly
+    made, alive = Assembly._make, []
+    seen: list[weakref.ref[Piece]] = []
+
+    def make(self: Assembly, *args) -> Piece:
+        alive.append(sum(ref() is not None for ref in seen))
+        return made(self, *args)
+
+    monkeypatch.setattr(Assembly, "_make", make)
+    seen.extend(map(weakref.ref, assembly.pieces()))
+    assert len(seen) == 3
+    assert alive == [0, 0, 0]
+
+
+def test_noise_is_that_of_its_seed_whoever_asked_before(rough: Run, model: Model) -> None:
+    """A run fitted as the second of two has the digits by itself afterwards that it has on its own."""
+    first, second = (PreparedRun.of(part(rough, seconds), VEHICLE, RIG) for seconds in (9.0, 8.0))
+    fit(model, [first, second])
+    again, alone = fit(model, [second]), fit(model, [PreparedRun(second.recording)])
+    np.testing.assert_array_equal(again.theta, alone.theta)
+    np.testing.assert_array_equal(again.covariance, alone.covariance)
+    drawn, other = (second.noisy_columns(model.physics, 1, [seed]) for seed in (1, 2))
+    effect = model.physics[0]
+    plain = second.noisy(1, [1]).columns(effect)
+    for row, columns in plain.items():
+        np.testing.assert_array_equal(drawn.of(effect)[row], columns)
+    assert any(np.any(drawn.of(effect)[row] != other.of(effect)[row]) for row in plain)
+
+
+def test_a_further_effect_is_drawn_with_the_noise_of_the_others(rough: Run, model: Model) -> None:
+    """Columns made in two steps are those made at once."""
+    steps, once = (PreparedRun.of(part(rough, 8.0), VEHICLE, RIG) for _ in range(2))
+    steps.noisy_columns(model.physics[:-1], -1, [3])
+    found, wanted = (run.noisy_columns(model.physics, -1, [3]) for run in (steps, once))
+    for effect in model.physics:
+        for row, columns in wanted.of(effect).items():
+            np.testing.assert_array_equal(found.of(effect)[row], columns)
+    for row, right in wanted.measured.items():
+        np.testing.assert_array_equal(found.measured[row], right)
 
 
 def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit, model: Model) -> None:

@@ -67,7 +67,7 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
     found = {row: np.zeros(len(places)) for row in before}
     for draw in range(SELECTION.noise_pairs):
         for sign in (1, -1):
-            for row, after in products(piece.prepared.noisy(draw, sign, [2003, 0, draw], loads=True)).items():
+            for row, after in products(piece.prepared.noisy(sign, [2003, 0, draw], loads=True)).items():
                 found[row] += (after - before[row]) / (2 * SELECTION.noise_pairs)
     size = np.sqrt(np.diag(space.regression.reduced_noisy)[places])
     turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
@@ -163,7 +163,6 @@ def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: Noi
 
 def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: ScoreTests):
     """A shape of the grid beside others is what it was alone: value, σ and all."""
-    space.try_all()
     tried = [one for one in space.tried.values() if not one.trial.fault]
     inside, trials = space.beside([one.trial.effect for one in tried])
     noisy = 0
