@@ -7,6 +7,7 @@ Source: M. C. Lovell, Seasonal adjustment of economic time series, Journal of th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -132,6 +133,49 @@ class PartialRegression:
         out = places.copy()
         out[self.nuisance] -= self.gain @ places
         return out
+
+
+@dataclass(frozen=True)
+class BlockGains:
+    """Falls of the weighted squares of m effects, each added by itself at the size found.
+
+    Attributes
+    ----------
+    blocks : (B, m) fall in each block of the cross-validation, all rows together.
+    before : row → (m,) squares of the residual that an effect is to lower; `taken` those that it takes away.
+    counts : row → number of its samples.
+    whole : squares of the residual.
+    """
+
+    blocks: Array
+    before: Mapping[str, Array]
+    taken: Mapping[str, Array]
+    counts: Mapping[str, int]
+    whole: float
+
+    @classmethod
+    def of(cls, sums: CrossProducts, effects: Array, before: Array) -> BlockGains:
+        """Go once over the samples.
+
+        Parameters
+        ----------
+        effects : (w, m + 1) coefficients of the columns, as `CrossProducts.series` takes them: of each effect at the
+            size found, and of the residual.
+        before : (w, m) of the residual that each effect is to lower: without a sensor fault's own tolerance.
+        """
+        m, rows = before.shape[1], sums.null.keys()
+        blocks = np.zeros((sums.block_count, m))
+        squares, taken = ({row: np.zeros(m) for row in rows} for _ in range(2))
+        counts, whole = dict.fromkeys(rows, 0), 0.0
+        for block, series in sums.series(np.concatenate([effects, before], axis=1)):
+            effect, remainder, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
+            after = (without - effect) ** 2
+            np.add.at(blocks, block.number, remainder**2 - after)
+            squares[block.row] += np.sum(without**2, axis=0)
+            taken[block.row] += np.sum(without**2 - after, axis=0)
+            counts[block.row] += len(series)
+            whole += float(np.sum(remainder**2))
+        return cls(blocks, squares, taken, counts, whole)
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:

@@ -22,7 +22,7 @@ from lacet.identify.selection.lack_of_fit import (
     residual_beside,
     residual_without_tolerance,
 )
-from lacet.identify.selection.partial_regression import PartialRegression, beside
+from lacet.identify.selection.partial_regression import BlockGains, PartialRegression, beside
 from lacet.identify.selection.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
@@ -167,7 +167,7 @@ class ScoreTests:
     regression : partial regression of all columns on those of model, zeros and sensor tolerances.
     without_tolerance : place → test of a sensor fault without its own tolerance, where the sheet has one.
     null : (w, D) products of all columns with simulated runs that lack nothing.
-    louder : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
+    noise_ratio : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
     """
 
     def __init__(self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent):
@@ -192,7 +192,6 @@ class ScoreTests:
         there = columns.nuisance[self.layout.model :]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
         self.null = self.sums.null_sheet + self.regression.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
-        self.tried: dict[str, ScoreTest] = {}
 
     @classmethod
     def of(
@@ -208,35 +207,50 @@ class ScoreTests:
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
+    @cached_property
+    def tried(self) -> Mapping[str, ScoreTest]:
+        """Key → test of an effect at its best shape, of those that the model does not explain."""
+        out: dict[str, ScoreTest] = {}
+        for effect in self.effects:
+            tests = [one for one in self._tests if one.key == effect.key]
+            # A gap passed once by a hair leaves a column of nothing, in which noise taken off looks like a fall.
+            shown = [one for one in tests if self._shows(one)] or tests
+            if shown:
+                null = np.max([one.null for one in shown], axis=0)
+                out[effect.key] = replace(max(shown, key=lambda one: one.drop), null=null)
+        return out
+
     def try_all(self) -> list[Candidate]:
         """Every candidate: its best shape, whether these runs can show it, and how far the error falls."""
-        out = [
+        absent = [
             Candidate(key, {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=lack)
             for key, lack in self.columns.unmeasured.items()
         ]
         there = [
-            t for t in self.layout.trials if np.all(self.regression.remaining_energy(t.place) > SELECTION.gone_share)
+            self._measured(self.tried[effect.key]) if effect.key in self.tried else self._unseen(effect)
+            for effect in self.effects
         ]
-        every = [self._try(trial) for trial in there]
-        covered = dict(zip((one.trial.place.start for one in every), self._block_energy(every), strict=True))
-        for effect in self.effects:
-            seen = [one for one in every if one.key == effect.key]
-            # A gap passed once by a hair leaves a column of nothing, in which noise taken off looks like a fall.
-            shown = [
-                one
-                for one in seen
-                if self._size(one) >= SELECTION.least_size
-                and covered[one.trial.place.start] >= SELECTION.least_coverage
-            ]
-            if seen:
-                best = max(shown or seen, key=lambda one: one.drop)
-                null = np.max([one.null for one in shown or seen], axis=0)
-                self.tried[effect.key] = replace(best, null=null)
-                out.append(self._measured(best, covered[best.trial.place.start]))
-            else:
-                shapes = [trial for trial in self.layout.trials if trial.effect.key == effect.key]
-                out.append(self._unseen(effect, shapes))
-        return self._with_blocks(out)
+        return self._with_gains([*absent, *there])
+
+    @cached_property
+    def _tests(self) -> list[ScoreTest]:
+        """Tests of all trials whose columns the nuisance parameters do not explain."""
+        return [
+            self._try(trial)
+            for trial in self.layout.trials
+            if np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
+        ]
+
+    @cached_property
+    def _coverage(self) -> Mapping[int, float]:
+        """Place of a test's columns → effective number of blocks it acts in."""
+        places = (one.trial.place.start for one in self._tests)
+        return dict(zip(places, self._block_energy(self._tests), strict=True))
+
+    def _shows(self, one: ScoreTest) -> bool:
+        """Whether these runs could show a trial."""
+        covered = self._coverage[one.trial.place.start]
+        return self._size(one) >= SELECTION.least_size and covered >= SELECTION.least_coverage
 
     def _try(self, trial: Trial) -> ScoreTest:
         if (
@@ -277,8 +291,9 @@ class ScoreTests:
         latencies = [self.layout.model + i for i, entry in enumerate(self.layout.sheet) if entry[0] == "latency"]
         return np.flatnonzero(np.isin(self.regression.nuisance, latencies))
 
-    def _unseen(self, effect: Effect, shapes: Sequence[Trial]) -> Candidate:
-        acts = any(np.any(np.diag(self.sums.total)[trial.place]) for trial in shapes)
+    def _unseen(self, effect: Effect) -> Candidate:
+        places = [trial.place for trial in self.layout.trials if trial.effect.key == effect.key]
+        acts = any(np.any(np.diag(self.sums.total)[place]) for place in places)
         return Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.IN_THE_MODEL if acts else Reason.NEVER_ACTS)
 
     def _block_energy(self, tried: Sequence[ScoreTest]) -> list[float]:
@@ -294,18 +309,14 @@ class ScoreTests:
             parts.append(self.regression.coefficients(places))
             owner += [i] * len(scales)
         columns = np.concatenate(parts, axis=1)
-        energy = np.zeros((self._block_count, columns.shape[1]))
+        energy = np.zeros((self.sums.block_count, columns.shape[1]))
         for block, series in self.sums.series(columns):
             np.add.at(energy, block.number, series**2)
-        joined = np.zeros((self._block_count, len(tried)))
+        joined = np.zeros((self.sums.block_count, len(tried)))
         np.add.at(joined.T, np.array(owner), energy.T)
         total = joined.sum(axis=0)
         squares = np.sum(joined**2, axis=0)
         return [float(x) for x in np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)]
-
-    @property
-    def _block_count(self) -> int:
-        return 1 + max(int(block.number.max()) for block in self.sums.blocks)
 
     def _size(self, one: ScoreTest) -> float:
         """√λ of the largest plausible size."""
@@ -317,8 +328,9 @@ class ScoreTests:
         )
         return float(np.sqrt(max(0.0, np.max(energy * largest**2))))
 
-    def _measured(self, one: ScoreTest, coverage: float) -> Candidate:
+    def _measured(self, one: ScoreTest) -> Candidate:
         effect, place, size = one.trial.effect, one.trial.place, self._size(one)
+        coverage = self._coverage[place.start]
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),
@@ -370,51 +382,45 @@ class ScoreTests:
     def _rows(self, place: slice) -> tuple[str, ...]:
         return tuple(row for row, acting in self._acting.items() if np.any(acting[place]))
 
-    def _with_blocks(self, found: Sequence[Candidate]) -> list[Candidate]:
+    def _with_gains(self, found: Sequence[Candidate]) -> list[Candidate]:
         """Gains by block, and as parts of the residual of the rows acted on."""
         tested = [c.key for c in found if c.tested]
         if not tested:
             return list(found)
-        right, m = self.layout.right, len(tested)
-        # The effects, the residual, and for a fault with a tolerance the residual without that tolerance.
-        plain = np.zeros((self.layout.width, m + 1))
-        plain[right, -1] = 1.0
+        gains = BlockGains.of(self.sums, *self._gain_coefficients(tested))
+        # In cross-validation the model alone leaves more than on all data.
+        right = self.layout.right
+        more = max(0.0, sum(float(test[right, right]) for _, test in self.regression.folds) - gains.whole)
+        place = {key: i for i, key in enumerate(tested)}
+        return [self._with_gain(c, gains, place[c.key], more) if c.tested else c for c in found]
+
+    def _gain_coefficients(self, tested: Sequence[str]) -> tuple[Array, Array]:
+        """(w, m + 1) of each effect at the size found, then the residual; and (w, m) of the residual it is to lower.
+
+        That is the residual itself, or for a fault with a tolerance the residual without that tolerance.
+        """
+        m = len(tested)
+        places = np.zeros((self.layout.width, m + 1))
+        places[self.layout.right, -1] = 1.0
         for i, key in enumerate(tested):
-            plain[self.tried[key].trial.place, i] = self.tried[key].values
-        plain = self.regression.coefficients(plain)
-        before = np.repeat(plain[:, -1:], m, axis=1)
+            places[self.tried[key].trial.place, i] = self.tried[key].values
+        effects = self.regression.coefficients(places)
+        before = np.repeat(effects[:, -1:], m, axis=1)
         for i, key in enumerate(tested):
             if (gain_test := self.tried[key].gain_test) is not None:
-                plain[:, i], before[:, i] = (gain_test.coefficients() * np.array([gain_test.value, 1.0])).T
-        falls = np.zeros((self._block_count, m))
-        squares, counts = {row: np.zeros(m) for row in self.floor.sigma}, dict.fromkeys(self.floor.sigma, 0)
-        rows = {row: np.zeros(m) for row in self.floor.sigma}
-        whole = 0.0
-        for block, series in self.sums.series(np.concatenate([plain, before], axis=1)):
-            effect, remainder, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
-            after = (without - effect) ** 2
-            np.add.at(falls, block.number, remainder**2 - after)
-            squares[block.row] += np.sum(without**2, axis=0)
-            rows[block.row] += np.sum(without**2 - after, axis=0)
-            counts[block.row] += len(series)
-            whole += float(np.sum(remainder**2))
-        # In cross-validation the model alone leaves more than on all data.
-        more = max(0.0, sum(float(test[right, right]) for _, test in self.regression.folds) - whole)
-        place = {key: i for i, key in enumerate(tested)}
-        out: list[Candidate] = []
-        for c in found:
-            if c.tested:
-                here = more + sum(float(squares[row][place[c.key]]) for row in c.rows)
-                alike = self.floor.of_one_unit(c.rows)
-                scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
-                rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(counts[row] for row in alike))))
-                # Rows it does not act on gain too, where it frees the parameters they share.
-                gain = min(1.0, c.total_gain / here) if here else 0.0
-                i = place[c.key]
-                most = max((float(rows[row][i] / squares[row][i]) for row in c.rows if squares[row][i]), default=0.0)
-                c = replace(c, gain=gain, most=most, gain_rms=rms, block_gain=falls[:, place[c.key]])
-            out.append(c)
-        return out
+                effects[:, i], before[:, i] = (gain_test.coefficients() * np.array([gain_test.value, 1.0])).T
+        return effects, before
+
+    def _with_gain(self, c: Candidate, gains: BlockGains, i: int, more: float) -> Candidate:
+        """Candidate `i` with its gains; `more` is what the model alone leaves more in cross-validation."""
+        here = more + sum(float(gains.before[row][i]) for row in c.rows)
+        alike = self.floor.of_one_unit(c.rows)
+        scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
+        rms = scale * float(np.sqrt(max(0.0, c.total_gain) / max(1, sum(gains.counts[row] for row in alike))))
+        # Rows it does not act on gain too, where it frees the parameters they share.
+        gain = min(1.0, c.total_gain / here) if here else 0.0
+        parts = (float(gains.taken[row][i] / gains.before[row][i]) for row in c.rows if gains.before[row][i])
+        return replace(c, gain=gain, most=max(parts, default=0.0), gain_rms=rms, block_gain=gains.blocks[:, i])
 
     @property
     def tolerated_parameters(self) -> Array:
@@ -438,7 +444,7 @@ class ScoreTests:
 
     def residual_beside(self, added: Sequence[Effect]) -> LackOfFit:
         """Lack of fit beside model, zeros, sensor sheet and some effects."""
-        return residual_beside(self.columns, self.regression, added, self._grid)
+        return residual_beside(self.columns, self.regression, added, self._grid if added else {})
 
     def residual_without_tolerance(self, key: str) -> LackOfFit:
         """Lack of fit beside model, zeros and sheet, without a sensor fault's own tolerance."""

@@ -54,7 +54,6 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
     assert min(c.p for c in found.candidates) > SELECTION.significance
     noisy = ScoreTests.of(Linearisation.of(loud, floor), CANDIDATES, 0, space.noise)
     assert not excess_is_coloured(noisy.residual_beside([]))
-    noisy.try_all()
     growth = [np.mean(noisy.tried[c.key].null) / np.mean(space.tried[c.key].null) for c in space.try_all() if c.tested]
     assert 3.0 < np.median(growth) < 5.0  # simulated runs are as loud
     assert "noisier than their sheet" in says(found)
