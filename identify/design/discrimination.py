@@ -204,8 +204,7 @@ def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[st
     assert piece.zeros is not None
     z = len(piece.zeros.sigma)
     moved: list[dict[str, Array]] = []
-    for sign in (1, -1):
-        run = piece.prepared.noisy(sign, [2003, piece.run], loads=True)
+    for run in piece.prepared.noisy([2003, piece.run], loads=True):
         noisy = replace(piece, prepared=run, sensitivity=piece.sensitivity.on(run.recording))
         moved.append(dict(question.columns(noisy)))
     share = sum(map(_samples, pieces)) / _samples(piece)

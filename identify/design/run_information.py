@@ -148,7 +148,7 @@ def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Seq
     """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, estimated by one draw added and subtracted."""
     p = len(model.parameters)
     out = np.zeros((p, p))
-    added, taken = (run.noisy(sign, seed) for sign in (1, -1))
+    added, taken = run.noisy(seed)
     k = model.physics_size
     for row in run.rows:
         moved = 0.5 * (added.matrix(model.physics, row) - taken.matrix(model.physics, row)) / sigma[row]

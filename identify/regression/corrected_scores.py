@@ -9,7 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.effects.base import PhysicalEffect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.prepared_run import NoisyColumns
@@ -60,16 +60,17 @@ class NoiseMoments:
             row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ offset)
             for row, block in piece.blocks.items()
         }
-        position = np.full(sum(len(effect.parameters) for effect in effects), -1)
+        placed = list(with_places(effects))
+        position = np.full(placed[-1][1].stop, -1)
         position[keep] = np.arange(b)
         for draw in range(self.draws):
-            pair = [piece.prepared.noisy_columns(effects, sign, [2002, *place, draw]) for sign in (1, -1)]
+            pair = piece.prepared.noisy_columns(effects, [2002, *place, draw])
             for row, (W, y) in plain.items():
                 weight = np.full(len(y), sigma[row] ** -2.0)
                 if piece.weights is not None:
                     weight = weight * piece.weights[row] ** 2
                 # (W + δ)ᵀ(W + δ) − WᵀW, where only the few columns that act on this row have a δ.
-                active, shifts = _shifts(pair, effects, row, position, piece.blocks[row][:, z : z + b])
+                active, shifts = _shifts(pair, placed, row, position, piece.blocks[row][:, z : z + b])
                 errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
                 mean: Array = 0.5 * (shifts[0] + shifts[1]).T * weight
                 across = mean @ W
@@ -114,13 +115,17 @@ class NoiseMoments:
 
 
 def _shifts(
-    pair: Sequence[NoisyColumns], effects: Sequence[PhysicalEffect], row: str, position: NDArray[np.intp], clean: Array
+    pair: Sequence[NoisyColumns],
+    placed: Sequence[tuple[PhysicalEffect, slice]],
+    row: str,
+    position: NDArray[np.intp],
+    clean: Array,
 ) -> tuple[NDArray[np.intp], list[Array]]:
     """Positions (a,) of the columns of a row that noise moves, and by how much, (n, a) with it added and subtracted.
 
     `position` of each parameter among the columns `clean` (n, b), −1 where it has none.
     """
-    (places, added), (_, taken) = (noisy.acting(effects, row) for noisy in pair)
+    (places, added), (_, taken) = (noisy.acting(placed, row) for noisy in pair)
     at = position[places]
     there = at >= 0
     shifts = [columns[:, there] - clean[:, at[there]] for columns in (added, taken)]

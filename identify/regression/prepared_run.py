@@ -16,7 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import ROWS, Row
-from lacet.identify.effects.base import Effect, PhysicalEffect, with_places
+from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -55,11 +55,11 @@ class NoisyColumns:
     columns: Mapping[ColumnKey, Mapping[str, Array]]
     measured: Mapping[str, Array]
 
-    def acting(self, effects: Sequence[PhysicalEffect], row: str) -> tuple[NDArray[np.intp], Array]:
-        """Places of the parameters that act on a row, where those of all effects stand in order, and (n, a) columns."""
+    def acting(self, placed: Iterable[tuple[PhysicalEffect, slice]], row: str) -> tuple[NDArray[np.intp], Array]:
+        """Places of the parameters that act on a row, and their (n, a) columns; effects with the places of theirs."""
         places = [np.zeros(0, np.intp)]
         columns = [np.zeros((0, len(self.measured[row])))]
-        for effect, place in with_places(effects):
+        for effect, place in placed:
             found = self.of(effect)
             if row in found:
                 places.append(np.arange(place.start, place.stop, dtype=np.intp))
@@ -69,6 +69,12 @@ class NoisyColumns:
     def of(self, effect: PhysicalEffect) -> Mapping[str, Array]:
         """An effect's columns, row → (p, n)."""
         return self.columns[column_key(effect)]
+
+    def extended(self, run: PreparedRun, effects: Sequence[PhysicalEffect]) -> NoisyColumns:
+        """With further effects, as they are on the `run` with this noise."""
+        run.prepare(effects)
+        further = {column_key(effect): run.columns(effect) for effect in effects}
+        return NoisyColumns({**self.columns, **further}, self.measured or run.measured)
 
 
 class PreparedRun:
@@ -83,7 +89,7 @@ class PreparedRun:
 
     def __init__(self, recording: Recording, offset: int = 0, index: Mapping[str, NDArray[np.intp]] | None = None):
         self.recording, self.offset, self._index = recording, offset, index
-        self._noisy: dict[tuple[int, tuple[int, ...]], NoisyColumns] = {}
+        self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
         self._columns: dict[ColumnKey, dict[str, Array]] = {}
 
     @classmethod
@@ -210,8 +216,8 @@ class PreparedRun:
             usable = {name: mask & own for name, mask in part.usable.items()}
             yield PreparedRun(replace(part, usable=usable), offset=first)
 
-    def noisy(self, sign: int, seed: Sequence[int], loads: bool = False) -> PreparedRun:
-        """This run with one more draw of its channels' noise added (`sign` 1) or subtracted (−1), made anew each time.
+    def noisy(self, seed: Sequence[int], loads: bool = False) -> Iterator[PreparedRun]:
+        """This run with one more draw of its channels' noise added, then with the same draw subtracted.
 
         Unless `loads` are asked for, wheel loads are left alone: in the base model they stand on the left side only,
         where noise brings no bias.
@@ -221,20 +227,18 @@ class PreparedRun:
         still = () if loads else ("wheel.force", "wheel.moment")
         moving = [name for name in values if CHANNELS[name].family not in still]
         noise = draw_noise(recording, moving, np.random.default_rng(seed))
-        moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
-        return PreparedRun(recording.with_signals(Signals.differentiated(moved, recording.filters.rate)))
+        for sign in (1, -1):
+            moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
+            yield PreparedRun(recording.with_signals(Signals.differentiated(moved, recording.filters.rate)))
 
-    def noisy_columns(self, effects: Sequence[PhysicalEffect], sign: int, seed: Sequence[int]) -> NoisyColumns:
-        """Columns with noise, the loads without: kept for the next fit, while the `noisy` run itself is not."""
-        key = sign, tuple(seed)
-        found = self._noisy.get(key)
-        fresh = [effect for effect in effects if found is None or column_key(effect) not in found.columns]
-        if found is None or fresh:
-            run = self.noisy(sign, seed)
-            run.prepare(fresh)
-            known = {**found.columns, **run._columns} if found else run._columns
-            found = self._noisy[key] = NoisyColumns(known, found.measured if found else run.measured)
-        return found
+    def noisy_columns(self, effects: Sequence[PhysicalEffect], seed: Sequence[int]) -> Sequence[NoisyColumns]:
+        """Columns with a draw of noise added, and subtracted, the loads without: kept for the next fit."""
+        known = self._noisy.get(tuple(seed), (NoisyColumns({}, {}), NoisyColumns({}, {})))
+        fresh = [effect for effect in effects if column_key(effect) not in known[0].columns]
+        if fresh or not known[0].measured:
+            known = [one.extended(run, fresh) for one, run in zip(known, self.noisy(seed), strict=True)]
+            self._noisy[tuple(seed)] = known
+        return known
 
     def lacks(self, effect: Effect) -> Unmeasured | None:
         """What an effect needs that is not measured in this run; None where it can be computed."""

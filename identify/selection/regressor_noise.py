@@ -175,8 +175,8 @@ def _of_piece(
         places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
         out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
-        for sign in (1, -1):
-            noisy = replace(piece, prepared=piece.prepared.noisy(sign, [2003, *place, draw], loads=True))
+        for run in piece.prepared.noisy([2003, *place, draw], loads=True):
+            noisy = replace(piece, prepared=run)
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]
@@ -222,7 +222,7 @@ def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Arra
     remainder = {row: piece.right[row] - run.matrix(physics, row) @ theta for row in force}
     out = dict.fromkeys(force, 0.0)
     for draw in range(SELECTION.law_noise_draws):
-        noisy = run.noisy(1, [2005, piece.run, piece.number or 0, draw], loads=True)
+        noisy = next(run.noisy([2005, piece.run, piece.number or 0, draw], loads=True))
         for row, columns in noisy.columns(law).items():
             plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
             both = plain - (values @ columns - force[row])

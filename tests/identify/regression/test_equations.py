@@ -198,7 +198,7 @@ def test_a_piece_keeps_nothing_that_was_computed_on_it(
     held = list(assembly.pieces())
     for piece in held:
         piece.prepared.prepare(model.physics)
-        piece.prepared.noisy_columns(model.physics, 1, [1])
+        piece.prepared.noisy_columns(model.physics, [1])
         assert piece.sensitivity is not None
         assert piece.sensitivity.slopes
     again = list(assembly.pieces())
@@ -241,24 +241,25 @@ def test_noise_is_that_of_its_seed_whoever_asked_before(rough: Run, model: Model
     again, alone = fit(model, [second]), fit(model, [PreparedRun(second.recording)])
     np.testing.assert_array_equal(again.theta, alone.theta)
     np.testing.assert_array_equal(again.covariance, alone.covariance)
-    drawn, other = (second.noisy_columns(model.physics, 1, [seed]) for seed in (1, 2))
+    drawn, other = (second.noisy_columns(model.physics, [seed]) for seed in (1, 2))
     effect = model.physics[0]
-    plain = second.noisy(1, [1]).columns(effect)
-    for row, columns in plain.items():
-        np.testing.assert_array_equal(drawn.of(effect)[row], columns)
-    assert any(np.any(drawn.of(effect)[row] != other.of(effect)[row]) for row in plain)
+    for one, another, run in zip(drawn, other, second.noisy([1]), strict=True):
+        for row, columns in run.columns(effect).items():
+            np.testing.assert_array_equal(one.of(effect)[row], columns)
+        assert any(np.any(one.of(effect)[row] != another.of(effect)[row]) for row in run.columns(effect))
 
 
 def test_a_further_effect_is_drawn_with_the_noise_of_the_others(rough: Run, model: Model) -> None:
     """Columns made in two steps are those made at once."""
     steps, once = (PreparedRun.of(part(rough, 8.0), VEHICLE, RIG) for _ in range(2))
-    steps.noisy_columns(model.physics[:-1], -1, [3])
-    found, wanted = (run.noisy_columns(model.physics, -1, [3]) for run in (steps, once))
-    for effect in model.physics:
-        for row, columns in wanted.of(effect).items():
-            np.testing.assert_array_equal(found.of(effect)[row], columns)
-    for row, right in wanted.measured.items():
-        np.testing.assert_array_equal(found.measured[row], right)
+    steps.noisy_columns(model.physics[:-1], [3])
+    pairs = (run.noisy_columns(model.physics, [3]) for run in (steps, once))
+    for found, wanted in zip(*pairs, strict=True):
+        for effect in model.physics:
+            for row, columns in wanted.of(effect).items():
+                np.testing.assert_array_equal(found.of(effect)[row], columns)
+        for row, right in wanted.measured.items():
+            np.testing.assert_array_equal(found.measured[row], right)
 
 
 def test_bad_seconds_count_less_and_are_named(rough: Run, whole: Fit, model: Model) -> None:

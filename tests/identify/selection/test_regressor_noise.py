@@ -66,8 +66,8 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
     before = products(None)
     found = {row: np.zeros(len(places)) for row in before}
     for draw in range(SELECTION.noise_pairs):
-        for sign in (1, -1):
-            for row, after in products(piece.prepared.noisy(sign, [2003, 0, draw], loads=True)).items():
+        for noisy in piece.prepared.noisy([2003, 0, draw], loads=True):
+            for row, after in products(noisy).items():
                 found[row] += (after - before[row]) / (2 * SELECTION.noise_pairs)
     size = np.sqrt(np.diag(space.regression.reduced_noisy)[places])
     turn = scipy.linalg.block_diag(sums.turn, np.eye(layout.width - layout.model))
