@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from itertools import count, repeat
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,19 +110,18 @@ class Assembly:
 
     def pieces_of(self, run: int) -> Iterator[Piece]:
         """Every piece of one run, in order; what is computed on a part of a long run goes with the piece."""
-        drive = self.runs[run]
-        for number, part in enumerate(drive.pieces()):
-            yield self._piece(run, None if part is drive else number, part)
+        return map(self._piece, repeat(run), self.runs[run].pieces(), count())
 
-    def _piece(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
-        """A piece as it is kept, or made now."""
-        piece = self._cache.pieces.get((run, number))
+    def _piece(self, run: int, part: PreparedRun, number: int) -> Piece:
+        """A part of a run, as it is kept or made now."""
+        place = run, None if part is self.runs[run] else number
+        piece = self._cache.pieces.get(place)
         if piece is None:
-            piece = self._make(run, number, drive)
+            piece = self._make(*place, part)
             self._keep(piece)
-        elif number is not None:
+        if piece.number is not None:
             piece = piece.anew()
-        weights = self.weights.get((run, number))
+        weights = self.weights.get(place)
         return piece if weights is None else replace(piece, weights=weights)
 
     def _keep(self, piece: Piece) -> None:
@@ -130,7 +130,7 @@ class Assembly:
             return
         self._cache.long += float(np.ptp(piece.prepared.recording.t))
         if self._cache.long <= KEPT:
-            self._cache.pieces[piece.run, piece.number] = piece.anew()
+            self._cache.pieces[piece.run, piece.number] = piece
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
         """Responses of a piece to the sensor sheet's gains and latencies."""
@@ -195,4 +195,6 @@ class Assembly:
                 zeros = zeros_of(drive, sensitivity, every=not whole)
                 matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
         instants: dict[str, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
-        return Piece(run, number, drive, matrices, drive.measured, instants, zeros, sensitivity, None)
+        piece = Piece(run, number, drive, matrices, drive.measured, instants, zeros, sensitivity, None)
+        # Motion and slopes of a part of a long run are many times as large as its equations.
+        return piece if whole else piece.anew()
