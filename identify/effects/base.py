@@ -333,9 +333,8 @@ def is_sensor_fault(family: type[Effect]) -> bool:
 AnEffect = TypeVar("AnEffect", bound=Effect)
 
 
-def with_places(effects: Iterable[AnEffect]) -> Iterator[tuple[AnEffect, slice]]:
-    """Each effect with the slice of its parameters in the vector of all effects' parameters."""
-    start = 0
+def with_places(effects: Iterable[AnEffect], start: int = 0) -> Iterator[tuple[AnEffect, slice]]:
+    """Each effect with the slice of its parameters in the vector of all effects' parameters, the first at `start`."""
     for effect in effects:
         stop = start + len(effect.parameters)
         yield effect, slice(start, stop)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import CrossProducts, products_of, solved, without_zeros
+from lacet.identify.selection.cross_products import CrossProducts, RunProducts, solved
 from lacet.identify.selection.lack_of_fit import with_columns
 from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
@@ -73,8 +73,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
     """
     if len(space.fitted.runs) < 2:
         return None
-    effects = {effect.key: effect for effect in space.effects}
-    inside, trials = space.beside([replace(effects[one.key], shape=one.shape) for one in (c, *others)])
+    inside, trials = space.beside([replace(space.effects[one.key], shape=one.shape) for one in (c, *others)])
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
     kept = np.arange(len(inside.nuisance))
     if (
@@ -171,8 +170,6 @@ def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:
 def _of_run(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
     """(w, w) products of one run's columns and (w, D) those with its simulated noise, its zeros eliminated."""
     blocks = [block for block in sums.blocks if block.run == run]
-    z, w = blocks[0].zeros.shape[1], sums.layout.width
-    folds, drawn = products_of(blocks, z, w, len(blocks[0].draws))
-    gain, remainder = without_zeros(folds.sum(axis=0), z)
-    noise = np.sum([space.noise_ratio[row] * products for row, products in drawn.items()], axis=0)
-    return remainder, noise[z:] - gain.T @ noise[:z]
+    products = RunProducts.of(blocks, blocks[0].zeros.shape[1], sums.layout.width, len(blocks[0].draws))
+    noise = np.sum([space.noise_ratio[row] * drawn for row, drawn in products.noise.items()], axis=0)
+    return products.eliminated[1], products.remaining(noise)

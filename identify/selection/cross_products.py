@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
@@ -54,18 +54,17 @@ class Layout:
     @classmethod
     def of(cls, model: int, sheet: Sequence[SheetEntry], effects: Sequence[Effect]) -> Layout:
         """Effects at their present shapes side by side, after the columns of model and sheet."""
-        trials: list[Trial] = []
-        start = model + len(sheet)
-        for effect in effects:
-            stop = start + len(effect.parameters)
-            trials.append(Trial(effect, slice(start, stop)))
-            start = stop
+        trials = (Trial(effect, place) for effect, place in with_places(effects, start=model + len(sheet)))
         return cls(model, tuple(sheet), tuple(trials))
 
     @property
     def labels(self) -> tuple[str, ...]:
         """Descriptions of the columns of sheet and trials: equal layouts have equal ones."""
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
+
+    def of_keys(self, sizes: Mapping[str, float]) -> Iterator[tuple[slice, float]]:
+        """Place of each trial of an effect by its key, with the size that the key has."""
+        return ((t.place, sizes[t.effect.key]) for t in self.trials if t.effect.key in sizes)
 
     @property
     def right(self) -> int:
@@ -122,6 +121,67 @@ class Block:
 
 
 @dataclass(frozen=True)
+class RunProducts:
+    """Sums of products of one run's columns, its z sensor zeros first.
+
+    Attributes
+    ----------
+    zeros : z, the number of its sensor zeros.
+    inside : (folds, z + w, z + w) of the samples inside each fold.
+    noise : row → (z + w, D) with the row's simulated noise.
+    """
+
+    zeros: int
+    inside: Array
+    noise: Mapping[str, Array]
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block], z: int, w: int, draws: int) -> RunProducts:
+        """Of a run's samples."""
+        inside = np.zeros((SELECTION.folds, z + w, z + w))
+        noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
+        for block in blocks:
+            both = np.concatenate([block.zeros, block.columns], axis=1)
+            place = np.concatenate([np.arange(z), z + block.active])
+            for fold in range(SELECTION.folds):
+                part = both[block.number % SELECTION.folds == fold]
+                inside[fold][np.ix_(place, place)] += part.T @ part
+            noise[block.row][place] += both.T @ block.draws.T
+        return cls(z, inside, noise)
+
+    @cached_property
+    def whole(self) -> Array:
+        """(z + w, z + w) of all samples."""
+        return self.inside.sum(axis=0)
+
+    @cached_property
+    def eliminated(self) -> tuple[Array, Array]:
+        """(z, w) regression of each column on the zeros, and (w, w) products of what it leaves."""
+        return without_zeros(self.whole, self.zeros)
+
+    def fold(self, fold: int) -> tuple[Array, Array]:
+        """(w, w) products of the samples outside a fold, and of those inside it at the zeros found outside."""
+        gain, outside = without_zeros(self.whole - self.inside[fold], self.zeros)
+        return outside, at_zeros(self.inside[fold], gain)
+
+    def remaining(self, products: Array) -> Array:
+        """(w, D) products of what the zeros leave of the columns, from those of all columns (z + w, D)."""
+        return products[self.zeros :] - self.eliminated[0].T @ products[: self.zeros]
+
+    def with_drawn_zeros(self, drawn: Array) -> Array:
+        """(w, D) products of what the columns leave with zeros (z, D) of simulated runs."""
+        z, whole = self.zeros, self.whole
+        return whole[z:, :z] @ drawn - self.eliminated[0].T @ (whole[:z, :z] @ drawn)
+
+    @property
+    def noise_zeros(self) -> Array:
+        """(z, D) zeros that simulated noise gives."""
+        z = self.zeros
+        pushed = np.sum([products[:z] for products in self.noise.values()], axis=0)
+        return np.asarray(np.linalg.solve(self.whole[:z, :z] + np.eye(z), pushed), float)
+
+
+@dataclass(frozen=True)
 class CrossProducts:
     """Sums of products of the columns of `layout`, every run's zeros eliminated.
 
@@ -166,48 +226,36 @@ class CrossProducts:
         drifts : 1 σ of the sensor faults that are another in each run, by key.
         rng : for simulated zeros and drifts.
         """
-        turn = fitted.orthonormaliser(floor.sigma)
-        # Known equations are centred on the fit. One that the fit has left far behind (a late laser moves a wheel's
-        # moment by twelve σ) is as wide as that, else a candidate would be praised for leading it back.
-        beforehand = fitted.equations.known
-        beyond = np.hypot(1.0, beforehand @ fitted.solution)
-        known, w, draws = (beforehand / beyond[:, None]) @ turn, layout.width, floor.count
-        total = np.zeros((w, w))
+        turn, w, draws = fitted.orthonormaliser(floor.sigma), layout.width, floor.count
+        total, null_sheet = np.zeros((w, w)), np.zeros((w, draws))
         train, test = np.zeros((2, SELECTION.folds, w, w))
         null = {row: np.zeros((w, draws)) for row in floor.sigma}
-        null_sheet = np.zeros((w, draws))
         blocks: list[Block] = []
         zero_gains: list[Array] = []
         noise_zeros: list[Array] = []
         first = 0
         for run in range(len(fitted.runs)):
             priors = fitted.zeros[run][1] / prior_stiffening
-            z = len(priors)
             mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
             first = 1 + max((int(b.number.max()) for b in mine), default=first)
-            folds, noise = products_of(mine, z, w, draws)
-            whole = folds.sum(axis=0)
-            gain, remainder = without_zeros(whole, z)
+            products = RunProducts.of(mine, len(priors), w, draws)
+            gain, remainder = products.eliminated
             total += remainder
-            for fold, inside in enumerate(folds):
-                outside, rest = without_zeros(whole - inside, z)
-                train[fold] += rest
-                test[fold] += at_zeros(inside, outside)
-            for row, products in noise.items():
-                null[row] += products[z:] - gain.T @ products[:z]
+            for fold in range(SELECTION.folds):
+                outside, inside = products.fold(fold)
+                train[fold] += outside
+                test[fold] += inside
+            for row, noise in products.noise.items():
+                null[row] += products.remaining(noise)
             # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
-            drawn = prior_stiffening * rng.standard_normal((z, draws))
-            null_sheet += whole[z:, :z] @ drawn - gain.T @ (whole[:z, :z] @ drawn)
-            for trial in layout.trials:
-                if trial.effect.key in drifts:
-                    size = drifts[trial.effect.key] * rng.standard_normal((1, draws))
-                    null_sheet += remainder[:, trial.place] @ size
+            null_sheet += products.with_drawn_zeros(prior_stiffening * rng.standard_normal((len(priors), draws)))
+            for place, drift in layout.of_keys(drifts):
+                null_sheet += remainder[:, place] @ (drift * rng.standard_normal((1, draws)))
             blocks += mine
             zero_gains.append(gain)
-            pushed = np.sum([products[:z] for products in noise.values()], axis=0)
-            noise_zeros.append(np.asarray(np.linalg.solve(whole[:z, :z] + np.eye(z), pushed), float))
+            noise_zeros.append(products.noise_zeros)
         return cls(
-            layout, turn, known.T @ known, tuple(blocks), total, train, test, null, null_sheet, prior_stiffening,
+            layout, turn, _known(fitted, turn), tuple(blocks), total, train, test, null, null_sheet, prior_stiffening,
             tuple(zero_gains), tuple(noise_zeros),
         )  # fmt: skip
 
@@ -226,6 +274,18 @@ class CrossProducts:
         """(n, D) of each block: its noise plus columns · coefficients (w, D), less the regression on its zeros."""
         for block, moved in self.series(coefficients):
             yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
+
+
+def _known(fitted: Fit, turn: Array) -> Array:
+    """(p, p) normal matrix of what is known of a model's parameters beforehand, for its orthonormal columns.
+
+    Known equations are centred on the fit. One that the fit has left far behind (a late laser moves a wheel's moment by
+    twelve σ) is as wide as that, else a candidate would be praised for leading it back.
+    """
+    beforehand = fitted.equations.known
+    beyond = np.hypot(1.0, beforehand @ fitted.solution)
+    known = (beforehand / beyond[:, None]) @ turn
+    return known.T @ known
 
 
 def _blocks(
@@ -274,20 +334,6 @@ def columns_of(
         parts = [model, *(columns.T for _, columns in own), right[:, None]]
         active = [*range(p), *(i for place, _ in own for i in range(place.start, place.stop)), layout.right]
         yield row, (np.concatenate(parts, axis=1) / sigma[row], np.array(active, np.intp))
-
-
-def products_of(blocks: Sequence[Block], z: int, w: int, draws: int) -> tuple[Array, dict[str, Array]]:
-    """(folds, z + w, z + w) products of a run's columns, zeros first, and row → (z + w, D) those with its noise."""
-    folds = np.zeros((SELECTION.folds, z + w, z + w))
-    noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
-    for block in blocks:
-        both = np.concatenate([block.zeros, block.columns], axis=1)
-        place = np.concatenate([np.arange(z), z + block.active])
-        for fold in range(SELECTION.folds):
-            part = both[block.number % SELECTION.folds == fold]
-            folds[fold][np.ix_(place, place)] += part.T @ part
-        noise[block.row][place] += both.T @ block.draws.T
-    return folds, noise
 
 
 def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:

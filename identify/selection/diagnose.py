@@ -75,48 +75,25 @@ class Screening:
     @property
     def effects(self) -> Mapping[str, Effect]:
         """Candidates by key."""
-        return {effect.key: effect for effect in self.space.effects}
+        return self.space.effects
 
 
 def screen(space: ScoreTests, progress: Progress) -> Screening:
     """Screening of all candidates: ranks, what the best explain together, and whether that is enough."""
-    now, draws = space.residual_beside([]), space.floor.count
+    now = space.residual_beside([])
     progress(Step(Stage.SCORE_TESTS))
     all_tried = space.family_wise(space.try_all())
-    effects = {effect.key: effect for effect in space.effects}
-    # What chance does as well comes last.
-    ranked = sorted((c for c in all_tried if c.tested), key=lambda c: (c.p > SELECTION.significance, -strength(c)))
     progress(Step(Stage.TIES))
-    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key])}
-    ranked = with_ties([judged(c, effects[c.key]) for c in ranked], space, standing_out)
-    plausible = [c.key for c in ranked if implausible(c, effects[c.key]) is None]
+    ranked = _ranked(space, [c for c in all_tried if c.tested])
     progress(Step(Stage.FORWARD_SELECTION))
-    together = best_set(space, plausible)
+    together = best_set(space, [c.key for c in ranked if implausible(c, space.effects[c.key]) is None])
     best = next((c for c in ranked if c.answer is Answer.MISSING), None)
-    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
-    own = [row for row in now.above if best and row in best.rows] or now.above
-    excess, explained, unlisted = now.excess(own), 0.0, False
-    if now.above:
-        # A gap between two values of the grid would leave what looks like another cause.
-        sharper: list[Candidate] = []
-        for c in [c for c in ranked if c.key in together]:
-            progress(Step(Stage.SHAPE_CONSTANTS, subject=c.key))
-            sharper.append(refined(space, c))
-        progress(Step(Stage.LACK_OF_FIT))
-        after = space.residual_beside([replace(effects[c.key], shape=c.shape) for c in sharper])
-        explained = (excess - after.excess(own)) / excess
-        little = explained < SELECTION.set_share and after.chance(own) <= max(SELECTION.set_chance, 1.0 / (1.0 + draws))
-        unlisted = excess_is_coloured(now) and (
-            best is None
-            or little
-            or strength(best) < SELECTION.own_share * excess
-            or _excess_remains(space, now, after, best, progress)
-        )
-    untestable = tuple(c for c in all_tried if not c.tested)
+    chosen = [c for c in ranked if c.key in together]
+    excess, explained, unlisted = _explained(space, now, best, chosen, progress)
     not_constant = None
     if best is not None and not unlisted:
         progress(Step(Stage.PARAMETER_CONSTANCY, subject=best.key))
-        found = chow_test(space, best, [c for c in ranked if c.key in together and c.key != best.key])
+        found = chow_test(space, best, [c for c in chosen if c.key != best.key])
         not_constant = found if found is not None and found.rejected else None
     # Where the tolerances absorb the whole cause no row fails, and some fault is larger than any tolerance.
     sheet = space.tolerance_use(best.key if best else "")
@@ -124,9 +101,47 @@ def screen(space: ScoreTests, progress: Progress) -> Screening:
         not (unlisted or not_constant) and sheet.tolerance_exceeded and (best is None or strength(best) < sheet.excess)
     )
     return Screening(
-        space, now, tuple(ranked), untestable, best, tuple(together), excess, explained,
-        sheet, tolerance_exceeded, not_constant, unlisted or tolerance_exceeded or not_constant is not None,
+        space, now, tuple(ranked), tuple(c for c in all_tried if not c.tested), best, tuple(together), excess,
+        explained, sheet, tolerance_exceeded, not_constant, unlisted or tolerance_exceeded or not_constant is not None,
     )  # fmt: skip
+
+
+def _ranked(space: ScoreTests, tested: Sequence[Candidate]) -> list[Candidate]:
+    """The candidates that can be tested, judged and with their ties: the strongest first, what chance does last."""
+    effects = space.effects
+    ranked = sorted(tested, key=lambda c: (c.p > SELECTION.significance, -strength(c)))
+    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key])}
+    return with_ties([judged(c, effects[c.key]) for c in ranked], space, standing_out)
+
+
+def _explained(
+    space: ScoreTests, now: LackOfFit, best: Candidate | None, chosen: Sequence[Candidate], progress: Progress
+) -> tuple[float, float, bool]:
+    """Excess of the rows that fail, the part that the best set explains, and whether that calls the cause unlisted.
+
+    `chosen` are the candidates of the best set.
+    """
+    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
+    own = [row for row in now.above if best and row in best.rows] or now.above
+    excess = now.excess(own)
+    if not now.above:
+        return excess, 0.0, False
+    # A gap between two values of the grid would leave what looks like another cause.
+    sharper: list[Candidate] = []
+    for c in chosen:
+        progress(Step(Stage.SHAPE_CONSTANTS, subject=c.key))
+        sharper.append(refined(space, c))
+    progress(Step(Stage.LACK_OF_FIT))
+    after = space.residual_beside([replace(space.effects[c.key], shape=c.shape) for c in sharper])
+    explained = (excess - after.excess(own)) / excess
+    chance = max(SELECTION.set_chance, 1.0 / (1.0 + space.floor.count))
+    unlisted = excess_is_coloured(now) and (
+        best is None
+        or (explained < SELECTION.set_share and after.chance(own) <= chance)
+        or strength(best) < SELECTION.own_share * excess
+        or _excess_remains(space, now, after, best, progress)
+    )
+    return excess, explained, unlisted
 
 
 def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: Candidate, progress: Progress) -> bool:

@@ -79,7 +79,7 @@ def refined(space: ScoreTests, c: Candidate) -> Candidate:
     """
     if not c.shape or not c.tested:
         return c
-    effect = next(e for e in space.effects if e.key == c.key)
+    effect = space.effects[c.key]
     best, drop, found = dict(c.shape), -1.0, c
     for name, values in effect.grids.items():
         if len(values) < 2:

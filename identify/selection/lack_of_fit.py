@@ -38,6 +38,33 @@ class LackOfFit:
     draws: dict[tuple[int, str], Array]
     null: dict[str, Array]
 
+    @classmethod
+    def of(cls, residual: dict[tuple[int, str], Array], draws: dict[tuple[int, str], Array]) -> LackOfFit:
+        """A residual, by run and row (n,), compared with simulated ones (D, n)."""
+        runs: dict[str, list[tuple[int, str]]] = {}
+        for key in residual:
+            runs.setdefault(key[1], []).append(key)
+        squares = {row: sum(float(np.sum(residual[key] ** 2)) for key in keys) for row, keys in runs.items()}
+        null: dict[str, Array] = {
+            row: np.sum([np.sum(draws[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()
+        }
+        means = {row: float(np.mean(each)) for row, each in null.items()}
+        spread = {row: float(np.std(each)) for row, each in null.items()}
+        worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
+        p = {
+            row: (1 + int(np.count_nonzero(worst >= (squares[row] - means[row]) / spread[row]))) / (1 + worst.size)
+            for row in runs
+        }
+        return cls(
+            ratios={row: float(np.sqrt(squares[row] / means[row])) for row in runs},
+            squares={row: squares[row] - means[row] for row in runs},
+            p=p,
+            family=min(p.values()),
+            residual=residual,
+            draws=draws,
+            null={row: null[row] - means[row] for row in runs},
+        )
+
     def chance(self, rows: Sequence[str]) -> float:
         """Probability that some rows together stand as far above in a simulated run."""
         drawn = np.sum([self.null[row] for row in rows], axis=0)
@@ -65,46 +92,30 @@ def residual_after(
     `prior` (a, a) and `prior_side` (a,) are normal matrix and right side of what is known of their parameters;
     `total` (w, w) the products of the columns of `sums`, without the noise in them as far as it is known.
     """
-    right, w = sums.layout.right, sums.layout.width
-    noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
-    sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
-    zero_gains = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
-    own = np.zeros((w, 1))
-    own[right], own[nuisance] = 1.0, -zero_gains[:, :1]
-    drawn = np.zeros((w, noise.shape[1]))
-    drawn[nuisance] = -zero_gains[:, 1:]
+    own, drawn = _remainders(sums, total, nuisance, prior, prior_side)
     residual: dict[tuple[int, str], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
     draws: dict[tuple[int, str], list[Array]] = {key: [] for key in residual}
     for block, series in sums.series(own):
         residual[block.run, block.row].append(series[:, 0])
     for block, series in sums.noise_series(drawn):
         draws[block.run, block.row].append(series.T)
-    here = {key: np.concatenate(parts) for key, parts in residual.items()}
-    there = {key: np.concatenate(parts, axis=1) for key, parts in draws.items()}
-    runs: dict[str, list[tuple[int, str]]] = {}
-    for key in here:
-        runs.setdefault(key[1], []).append(key)
-    squares = {row: sum(float(np.sum(here[key] ** 2)) for key in keys) for row, keys in runs.items()}
-    null: dict[str, Array] = {
-        row: np.sum([np.sum(there[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()
-    }
-    means = {row: float(np.mean(each)) for row, each in null.items()}
-    spread = {row: float(np.std(each)) for row, each in null.items()}
-    worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
-    count = noise.shape[1]
-    p = {
-        row: (1 + int(np.count_nonzero(worst >= (squares[row] - means[row]) / spread[row]))) / (1 + count)
-        for row in runs
-    }
-    return LackOfFit(
-        ratios={row: float(np.sqrt(squares[row] / means[row])) for row in runs},
-        squares={row: squares[row] - means[row] for row in runs},
-        p=p,
-        family=min(p.values()),
-        residual=here,
-        draws=there,
-        null={row: null[row] - means[row] for row in runs},
+    return LackOfFit.of(
+        {key: np.concatenate(parts) for key, parts in residual.items()},
+        {key: np.concatenate(parts, axis=1) for key, parts in draws.items()},
     )
+
+
+def _remainders(
+    sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
+) -> tuple[Array, Array]:
+    """Coefficients of `residual_after`, (w, 1) for `CrossProducts.series` and (w, D) for `noise_series`."""
+    right, w = sums.layout.right, sums.layout.width
+    noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
+    sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
+    found = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
+    own, drawn = np.zeros((w, 1)), np.zeros((w, noise.shape[1]))
+    own[right], own[nuisance], drawn[nuisance] = 1.0, -found[:, :1], -found[:, 1:]
+    return own, drawn
 
 
 def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[str, float]:

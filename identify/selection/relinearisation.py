@@ -126,7 +126,7 @@ def _not_latency(trial: Trial) -> bool:
 def without_fault(space: ScoreTests, key: str, progress: Progress) -> Linearisation:
     """Runs without a sensor fault, of the size that a fit finds; the floor is drawn anew."""
     progress(Step(Stage.EFFECT_REMOVED, subject=key))
-    fitted = space.fitted.with_effect(next(e for e in space.effects if e.key == key))
+    fitted = space.fitted.with_effect(space.effects[key])
     progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=key))
     floor = space.floor.redrawn(fitted)
     return replace(Linearisation.of(fitted, floor), latencies=space.linearisation.latencies)

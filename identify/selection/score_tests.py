@@ -164,6 +164,7 @@ class ScoreTests:
     Attributes
     ----------
     columns, noise : as given, or found.
+    effects : key → effect of the candidates that can be computed.
     regression : partial regression of all columns on those of model, zeros and sensor tolerances.
     without_tolerance : place → test of a sensor fault without its own tolerance, where the sheet has one.
     null : (w, D) products of all columns with simulated runs that lack nothing.
@@ -172,7 +173,8 @@ class ScoreTests:
 
     def __init__(self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent):
         self.columns, self.sums, self.layout = columns, columns.sums, columns.sums.layout
-        self.linearisation, self.effects = columns.linearisation, columns.effects
+        self.linearisation = columns.linearisation
+        self.effects: Mapping[str, Effect] = {effect.key: effect for effect in columns.effects}
         self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
         if noise is None or not noise.fits(regressor_labels(self.fitted, self.layout), self.floor.sigma):
             progress(Step(Stage.REGRESSOR_NOISE))
@@ -211,13 +213,13 @@ class ScoreTests:
     def tried(self) -> Mapping[str, ScoreTest]:
         """Key → test of an effect at its best shape, of those that the model does not explain."""
         out: dict[str, ScoreTest] = {}
-        for effect in self.effects:
-            tests = [one for one in self._tests if one.key == effect.key]
+        for key in self.effects:
+            tests = [one for one in self._tests if one.key == key]
             # A gap passed once by a hair leaves a column of nothing, in which noise taken off looks like a fall.
             shown = [one for one in tests if self._shows(one)] or tests
             if shown:
                 null = np.max([one.null for one in shown], axis=0)
-                out[effect.key] = replace(max(shown, key=lambda one: one.drop), null=null)
+                out[key] = replace(max(shown, key=lambda one: one.drop), null=null)
         return out
 
     def try_all(self) -> list[Candidate]:
@@ -227,8 +229,8 @@ class ScoreTests:
             for key, lack in self.columns.unmeasured.items()
         ]
         there = [
-            self._measured(self.tried[effect.key]) if effect.key in self.tried else self._unseen(effect)
-            for effect in self.effects
+            self._measured(self.tried[key]) if key in self.tried else self._unseen(effect)
+            for key, effect in self.effects.items()
         ]
         return self._with_gains([*absent, *there])
 

@@ -51,7 +51,7 @@ class Dense:
     @cached_property
     def faults(self) -> list[SensorFault]:
         """Those that stand for their own tolerance: neither gain nor latency, which stand there by channel."""
-        found = [e for e in self.space.effects if isinstance(e, SensorFault)]
+        found = [e for e in self.space.effects.values() if isinstance(e, SensorFault)]
         return [e for e in found if e.tolerance not in ("gain", "latency", "drift") and self.bound(e) > 0.0]
 
     def bound(self, fault: SensorFault) -> float:
