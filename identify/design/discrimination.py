@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
-from lacet.identify.effects.base import Effect, SensorFault
+from lacet.identify.effects.base import Effect, SensorFault, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.model import known_beforehand
@@ -88,10 +88,8 @@ class Question:
         self.places: list[list[slice]] = []
         start = self.first
         for effects in self.shapes:
-            self.places.append([])
-            for effect in effects:
-                self.places[-1].append(slice(start, start + len(effect.parameters)))
-                start += len(effect.parameters)
+            self.places.append([place for _, place in with_places(effects, start)])
+            start = self.places[-1][-1].stop
         self.width = start
         physics = model.physics_size
         beforehand = known_beforehand(model, np.arange(physics, dtype=np.int64))

@@ -22,6 +22,9 @@ The value used wherever gravity is not measured."""
 
 UNITS = ("kg·m²",) * 6 + ("kg·m",) * 3 + ("kg",)
 
+REVOLUTION = np.array([[name in own for own in (("ZZ",), ("XX", "YY"), ("MZ",), ("M",))] for name in PARAMETERS], float)
+"""(10, 4) parameters of a balanced body of revolution about z, per unit of its own four: ZZ, XX = YY, MZ, M."""
+
 
 def wrench(omega: Array, omega_dot: Array, accel: Array, values: Sequence[float] | Array) -> tuple[Array, Array]:
     """Wrench that moves a body: force [N] and moment about the frame's origin [N·m].

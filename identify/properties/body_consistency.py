@@ -13,18 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
+from lacet.identify.effects.base import with_places
 from lacet.identify.effects.body.rigid_body import RigidBody
 from lacet.identify.multibody.pseudo_inertia import BASIS, BodyFault, body_fault, in_units
-from lacet.identify.multibody.rigid_body import PARAMETERS
+from lacet.identify.multibody.rigid_body import PARAMETERS, REVOLUTION
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.whole_vehicle import summation
 from lacet.identify.regression.wls import Fit
 
 WHOLE = "vehicle"
 """Name of all bodies as one."""
-
-_REVOLUTION = (("ZZ",), ("XX", "YY"), ("MZ",), ("M",))
-"""Standard parameters that each of the four parameters of a balanced body of revolution stands for."""
 
 
 @dataclass(frozen=True)
@@ -59,19 +57,13 @@ def bodies(fitted: Fit) -> tuple[Body, ...]:
 
 
 def _bodies(fitted: Fit) -> Iterator[Body]:
-    width, start = len(fitted.physics), 0
-    for effect in fitted.model.physics:
-        stop = start + len(effect.parameters)
+    for effect, place in with_places(fitted.model.physics):
         if isinstance(effect, RigidBody):
-            to_ten = np.zeros((len(PARAMETERS), width))
-            if stop - start == len(PARAMETERS):
-                to_ten[:, start:stop] = np.eye(len(PARAMETERS))
-            else:
-                for column, names in enumerate(_REVOLUTION):
-                    to_ten[[PARAMETERS.index(name) for name in names], start + column] = 1.0
+            to_ten = np.zeros((len(PARAMETERS), len(fitted.physics)))
+            full = place.stop - place.start == len(PARAMETERS)
+            to_ten[:, place] = np.eye(len(PARAMETERS)) if full else REVOLUTION
             largest = {q.unit: q.largest for q in effect.parameters}
             yield Body(effect.where, to_ten, largest["kg"], float(np.sqrt(largest["kg·m²"] / largest["kg"])))
-        start = stop
 
 
 def whole(fitted: Fit) -> Body | None:

@@ -13,7 +13,8 @@ import numpy as np
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import WHEEL, car_chain
-from lacet.identify.multibody.rigid_body import PARAMETERS, move_parameters
+from lacet.identify.effects.base import with_places
+from lacet.identify.multibody.rigid_body import REVOLUTION, move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 
@@ -70,23 +71,16 @@ def _length(vehicle: Vehicle) -> float:
 def summation(fitted: Fit, vehicle: Vehicle) -> Array:
     """(10, p): map from the model's parameters to those of all bodies as one, about the body origin."""
     out = np.zeros((10, len(fitted.theta)))
-    start = 0
-    for effect in fitted.model.physics:
-        stop = start + len(effect.parameters)
+    for effect, place in with_places(fitted.model.physics):
         if effect.name == "body":
             kind, _, corner = effect.where.partition(".")
             p = np.zeros(3)
-            selection = np.eye(10)
             if kind != "chassis":
                 p = np.asarray(vehicle.corners[corner].position)
             R = car_chain().to_body[WHEEL[corner] - 1] if kind == "wheel" else np.eye(3)
-            if kind == "wheel":
-                selection = np.zeros((10, 4))  # a body of revolution: ZZ, XX = YY, MZ, M
-                for column, names in enumerate((("ZZ",), ("XX", "YY"), ("MZ",), ("M",))):
-                    selection[[PARAMETERS.index(n) for n in names], column] = 1.0
+            selection = REVOLUTION if kind == "wheel" else np.eye(10)
             for column in range(selection.shape[1]):
-                out[:, start + column] = move_parameters(selection[:, column], R, p)
-        start = stop
+                out[:, place.start + column] = move_parameters(selection[:, column], R, p)
     return out
 
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lacet.identify.regression.uncertainty import BLOCK
+
 
 @dataclass(frozen=True)
 class SelectionSettings:
@@ -145,7 +147,7 @@ class SelectionSettings:
     folds: int = 5
     """Folds of the blocked cross-validation [count]. Source: T. Hastie, R. Tibshirani and J. Friedman, The Elements of
     Statistical Learning (2009), 7.10."""
-    block_seconds: float = 2.0
+    block_seconds: float = BLOCK
     """Length of a block of it [s]. Source: method section 6, step 3: longer than the residual's memory."""
     noise_pairs: int = 2
     """Antithetic pairs of draws of the noise in all columns [count]. Source: processor time;
