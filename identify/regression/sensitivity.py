@@ -31,7 +31,9 @@ Input = tuple[str, int, int]
 
 _PARTS = ("value", "rate", "accel")
 _COPIES = 17
-"""So many changed copies go through at once: what one corner's instruments have as inputs."""
+"""Most changed copies that go through at once: what one corner's instruments have as inputs."""
+_SAMPLES = 16_000
+"""Samples of all copies that go through at once: a long run has fewer copies, or memory would grow with its length."""
 _COARSE = 0.04
 """Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
 
@@ -110,7 +112,7 @@ class Sensitivity:
         slopes = {key: dict[str, Array]() for key in _inputs(coarse.signals)}
         unmoved: dict[int, Motion] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
-        for corner, group in _groups(coarse.signals):
+        for corner, group in _groups(coarse.signals, max(1, min(_COPIES, _SAMPLES // comb.size))):
             steps = [recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order] for channel, _, order in group]
             copies = _copies(coarse, len(group))
             if corner and len(group) not in unmoved:
@@ -191,8 +193,8 @@ def _inputs(signals: Signals) -> list[Input]:
     ]
 
 
-def _groups(signals: Signals) -> list[tuple[str, list[Input]]]:
-    """Inputs to be changed in one pass, with the corner that alone they move, or "" for those that may move all."""
+def _groups(signals: Signals, most: int) -> list[tuple[str, list[Input]]]:
+    """Inputs of one pass, at most `most`, with the corner that alone they move, or "" for those that move more."""
     by_corner: dict[str, list[Input]] = {}
     for one in _inputs(signals):
         channel = CHANNELS[one[0]]
@@ -200,9 +202,9 @@ def _groups(signals: Signals) -> list[tuple[str, list[Input]]]:
         corner = "" if channel.family == "laser.ground" else channel.corner or ""
         by_corner.setdefault(corner, []).append(one)
     return [
-        (corner, inputs[start : start + _COPIES])
+        (corner, inputs[start : start + most])
         for corner, inputs in by_corner.items()
-        for start in range(0, len(inputs), _COPIES)
+        for start in range(0, len(inputs), most)
     ]
 
 

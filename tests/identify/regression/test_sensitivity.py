@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import lacet.identify.regression.sensitivity
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.base import SensorFault
@@ -73,6 +74,17 @@ def test_one_corners_channels_move_that_corner_alone(seen, channel: str) -> None
     shared = residual(build_motion(record, drive.motion, ["fr"]), effects, theta)
     same = all(np.array_equal(anew[row], shared[row]) for row in anew)
     assert same is (CHANNELS[channel].family != "laser.ground")
+
+
+def test_fewer_copies_at_once_give_the_same_slopes(seen, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Long runs go through in more passes: the slopes are the same to the last bit."""
+    drive, sensitivity, effects, theta = seen
+    monkeypatch.setattr(lacet.identify.regression.sensitivity, "_SAMPLES", 1000)
+    again = Sensitivity.of(drive.recording, effects, theta)
+    assert list(again.slopes) == list(sensitivity.slopes)
+    for key, rows in sensitivity.slopes.items():
+        for row, slope in rows.items():
+            np.testing.assert_array_equal(again.slopes[key][row], slope)
 
 
 def test_zeros(seen) -> None:
