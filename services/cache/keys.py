@@ -6,11 +6,11 @@ Of the catalogue only the files of the effects in a model count: a change of ano
 
 from __future__ import annotations
 
-import ast
 import hashlib
 import inspect
 import json
 import os
+import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from functools import cache
@@ -34,6 +34,7 @@ ROOMS = ("multibody", "signals", "car", "effects", "regression", "validation", "
 """Rooms of `lacet.identify` from bottom to top, as the import contracts have them."""
 _IDENTIFY = Path(str(lacet.identify.__file__)).parent
 _SERVICES = Path(str(lacet.services.__file__)).parent
+_FROM_EFFECTS = re.compile(r"^from (lacet\.identify\.effects\.[\w.]+) import", re.MULTILINE)
 _DAQ = Path(str(lacet.daq.__file__)).parent
 
 
@@ -54,13 +55,14 @@ def key_of(room: str, effects: Iterable[type[Effect]] | None, *parts: object) ->
 
 @cache
 def _sources(room: str, effect_files: tuple[str, ...] | None) -> str:
-    """Digest of lacet's sources up to a room; of files that only define effects, those named and what they import."""
+    """Digest of lacet's sources up to a room; of files that define effects, those named and those imported."""
     files = [*_DAQ.rglob("*.py"), *_IDENTIFY.glob("*.py")]
     for name in ROOMS[: ROOMS.index(room) + 1]:
         files += (_IDENTIFY / name).rglob("*.py")
     if effect_files is not None:
-        needed = _with_imports(effect_files)
-        unneeded = {_place(cls) for cls in effect_classes().values()} - needed
+        alone = {_place(cls) for cls in effect_classes().values()}
+        others = [name for file in files if (name := str(file.resolve())) not in alone]
+        unneeded = alone - _with_imports([*effect_files, *others])
         files = [file for file in files if str(file.resolve()) not in unneeded]
     digest = hashlib.sha256()
     for file in sorted(files):
@@ -73,7 +75,7 @@ def _place(cls: type[Effect]) -> str:
 
 
 def _with_imports(files: Iterable[str]) -> set[str]:
-    """Files of effects with all files of effects that these import."""
+    """Files with all files of effects that these import."""
     out: set[str] = set()
     open_ = list(files)
     while open_:
@@ -81,11 +83,10 @@ def _with_imports(files: Iterable[str]) -> set[str]:
         if name in out:
             continue
         out.add(name)
-        for node in ast.walk(ast.parse(Path(name).read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and str(node.module).startswith("lacet.identify.effects."):
-                inside = _IDENTIFY.joinpath(*str(node.module).split(".")[2:]).with_suffix(".py")
-                if inside.is_file():
-                    open_.append(str(inside.resolve()))
+        for module in _FROM_EFFECTS.findall(Path(name).read_text(encoding="utf-8")):
+            inside = _IDENTIFY.joinpath(*module.split(".")[2:]).with_suffix(".py")
+            if inside.is_file():
+                open_.append(str(inside.resolve()))
     return out
 
 

@@ -64,6 +64,8 @@ def test_a_change_of_the_sources_drops_what_it_concerns_and_nothing_else(sources
     assert after("identify/effects/suspension/stops.py") == [True, True, False], "an effect that is not in the model"
     assert after("identify/effects/suspension/coulomb.py") == [False, False, False], "an effect that is"
     assert after("identify/effects/suspension/linear_suspension.py") == [False, False, False], "and what it imports"
+    latency = "identify/effects/sensors/sensor_latency.py"
+    assert after(latency) == [False, False, False], "an effect that regression itself uses"
     assert after("identify/car/kinematics.py") == [False, False, False]
     assert after("daq/rig.py") == [False, False, False]
     assert after("identify/validation/score.py") == [True, False, False]
