@@ -25,7 +25,7 @@ KEPT = 900.0
 class Piece:
     """A run, or a part of a long one, with its equations.
 
-    `number` counts the parts of a long run, and is None for a whole one.
+    `number` counts the parts of a long run, and is None for a whole one; `seed` of the run's noise draws.
 
     `blocks` row → (n, z + p), columns: the run's zeros, the parameters kept, the model's sensor faults; `right` row →
     (n,) measured left sides; `instants` row → (n,) place of each sample on the run's comb of kept instants; `weights`
@@ -34,6 +34,7 @@ class Piece:
 
     run: int
     number: int | None
+    seed: int
     prepared: PreparedRun
     blocks: Mapping[str, Array]
     right: Mapping[str, Array]
@@ -85,15 +86,18 @@ class Assembly:
     at : every physics' parameter, at which sensitivities are taken, or None: neither zeros nor faults.
     zeros : whether each run has its sensor zeros.
     known : what is known of the runs already; none of them is in pieces.
+    seeds : number of each run in the seeds of its noise draws; by default its place.
     """
 
     def __init__(
         self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
         runs: Sequence[PreparedRun], at: Array | None, zeros: bool, known: Known | None = None,
+        seeds: Sequence[int] = (),
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
         self.runs, self.at, self.zeros = tuple(runs), at, zeros
         self.known = known
+        self.seeds = tuple(seeds) or tuple(range(len(self.runs)))
         self.weights: Mapping[tuple[int, int | None], Mapping[str, Array]] = {}
         self._cache = _PieceCache()
 
@@ -195,6 +199,6 @@ class Assembly:
                 zeros = zeros_of(drive, sensitivity, every=not whole)
                 matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
         instants: dict[str, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
-        piece = Piece(run, number, drive, matrices, drive.measured, instants, zeros, sensitivity, None)
+        piece = Piece(run, number, self.seeds[run], drive, matrices, drive.measured, instants, zeros, sensitivity, None)
         # Motion and slopes of a part of a long run are many times as large as its equations.
         return piece if whole else piece.anew()

@@ -13,7 +13,7 @@ from lacet.identify.effects.base import PhysicalEffect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.prepared_run import NoisyColumns
-from lacet.identify.regression.qr_accumulation import scaled_triangle
+from lacet.identify.regression.qr_accumulation import added, scaled_triangle
 
 NOISE_DRAWS = 6
 """Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
@@ -39,6 +39,11 @@ class NoiseMoments:
         """Nothing added yet."""
         return cls(np.zeros((draws, p, p)), np.zeros((draws, p)))
 
+    @classmethod
+    def merged(cls, parts: Sequence[NoiseMoments]) -> NoiseMoments:
+        """Those of several runs together."""
+        return cls(added([part.slopes for part in parts]), added([part.constants for part in parts]))
+
     @property
     def draws(self) -> int:
         """Number of pairs of draws."""
@@ -55,7 +60,7 @@ class NoiseMoments:
         """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = offset − gain x."""
         gain, offset = zeros
         z, b = len(offset), len(keep)
-        place = (piece.run,) if piece.number is None else (piece.run, piece.number)
+        place = (piece.seed,) if piece.number is None else (piece.seed, piece.number)
         plain = {
             row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ offset)
             for row, block in piece.blocks.items()

@@ -9,14 +9,16 @@ without touching the samples again.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import reduce
 
 import numpy as np
 import scipy.linalg
 
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.sums.tree import merged
 
 
 def triangle(part: Array, *others: Array) -> Array:
@@ -102,9 +104,125 @@ class RunEquations:
         total[range(z), range(z)] += 1.0 / self.priors**2
         return total
 
+    def reduced_normal(self, sigma: Weights) -> tuple[Array, Array, Array]:
+        """Eliminate the zeros from the normal matrix.
+
+        Returns (p + 1, p + 1) what remains, and (z, p) gain and (z,) shift: at parameters x the zeros are
+        shift − gain x. All NaN where the matrix is singular.
+        """
+        z, normal = len(self.zeros), self.normal(sigma)
+        try:
+            gain = np.asarray(np.linalg.solve(normal[:z, :z], normal[:z, z:]), float)
+        except np.linalg.LinAlgError:
+            gain = np.full((z, normal.shape[1] - z), np.nan)
+        return normal[z:, z:] - normal[z:, :z] @ gain, gain[:, :-1], gain[:, -1]
+
+    def following(self, sigma: Weights) -> tuple[Array, Array]:
+        """(z, p) gain and (z,) shift: at parameters x the zeros are shift − gain x."""
+        top, z = self.reduced(sigma)[0], len(self.zeros)
+        both = np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:]), float)
+        return both[:, :-1], both[:, -1]
+
+    def squares(self, x: Array, zeros: Array) -> dict[str, float]:
+        """Row → sum of the squares that parameters and zeros leave."""
+        both = np.concatenate([zeros, x, [-1.0]])
+        return {row: float(np.sum((R @ both) ** 2)) for row, R in self.triangles.items()}
+
+    @classmethod
+    def merged(cls, parts: Sequence[RunEquations]) -> RunEquations:
+        """Equations of several runs without zeros as those of one."""
+        rows = dict.fromkeys(row for part in parts for row in part.triangles)
+        return cls(
+            (),
+            np.zeros(0),
+            {row: triangle(*(part.triangles[row] for part in parts if row in part.triangles)) for row in rows},
+            {row: sum(part.counts.get(row, 0) for part in parts) for row in rows},
+        )
+
+
+def merged_squares(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    """Numbers by row, added up."""
+    return {
+        row: sum(part[row] for part in parts if row in part)
+        for row in dict.fromkeys(row for part in parts for row in part)
+    }
+
+
+def added(parts: Sequence[Array]) -> Array:
+    """Arrays of one shape, added up in their order."""
+    return reduce(np.add, parts)
+
+
+class WeightedEquations(ABC):
+    """The equations of runs in common parameters, each run's zeros eliminated: known by their sums at given weights.
+
+    Attributes
+    ----------
+    known : (k, p) what is known beforehand, as equations with σ = 1 and right side 0.
+    rows : the rows any run has.
+    """
+
+    known: Array
+    rows: Sequence[str]
+
+    @abstractmethod
+    def sample_counts(self) -> Mapping[str, int]:
+        """Number of samples of each row, over all runs."""
+
+    @abstractmethod
+    def root(self, sigma: Weights) -> Array:
+        """(p + 1, p + 1) R factor of the weighted ``[W | Y]``, priors included, every run's zeros eliminated."""
+
+    @abstractmethod
+    def reduced_normal(self, sigma: Weights) -> Array:
+        """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
+
+    @abstractmethod
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[str, float]:
+        """Row → sum of squares at parameters `x` and each run's zeros that belong to them; `quick` : by the normal
+        matrix."""
+
+    @property
+    def p(self) -> int:
+        """Number of parameters."""
+        return self.known.shape[1]
+
+    def solve(self, sigma: Weights) -> Array:
+        """(p,) parameters for fixed weights."""
+        R, lengths = scaled_triangle(self.root(sigma))
+        p = self.p
+        return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
+
+    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[str, float]]:
+        """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
+        sigma, counts = dict(start), self.sample_counts()
+        for _ in range(50):
+            x = self._solve_normal(sigma)
+            quick = bool(np.all(np.isfinite(x)))
+            if not quick:
+                x = self.solve(sigma)
+            squares = self.squares(x, sigma, quick)
+            before = sigma
+            sigma = {row: max(float(np.sqrt(squares[row] / counts[row])), least[row]) for row in self.rows}
+            if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
+                break
+        return self.solve(sigma), sigma
+
+    def _solve_normal(self, sigma: Weights) -> Array:
+        """Quick, by normal equations: good enough to iterate the weights, which need three digits; or NaN."""
+        nothing = np.full(self.p, np.nan)
+        if max(sigma.values()) > _APART * min(sigma.values()):
+            return nothing
+        whole = self.reduced_normal(sigma)
+        total, right = whole[:-1, :-1], whole[:-1, -1]
+        if not np.all(np.diag(total) > 0.0):
+            return nothing
+        lengths = np.sqrt(np.diag(total))
+        return np.asarray(np.linalg.solve(total / np.outer(lengths, lengths), right / lengths), float) / lengths
+
 
 @dataclass(frozen=True)
-class Equations:
+class Equations(WeightedEquations):
     """The equations of several runs in common parameters.
 
     Attributes
@@ -118,81 +236,50 @@ class Equations:
     known: Array
     rows: Sequence[str]
 
-    @cached_property
-    def counts(self) -> dict[str, int]:
+    def sample_counts(self) -> dict[str, int]:
         """Number of samples of each row, over all runs."""
         return {row: sum(run.counts.get(row, 0) for run in self.runs) for row in self.rows}
 
-    @property
-    def p(self) -> int:
-        """Number of parameters."""
-        return self.known.shape[1]
-
     def root(self, sigma: Weights) -> Array:
         """(p + 1, p + 1) R factor of the weighted ``[W | Y]``, priors included, every run's zeros eliminated."""
-        known = np.column_stack([self.known, np.zeros(len(self.known))])
-        return triangle(known, *(run.reduced(sigma)[1] for run in self.runs))
+        return merged([known_root(self.known), *(run.reduced(sigma)[1] for run in self.runs)], merged_triangles)
 
-    def solve(self, sigma: Weights) -> Array:
-        """(p,) parameters for fixed weights."""
-        R, lengths = scaled_triangle(self.root(sigma))
-        p = self.p
-        return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
+    def reduced_normal(self, sigma: Weights) -> Array:
+        """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
+        return merged([known_normal(self.known), *(run.reduced_normal(sigma)[0] for run in self.runs)], added)
+
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[str, float]:
+        """Row → sum of squares at parameters `x` and each run's zeros that belong to them."""
+        return merged([squares_at(run, x, sigma, quick) for run in self.runs], merged_squares)
 
     def zeros(self, x: Array, sigma: Weights) -> list[Array]:
         """Each run's zeros at parameters `x`."""
         return [shift - gain @ x for gain, shift in zeros_following(self.runs, sigma)]
 
-    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[str, float]]:
-        """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
-        sigma = dict(start)
-        for _ in range(50):
-            x, zeros = self._solve_normal(sigma)
-            if not np.all(np.isfinite(x)):
-                x = self.solve(sigma)
-                zeros = self.zeros(x, sigma)
-            before, sigma = sigma, self._row_sigma(x, zeros, least)
-            if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
-                break
-        return self.solve(sigma), sigma
 
-    def _row_sigma(self, x: Array, zeros: Sequence[Array], least: Weights) -> dict[str, float]:
-        squares = dict.fromkeys(self.rows, 0.0)
-        for run, z in zip(self.runs, zeros, strict=True):
-            both = np.concatenate([z, x, [-1.0]])
-            for row, R in run.triangles.items():
-                squares[row] += float(np.sum((R @ both) ** 2))
-        return {row: max(float(np.sqrt(squares[row] / self.counts[row])), least[row]) for row in self.rows}
+def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[str, float]:
+    """Row → sum of squares of a run at parameters `x` and the zeros that belong to them; `quick` : by the normal
+    matrix."""
+    gain, shift = run.reduced_normal(sigma)[1:] if quick else run.following(sigma)
+    return run.squares(x, shift - gain @ x)
 
-    def _solve_normal(self, sigma: Weights) -> tuple[Array, list[Array]]:
-        """Quick, by normal equations: good enough to iterate the weights, which need three digits; or NaN."""
-        if max(sigma.values()) > _APART * min(sigma.values()):
-            return np.full(self.p, np.nan), []
-        total = self.known.T @ self.known
-        right = np.zeros(self.p)
-        kept: list[tuple[Array, Array]] = []
-        for run in self.runs:
-            z, normal = len(run.zeros), run.normal(sigma)
-            try:
-                gain = np.asarray(np.linalg.solve(normal[:z, :z], normal[:z, z:]), float)
-            except np.linalg.LinAlgError:
-                return np.full(self.p, np.nan), []
-            left = normal[z:, z:] - normal[z:, :z] @ gain
-            total = total + left[:-1, :-1]
-            right = right + left[:-1, -1]
-            kept.append((gain[:, :-1], gain[:, -1]))
-        if np.any(np.diag(total) <= 0.0):
-            return np.full(self.p, np.nan), []
-        lengths = np.sqrt(np.diag(total))
-        x = np.asarray(np.linalg.solve(total / np.outer(lengths, lengths), right / lengths), float) / lengths
-        return x, [b - a @ x for a, b in kept]
+
+def known_root(known: Array) -> Array:
+    """(k, p + 1) what is known beforehand, with its right side."""
+    return np.column_stack([known, np.zeros(len(known))])
+
+
+def known_normal(known: Array) -> Array:
+    """(p + 1, p + 1) normal matrix of the same."""
+    whole = known_root(known)
+    return whole.T @ whole
+
+
+def merged_triangles(parts: Sequence[Array]) -> Array:
+    """The R factor of several, as equations of their own."""
+    return triangle(*parts)
 
 
 def zeros_following(runs: Sequence[RunEquations], sigma: Weights) -> list[tuple[Array, Array]]:
     """For each run (z, p) gain and (z,) shift: at parameters x its zeros are shift − gain x."""
-    out: list[tuple[Array, Array]] = []
-    for run in runs:
-        top, z = run.reduced(sigma)[0], len(run.zeros)
-        both = np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:]), float)
-        out.append((both[:, :-1], both[:, -1]))
-    return out
+    return [run.following(sigma) for run in runs]

@@ -5,7 +5,7 @@ sheet's gains and latencies add, which no residual shows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.qr_accumulation import Equations, zeros_following
+from lacet.identify.regression.qr_accumulation import Equations, added
+from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.tolerances import SheetEntry
 
 
@@ -53,51 +54,72 @@ def hac(scores: Array) -> Array:
 
 @dataclass(frozen=True)
 class Spread:
-    """What the residuals at an estimate say about it.
+    """What the residuals at an estimate say about it, over some runs.
 
     Attributes
     ----------
-    residual : for each run, row → (n,) Y − W x − zeros.
-    scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay), priors included.
+    scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay).
     sheet : gain or latency → (p,) what one tolerance of it adds to the normal equations' right side.
     """
 
-    residual: tuple[Mapping[str, Array], ...]
     scores: Array
     sheet: Mapping[SheetEntry, Array]
+
+    @classmethod
+    def merged(cls, parts: Sequence[Spread]) -> Spread:
+        """That of several runs together."""
+        entries = dict.fromkeys(entry for part in parts for entry in part.sheet)
+        sheet = {entry: added([part.sheet[entry] for part in parts if entry in part.sheet]) for entry in entries}
+        return cls(added([part.scores for part in parts]), sheet)
 
 
 def spread_of(
     assembly: Assembly, equations: Equations, x: Array, zeros: Sequence[Array], sigma: Mapping[str, float], sheet: bool
-) -> Spread:
+) -> tuple[Spread, tuple[Mapping[str, Array], ...]]:
     """Go through the runs once more, at the estimate `x` with each run's zeros.
+
+    Returns the spread, without that of what is known beforehand, and for each run row → (n,) Y − W x − zeros.
 
     `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
     """
-    gains = [gain for gain, _ in zeros_following(equations.runs, sigma)]
-    residual: list[dict[str, list[Array]]] = [{} for _ in assembly.runs]
-    scores = [np.zeros((_comb(drive), equations.p)) for drive in assembly.runs]
+    residual: list[Mapping[str, Array]] = []
+
+    def spreads() -> Iterator[Spread]:
+        for number in range(len(assembly.runs)):
+            spread, remainder = _run_spread(assembly, equations, x, zeros[number], sigma, sheet, number)
+            residual.append(remainder)
+            yield spread
+
+    return merged(spreads(), Spread.merged), tuple(residual)
+
+
+def _run_spread(
+    assembly: Assembly, equations: Equations, x: Array, zeros: Array, sigma: Mapping[str, float], sheet: bool,
+    number: int,
+) -> tuple[Spread, Mapping[str, Array]]:  # fmt: skip
+    """The spread of one run, and its residual."""
+    run = equations.runs[number]
+    gain = run.following(sigma)[0]
+    residual: dict[str, list[Array]] = {}
+    scores = np.zeros((_comb(assembly.runs[number]), equations.p))
     systematic: dict[SheetEntry, Array] = {}
-    for piece in assembly.pieces():
+    for piece in assembly.pieces_of(number):
         columns: dict[str, Array] = {}
         for row, block in piece.blocks.items():
-            left = piece.right[row] - block @ np.concatenate([zeros[piece.run], x])
-            residual[piece.run].setdefault(row, []).append(left)
-            columns[row] = effective(piece, row, gains[piece.run]) / sigma[row] ** 2
-            scores[piece.run][piece.instants[row]] += columns[row] * left[:, None]
+            left = piece.right[row] - block @ np.concatenate([zeros, x])
+            residual.setdefault(row, []).append(left)
+            columns[row] = effective(piece, row, gain) / sigma[row] ** 2
+            scores[piece.instants[row]] += columns[row] * left[:, None]
         if sheet:
             for name, response in assembly.sheet_responses(piece).items():
                 pushed = [columns[row].T @ series for row, series in response.items() if row in columns]
                 if pushed:
                     systematic[name] = systematic.get(name, np.zeros(equations.p)) + np.sum(pushed, axis=0)
-    meat = equations.known.T @ equations.known
-    for run, gain, series in zip(equations.runs, gains, scores, strict=True):
-        if gain.size:
-            following = gain / run.priors[:, None]
-            meat = meat + following.T @ following
-        meat = meat + hac(series)
-    joined = tuple({row: np.concatenate(parts) for row, parts in run.items()} for run in residual)
-    return Spread(joined, meat, systematic)
+    meat = hac(scores)
+    if gain.size:
+        following = gain / run.priors[:, None]
+        meat = following.T @ following + meat
+    return Spread(meat, systematic), {row: np.concatenate(parts) for row, parts in residual.items()}
 
 
 def at_least(covariance: Array, other: Array) -> Array:

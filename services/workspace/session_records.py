@@ -10,7 +10,8 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.assembly import Assembly
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, at_faults
+from lacet.identify.regression.sums.prepared_runs import without_faults
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.regressor_noise import RegressorNoise
 
@@ -30,8 +31,8 @@ def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[Prepare
     at, weights = values.pop("at"), values.pop("weights")
     removed, base, options = values["removed"], values["base"], values["options"]
     if model.faults:
-        runs = [PreparedRun(at_faults(run.recording, model.faults, removed)) for run in runs]
-    assembly = Assembly(model.physics, base.independent, model.faults, runs, at, options.zeros)
+        runs = [without_faults(run, model.faults, removed) for run in runs]
+    assembly = Assembly(model.physics, base.independent, model.faults, runs, at, options.zeros, seeds=options.seeds)
     return Fit(model=model, runs=tuple(runs), assembly=assembly.weighted(weights), **values)
 
 

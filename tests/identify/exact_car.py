@@ -11,7 +11,8 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.wls import Fit, FitOptions, at_faults, fit
+from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals

@@ -43,7 +43,7 @@ def test_an_instrument_off_by_its_tolerance_moves_the_fit_as_told(
 ) -> None:
     """The linear answer is the shift of a fit to the same run with that instrument really off."""
     zeros = plain.equations.zeros(plain.solution, plain.sigma)
-    told = spread_of(plain.assembly, plain.equations, plain.solution, zeros, plain.sigma, sheet=True).sheet
+    told = spread_of(plain.assembly, plain.equations, plain.solution, zeros, plain.sigma, sheet=True)[0].sheet
     (push,) = [p for (kind, name, k), p in told.items() if kind == what and name.startswith(channel) and k == component]
     root = plain.root[:, :-1]
     expected = np.linalg.solve(root.T @ root, push)

@@ -9,7 +9,8 @@ import pytest
 
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
-from lacet.identify.regression.wls import FitOptions, at_faults, extended, fit
+from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.wls import FitOptions, extended, fit
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose, screen
 from lacet.identify.selection.relinearisation import without_fault

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from lacet.identify.progress import Progress
-from lacet.identify.regression.wls import Fit, at_faults
+from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import Screening, diagnose
