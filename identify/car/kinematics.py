@@ -145,7 +145,7 @@ def _torques(
 
 def _masks(
     recording: Recording, rows: Mapping[Row, Torque], grounds: tuple[str, ...]
-) -> tuple[dict[str, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
+) -> tuple[dict[Row, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
     """Usable samples of each row, row → (N,), and the durations left out because the brakes act."""
     t, edge = recording.t, recording.filters.edge
     inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
@@ -154,7 +154,7 @@ def _masks(
         # The filters spread a braking over their edge.
         applied = recording.signals.value[PRESSURE][0] > RELEASED
         released = maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
-    masks: dict[str, NDArray[np.bool_]] = {}
+    masks: dict[Row, NDArray[np.bool_]] = {}
     for row, torque in rows.items():
         mask = inside & released if torque.released else inside.copy()
         for channel in (*needs(row, recording.reference, grounds, recording.vehicle), *torque.channels):

@@ -134,8 +134,8 @@ class Motion:
     attitude: Array | None
     corners: Mapping[str, CornerMotion]
     rows: tuple[Row, ...]
-    left_out: Mapping[str, RowAbsence]
-    usable: Mapping[str, NDArray[np.bool_]]
+    left_out: Mapping[Row, RowAbsence]
+    usable: Mapping[Row, NDArray[np.bool_]]
     channels: frozenset[str]
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0

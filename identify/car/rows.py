@@ -237,10 +237,10 @@ def _shaft_slope(corner: Corner) -> float:
 
 def available(
     measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
-) -> tuple[dict[Row, Torque], dict[str, RowAbsence]]:
+) -> tuple[dict[Row, Torque], dict[Row, RowAbsence]]:
     """Rows whose left side is measured, row → its torques; and every other row → why it is absent."""
     rows: dict[Row, Torque] = {}
-    left_out: dict[str, RowAbsence] = {}
+    left_out: dict[Row, RowAbsence] = {}
     for row in ROWS:
         absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in measured]
         torque = torque_in(row, vehicle, measured, brakes)

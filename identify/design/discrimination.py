@@ -20,6 +20,7 @@ from itertools import combinations
 import numpy as np
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, SensorFault, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
@@ -107,7 +108,7 @@ class Question:
         start = self.parameters + len(self.sheet)
         return out + [start + i for i, (fault, _) in enumerate(self.tolerances) if fault.key in keys]
 
-    def columns(self, piece: Piece) -> Iterator[tuple[str, Array]]:
+    def columns(self, piece: Piece) -> Iterator[tuple[Row, Array]]:
         """For each row of a piece of a run, its (n, z + w) columns, the run's zeros first."""
         assert piece.zeros is not None
         assert piece.sensitivity is not None
@@ -115,7 +116,7 @@ class Question:
         z, faults = len(piece.zeros.sigma), len(model.faults)
         responses = sheet_responses(run, sensitivity)
         tolerances = [(run.decimated(sensitivity.fault(fault)), sigma) for fault, sigma in self.tolerances]
-        tried: list[tuple[slice, dict[str, Array]]] = []
+        tried: list[tuple[slice, dict[Row, Array]]] = []
         for effects, places in zip(self.shapes, self.places, strict=True):
             for effect, place in zip(effects, places, strict=True):
                 tried.append((place, run.effect_columns(effect, sensitivity)))
@@ -175,7 +176,7 @@ class Present:
     noise: Array
 
 
-def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, float] | None = None) -> Present:
+def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[Row, float] | None = None) -> Present:
     """The information of a fit's runs, weighted by their noise floor.
 
     `louder` : row → factor of its noise over the sheet's; 1 where absent.
@@ -192,7 +193,7 @@ def present_runs(question: Question, floor: NoiseFloor, louder: Mapping[str, flo
     return Present(_merged(*roots), _merged(*noise))
 
 
-def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> Array:
+def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[Row, float]) -> Array:
     """(w, w) R factor of the noise in a run's columns, by a draw added and subtracted; of a long run by its middle.
 
     Louder sensors add to the noise and lower the weight alike.
@@ -201,7 +202,7 @@ def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[st
     assert piece.sensitivity is not None
     assert piece.zeros is not None
     z = len(piece.zeros.sigma)
-    moved: list[dict[str, Array]] = []
+    moved: list[dict[Row, Array]] = []
     for run in piece.prepared.noisy([2003, piece.run], loads=True):
         noisy = replace(piece, prepared=run, sensitivity=piece.sensitivity.on(run.recording))
         moved.append(dict(question.columns(noisy)))
@@ -215,15 +216,15 @@ def _samples(piece: Piece) -> int:
 
 
 def planned_run(
-    question: Question, run: PreparedRun, louder: Mapping[str, float] | None = None, draws: int = DRAWS, seed: int = 0
+    question: Question, run: PreparedRun, louder: Mapping[Row, float] | None = None, draws: int = DRAWS, seed: int = 0
 ) -> WeightedRun:
     """Weighted equations of a planned motion, measured by the rig's sensors and weighted by their noise in its rows."""
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
     pieces = list(Assembly(model.physics, every, model.faults, [run], fitted.physics, zeros=True).pieces())
-    squares: dict[str, float] = dict.fromkeys(run.rows, 0.0)
-    counts: dict[str, int] = dict.fromkeys(run.rows, 0)
+    squares: dict[Row, float] = dict.fromkeys(run.rows, 0.0)
+    counts: dict[Row, int] = dict.fromkeys(run.rows, 0)
     rng = np.random.default_rng([seed, draws])
     for piece in pieces:
         assert piece.sensitivity is not None
@@ -231,7 +232,7 @@ def planned_run(
             for row, noise in piece.prepared.decimated(piece.sensitivity.noise(rng)).items():
                 squares[row] += float(np.sum(noise**2))
                 counts[row] += noise.size
-    sigma: dict[str, float] = {}
+    sigma: dict[Row, float] = {}
     for row in run.rows:
         floor = float(np.sqrt(squares[row] / max(1, counts[row]))) * (louder or {}).get(row, 1.0)
         # A row without noise would get infinite weight; 1e-9 of its size stands for rounding.
@@ -239,12 +240,12 @@ def planned_run(
     return weighted_run(question, pieces, sigma)
 
 
-def weighted_run(question: Question, pieces: Sequence[Piece], sigma: Mapping[str, float]) -> WeightedRun:
+def weighted_run(question: Question, pieces: Sequence[Piece], sigma: Mapping[Row, float]) -> WeightedRun:
     """The equations of one run, piece by piece, weighted by the rows' `sigma`."""
     zeros = pieces[0].zeros
     assert zeros is not None
     root = np.zeros((0, len(zeros.sigma) + question.width))
-    seen: dict[str, int] = {}
+    seen: dict[Row, int] = {}
     for piece in pieces:
         parts = [columns / sigma[row] for row, columns in question.columns(piece)]
         root = _merged(root, *parts)

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.base_parameters import find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import given_back
@@ -96,7 +97,7 @@ class RunInformation:
 
 
 def run_information(
-    run: PreparedRun, fitted: Fit, excess: Mapping[str, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
+    run: PreparedRun, fitted: Fit, excess: Mapping[Row, float] | None = None, draws: int = NOISE_DRAWS, seed: int = 0
 ) -> RunInformation:
     """The information of a motion, measured with the rig's sensors, on the parameters of a fitted model.
 
@@ -115,11 +116,11 @@ def run_information(
     noise = [run.decimated(sensitivity.noise(rng)) for _ in range(draws)]
     step = run.recording.filters.step
     count = run.recording.t.size // step + 1
-    instants: dict[str, NDArray[np.intp]] = {row: run.index[row] // step for row in run.rows}
+    instants: dict[Row, NDArray[np.intp]] = {row: run.index[row] // step for row in run.rows}
     p, z = len(model.parameters), len(zeros.sigma)
     normal, scores = np.zeros((p + z, p + z)), np.zeros((p + z, p + z))
-    blocks: dict[str, Array] = {}
-    sigma: dict[str, float] = {}
+    blocks: dict[Row, Array] = {}
+    sigma: dict[Row, float] = {}
     larger = {row: (excess or {}).get(row, 1.0) for row in run.rows}
     roots: list[Array] = []
     for row in run.rows:
@@ -132,7 +133,7 @@ def run_information(
         normal += blocks[row].T @ blocks[row] / sigma[row] ** 2
         roots.append(triangle(W / sigma[row]))
     for one in noise:
-        parts: dict[str, tuple[Array, Array, float]] = {
+        parts: dict[Row, tuple[Array, Array, float]] = {
             row: (blocks[row], larger[row] * one[row], sigma[row]) for row in run.rows
         }
         if parts:
@@ -144,7 +145,7 @@ def run_information(
     return RunInformation(normal, scores, _noise(run, model, sigma, [seed, draws]), zeros.sigma, root, longest, edges)
 
 
-def _noise(run: PreparedRun, model: Model, sigma: Mapping[str, float], seed: Sequence[int]) -> Array:
+def _noise(run: PreparedRun, model: Model, sigma: Mapping[Row, float], seed: Sequence[int]) -> Array:
     """(p, p) E[δWᵀ Σ⁻¹ δW] of noise in the columns, estimated by one draw added and subtracted."""
     p = len(model.parameters)
     out = np.zeros((p, p))
@@ -179,7 +180,7 @@ def fit_information(fitted: Fit) -> Information:
     )
 
 
-def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[str, float]:
+def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dict[Row, float]:
     """Row → the fit's residual ÷ the residual that its runs' sensor noise alone would leave, at least 1.
 
     A model that lacks an effect, or sensors worse than their sheet, leave the same excess on the next run.

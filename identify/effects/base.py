@@ -16,6 +16,7 @@ import numpy as np
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import CornerMotion, GroundLaserOffset, Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
 
@@ -190,6 +191,11 @@ class PhysicalEffect(Effect):
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:
         """Right-hand side for parameter values (p,): row → (N,)."""
         return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
+
+
+def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
+    """Regressor columns of an effect, row → (p, N). Raises UsageError where a key of them is no row."""
+    return {Row.parse(text): table for text, table in effect.columns(motion).items()}
 
 
 class SuspensionForce(PhysicalEffect):

@@ -15,8 +15,8 @@ import numpy as np
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.car.rows import ROWS
-from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect, SensorFault
+from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect, SensorFault, columns_by_row
 from lacet.identify.multibody.vectors import Array
 
 OWN_MODULES = "lacet_user_effects."
@@ -98,16 +98,16 @@ def own_variants(cls: type[Effect], vehicle: Vehicle, reference: str, runs: Sequ
     return found
 
 
-def checked_columns(effect: PhysicalEffect, motion: Motion) -> dict[str, Array]:
+def checked_columns(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
     """Regressor columns of an effect, row → (p, N). Raises UsageError for faults in a user's class."""
     cls = type(effect)
     if not is_own(cls):
-        return effect.columns(motion)
+        return columns_by_row(effect, motion)
     found: Any = _call(cls, "columns", lambda: effect.columns(motion))
     if not isinstance(found, dict):
         raise UsageError(f"{_place(cls)}.columns must give a dictionary row → (p, N), found {type(found).__name__}")
     shape = (len(effect.parameters), motion.t.size)
-    out: dict[str, Array] = {}
+    out: dict[Row, Array] = {}
     for row, table in cast(dict[Any, Any], found).items():
         if row not in ROWS:
             raise UsageError(f"{_place(cls)}.columns: there is no row {row!r} (lacet info --rows lists them)")
@@ -120,7 +120,7 @@ def checked_columns(effect: PhysicalEffect, motion: Motion) -> dict[str, Array]:
         if bad.size:
             when = f"t = {motion.t[bad[0]]:.2f} s of {motion.name}"
             raise UsageError(f"{_place(cls)}.columns: {row} has no finite value at {when} ({bad.size} samples in all)")
-        out[str(row)] = array
+        out[Row.parse(row)] = array
     return out
 
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.errors import SolverError, UsageError
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Parameter
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.body_consistency import WHOLE, Body, BodyCheck, bodies, check_bodies, clusters, whole
@@ -53,7 +54,7 @@ class ConsistencyPrice:
 
     quadratic: float
     percent: float
-    rows: Mapping[str, float]
+    rows: Mapping[Row, float]
     largest: tuple[str, float]
     changes: Mapping[str, tuple[float, float]]
 
@@ -333,7 +334,7 @@ def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, Consisten
     theta[place] += change
     fall = [gain @ change for gain, _ in zeros_following(fitted.equations.runs, fitted.sigma)]
     zeros = tuple((names, sigma, z - f) for (names, sigma, z), f in zip(fitted.zeros, fall, strict=True))
-    moved_rows: list[dict[str, list[Array]]] = [{} for _ in fitted.runs]
+    moved_rows: list[dict[Row, list[Array]]] = [{} for _ in fitted.runs]
     for piece in fitted.assembly.pieces():
         step = np.concatenate([-fall[piece.run], change])
         for row, block in piece.blocks.items():
@@ -358,7 +359,7 @@ def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, Consisten
     return out, price
 
 
-def _squares(fitted: Fit) -> dict[str, float]:
+def _squares(fitted: Fit) -> dict[Row, float]:
     """Sum of squared residuals by row, over all runs."""
     return {row: float(sum(part[row] @ part[row] for part in fitted.residual if row in part)) for row in fitted.rows}
 

@@ -13,8 +13,8 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
-from lacet.identify.car.rows import SUSPENSION_ROWS, Row
-from lacet.identify.effects.base import PhysicalEffect, SuspensionForce, with_places
+from lacet.identify.car.rows import SUSPENSION_ROWS, TYRE_ROWS, Row
+from lacet.identify.effects.base import PhysicalEffect, SuspensionForce, columns_by_row, with_places
 from lacet.identify.multibody.rigid_body import PARAMETERS
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -82,17 +82,15 @@ def corner_numbers(fitted: Fit) -> Array:
     return out
 
 
-def rows_unseen(fitted: Fit) -> tuple[str, ...]:
-    """For each packed number the suspension or tyre row it is read from where no run has that row, else empty.
+def rows_unseen(fitted: Fit) -> tuple[Row | None, ...]:
+    """For each packed number the suspension or tyre row it is read from where no run has that row, else None.
 
     Such a number is 0 in `corner_numbers` for want of a measurement, not because the car has no spring there.
     """
     seen = {row for run in fitted.runs for row in run.index}
-    lacking = {
-        kind: ["" if (row := f"{kind}.{c}") in seen else row for c in CORNERS] for kind in ("suspension", "tyre")
-    }
-    corner, pairs = lacking["suspension"], [row for row in lacking["suspension"] for _ in CORNERS]
-    return (*corner, *corner, *pairs, *pairs, *lacking["tyre"], *[""] * sum(_SIZES[5:]))
+    corner, tyre = ([None if row in seen else row for row in rows] for rows in (SUSPENSION_ROWS, TYRE_ROWS))
+    pairs = [row for row in corner for _ in CORNERS]
+    return (*corner, *corner, *pairs, *pairs, *tyre, *[None] * sum(_SIZES[5:]))
 
 
 def suspension_laws(
@@ -102,8 +100,8 @@ def suspension_laws(
     corners = {
         c: replace(one, travel=travel[c], rate=rate[c]) if c in travel else one for c, one in motion.corners.items()
     }
-    columns = effect.columns(replace(motion, corners=corners))
-    return {Row.parse(row).place: a for row, a in columns.items() if row in SUSPENSION_ROWS}
+    columns = columns_by_row(effect, replace(motion, corners=corners))
+    return {row.place: a for row, a in columns.items() if row.kind == "suspension"}
 
 
 def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:
@@ -122,14 +120,13 @@ def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array,
     normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
     f0 = np.zeros((4, p))
     for run in runs:
-        columns = effect.columns(run.motion)
+        columns = columns_by_row(effect, run.motion)
         zero = {c: np.zeros(1) for c in CORNERS}
         for c, at_rest in suspension_laws(effect, run.motion, zero, zero).items():
             f0[CORNERS.index(c)] = at_rest[:, 0]
-        for i, c in enumerate(CORNERS):
-            row = f"suspension.{c}"
+        for i, row in enumerate(SUSPENSION_ROWS):
             if row in columns and row in run.index:
-                at, corner = run.index[row], run.motion.corners[c]
+                at, corner = run.index[row], run.motion.corners[row.place]
                 basis = np.stack([np.ones(at.size), corner.travel[at], corner.rate[at]])
                 normal[i] += basis @ basis.T
                 right[i] += basis @ columns[row][:, at].T
@@ -144,17 +141,16 @@ def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, ki
     step = _STEP[name]
     for run in runs:
         motion = run.motion
-        acted = [c for c in CORNERS if f"{kind}.{c}" in effect.columns(motion) and f"{kind}.{c}" in run.index]
+        acted = [row for row in columns_by_row(effect, motion) if row.kind == kind and row in run.index]
         if not acted:
             continue
-        for c in acted:
-            counts[CORNERS.index(c)] += run.index[f"{kind}.{c}"].size
+        for row in acted:
+            counts[CORNERS.index(row.place)] += run.index[row].size
         for j, moved in enumerate(CORNERS):
-            up, down = (effect.columns(_moved(motion, moved, name, sign * step)) for sign in (1.0, -1.0))
-            for c in acted:
-                row = f"{kind}.{c}"
+            up, down = (columns_by_row(effect, _moved(motion, moved, name, sign * step)) for sign in (1.0, -1.0))
+            for row in acted:
                 difference = (up[row] - down[row])[:, run.index[row]] / (2.0 * step)
-                out[CORNERS.index(c), j] += difference.sum(axis=1)
+                out[CORNERS.index(row.place), j] += difference.sum(axis=1)
     return out / np.maximum(counts, 1.0)[:, None, None]
 
 

@@ -76,8 +76,9 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     names, units, values = _values(x, vehicle)
     by_number = _jacobian(x, vehicle)
     slopes = by_number @ table
-    unseen = np.array(rows_unseen(fitted))
-    moved = (np.abs(by_number) > 0.0) & (unseen != "")
+    rows = rows_unseen(fitted)
+    unseen = np.array([row is not None for row in rows])
+    moved = (np.abs(by_number) > 0.0) & unseen
     usable = np.isfinite(values) & np.all(np.isfinite(slopes), axis=1)
     spread = knowledge.spread(np.where(usable[:, None], slopes, 0.0))
     out: list[Derived] = []
@@ -93,9 +94,8 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
                 why = knowledge.open_parameters(which)
             else:
                 why = ImpossibleCar()
-            places = np.flatnonzero(moved[k] if usable[k] else unseen != "")
-            blind = str(unseen[places[0]]) if places.size else ""
-            why = _not_measured(fitted, name) or (_missing(fitted, Row.parse(blind)) if blind else None) or why
+            blind = next((row for row, at in zip(rows, moved[k] if usable[k] else unseen, strict=True) if at), None)
+            why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
         out.append(Derived(name, float(values[k]), units[k], half, determined, why))
     return out
 

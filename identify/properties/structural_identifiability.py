@@ -13,8 +13,8 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.car_tree import AXLE, CHASSIS, CORNER_OF_BRANCH, FIRST_JOINT, WHEEL, car_chain
 from lacet.identify.car.kinematics import build_motion
-from lacet.identify.car.rows import RowAbsence
-from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.car.rows import Row, RowAbsence
+from lacet.identify.effects.base import PhysicalEffect, columns_by_row
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters
@@ -125,8 +125,8 @@ class Structure:
     units: tuple[str, ...]
     effects: tuple[str, ...]
     base: BaseParameters
-    rows: tuple[str, ...]
-    left_out: Mapping[str, RowAbsence]
+    rows: tuple[Row, ...]
+    left_out: Mapping[Row, RowAbsence]
 
     def group(self, i: int) -> str:
         """Parameter `i` with those grouped into it; empty when it is no base parameter."""
@@ -190,7 +190,7 @@ def structure(
     parameters = [p for effect in effects for p in effect.parameters]
     owners = [effect.key for effect in effects for _ in effect.parameters]
     blocks: list[Array] = []
-    columns = [effect.columns(motion) for effect in effects]
+    columns = [columns_by_row(effect, motion) for effect in effects]
     for row in motion.rows:
         parts = [
             found[row] if row in found else np.zeros((len(effect.parameters), motion.t.size))

@@ -10,6 +10,7 @@ from itertools import count, repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -36,12 +37,12 @@ class Piece:
     number: int | None
     seed: int
     prepared: PreparedRun
-    blocks: Mapping[str, Array]
-    right: Mapping[str, Array]
-    instants: Mapping[str, NDArray[np.intp]]
+    blocks: Mapping[Row, Array]
+    right: Mapping[Row, Array]
+    instants: Mapping[Row, NDArray[np.intp]]
     zeros: Zeros | None
     sensitivity: Sensitivity | None
-    weights: Mapping[str, Array] | None
+    weights: Mapping[Row, Array] | None
 
     def anew(self) -> Piece:
         """The same equations, with nothing that was computed beside them: full-rate motion, slopes, further columns."""
@@ -54,7 +55,7 @@ class Known:
     """Sensitivities of each run's residual to its channels, and its responses to the sensor sheet's entries."""
 
     sensitivities: tuple[Sensitivity, ...]
-    responses: tuple[dict[SheetEntry, dict[str, Array]], ...]
+    responses: tuple[dict[SheetEntry, dict[Row, Array]], ...]
 
 
 @dataclass
@@ -66,11 +67,11 @@ class _PieceCache:
     """
 
     pieces: dict[tuple[int, int | None], Piece] = field(default_factory=dict[tuple[int, int | None], Piece])
-    responses: dict[int, dict[SheetEntry, dict[str, Array]]] = field(
-        default_factory=dict[int, dict[SheetEntry, dict[str, Array]]]
+    responses: dict[int, dict[SheetEntry, dict[Row, Array]]] = field(
+        default_factory=dict[int, dict[SheetEntry, dict[Row, Array]]]
     )
-    own: dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]] = field(
-        default_factory=dict[tuple[int, int | None], dict[SheetEntry, dict[str, Array]]]
+    own: dict[tuple[int, int | None], dict[SheetEntry, dict[Row, Array]]] = field(
+        default_factory=dict[tuple[int, int | None], dict[SheetEntry, dict[Row, Array]]]
     )
     long: float = 0.0
 
@@ -98,10 +99,10 @@ class Assembly:
         self.runs, self.at, self.zeros = tuple(runs), at, zeros
         self.known = known
         self.seeds = tuple(seeds) or tuple(range(len(self.runs)))
-        self.weights: Mapping[tuple[int, int | None], Mapping[str, Array]] = {}
+        self.weights: Mapping[tuple[int, int | None], Mapping[Row, Array]] = {}
         self._cache = _PieceCache()
 
-    def weighted(self, weights: Mapping[tuple[int, int | None], Mapping[str, Array]]) -> Assembly:
+    def weighted(self, weights: Mapping[tuple[int, int | None], Mapping[Row, Array]]) -> Assembly:
         """The same equations with other weights of samples: (run, piece) → row → (n,) roots of them."""
         out = copy(self)
         out.weights = weights
@@ -136,7 +137,7 @@ class Assembly:
         if self._cache.long <= KEPT:
             self._cache.pieces[piece.run, piece.number] = piece
 
-    def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
+    def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
         """Responses of a piece to the sensor sheet's gains and latencies."""
         if self.known:
             return self.known.responses[piece.run]
@@ -147,7 +148,7 @@ class Assembly:
             self._cache.responses[piece.run] = sheet_responses(piece.prepared, piece.sensitivity)
         return self._cache.responses[piece.run]
 
-    def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[str, Array]]:
+    def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
         """The same with the noise of this very run, where sensitivities may be another run's of the same motion."""
         if self.known is None and piece.number is None:
             return self.sheet_responses(piece)
@@ -161,7 +162,7 @@ class Assembly:
         return found
 
     @staticmethod
-    def noisy_sheet_responses(piece: Piece, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
+    def noisy_sheet_responses(piece: Piece, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
         """The same of a piece with other noise drawn, by its `sensitivity`; not kept."""
         return sheet_responses(piece.prepared, sensitivity)
 
@@ -187,7 +188,7 @@ class Assembly:
     def _make(self, run: int, number: int | None, drive: PreparedRun) -> Piece:
         whole = number is None
         step = drive.recording.filters.step
-        matrices: dict[str, Array] = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
+        matrices: dict[Row, Array] = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
         sensitivity, zeros = None, None
         if self.at is not None:
             known = self.known.sensitivities[run] if self.known and whole else None
@@ -198,7 +199,7 @@ class Assembly:
             if self.zeros:
                 zeros = zeros_of(drive, sensitivity, every=not whole)
                 matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
-        instants: dict[str, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
+        instants: dict[Row, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
         piece = Piece(run, number, self.seeds[run], drive, matrices, drive.measured, instants, zeros, sensitivity, None)
         # Motion and slopes of a part of a long run are many times as large as its equations.
         return piece if whole else piece.anew()

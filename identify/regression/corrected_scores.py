@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
@@ -54,7 +55,7 @@ class NoiseMoments:
         return NoiseMoments(self.slopes[which], self.constants[which])
 
     def add(
-        self, piece: Piece, effects: Sequence[PhysicalEffect], keep: NDArray[np.int64], sigma: Mapping[str, float],
+        self, piece: Piece, effects: Sequence[PhysicalEffect], keep: NDArray[np.int64], sigma: Mapping[Row, float],
         zeros: tuple[Array, Array],
     ) -> None:  # fmt: skip
         """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = offset − gain x."""
@@ -122,7 +123,7 @@ class NoiseMoments:
 def _shifts(
     pair: Sequence[NoisyColumns],
     placed: Sequence[tuple[PhysicalEffect, slice]],
-    row: str,
+    row: Row,
     position: NDArray[np.intp],
     clean: Array,
 ) -> tuple[NDArray[np.intp], list[Array]]:

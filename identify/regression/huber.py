@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly
 from lacet.identify.regression.qr_accumulation import Equations
@@ -23,22 +24,22 @@ class BadSecond:
     """A stretch of a row that counts less: `start`, `stop` [s since the run's start], `weight` of 1."""
 
     run: str
-    row: str
+    row: Row
     start: float
     stop: float
     weight: float
 
 
 def huber_weights(
-    assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[str, float]
-) -> dict[tuple[int, int | None], Mapping[str, Array]]:
+    assembly: Assembly, equations: Equations, x: Array, sigma: Mapping[Row, float]
+) -> dict[tuple[int, int | None], Mapping[Row, Array]]:
     """Roots of the samples' weights: (run, piece) → row → (n,), from the residuals at `x` (Huber, 1964).
 
     The measure of a row is its median second over all runs, which bad seconds do not move.
     """
     zeros = equations.zeros(x, sigma)
-    size: dict[tuple[int, int | None, str], Array] = {}
-    second: dict[tuple[int, int | None, str], NDArray[np.intp]] = {}
+    size: dict[tuple[int, int | None, Row], Array] = {}
+    second: dict[tuple[int, int | None, Row], NDArray[np.intp]] = {}
     for piece in assembly.pieces():
         filters = piece.prepared.recording.filters
         for row, block in piece.blocks.items():
@@ -50,7 +51,7 @@ def huber_weights(
             second[key] = which
     rows = dict.fromkeys(row for _, _, row in size)
     usual = {row: float(np.median(np.concatenate([s for (_, _, r), s in size.items() if r == row]))) for row in rows}
-    roots: dict[tuple[int, int | None], dict[str, Array]] = {}
+    roots: dict[tuple[int, int | None], dict[Row, Array]] = {}
     for (run, number, row), rms in size.items():
         weight = np.minimum(1.0, THRESHOLD * usual[row] / np.maximum(rms, 1e-300))
         roots.setdefault((run, number), {})[row] = np.sqrt(weight)[second[run, number, row]]

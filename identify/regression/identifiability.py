@@ -35,10 +35,10 @@ class SmallTravel:
 class SmallChange:
     """Parameters hardly change any row: one at its largest plausible value changes `row` by `size` at most.
 
-    `row` is empty where nothing that is measured changes with them; `single` : whether it is one parameter only.
+    `row` is None where nothing that is measured changes with them; `single` : whether it is one parameter only.
     """
 
-    row: str
+    row: Row | None
     size: float
     single: bool
 
@@ -235,7 +235,8 @@ def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun])
         travel, rate = (_spread(runs, corners, what) for what in ("travel", "rate"))
         return SmallTravel(tuple(corners), travel, rate)
     physics = [owners[name].as_physics for name in members]
-    size, row = 0.0, ""
+    size = 0.0
+    row: Row | None = None
     for name, effect in zip(members, physics, strict=True):
         if effect is None:
             return None

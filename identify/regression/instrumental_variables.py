@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -160,7 +161,7 @@ class _Solver:
         self.equations = Columns(fitted)
         self.inverse = self.equations.inverse
 
-    def _block(self, d: int, row: str) -> _Block:
+    def _block(self, d: int, row: Row) -> _Block:
         found: list[Array] = []
         for one in (self.fitted.runs[d], self.pairs[d].even, self.pairs[d].odd):
             W = self.equations.columns(d, row, one)
@@ -169,7 +170,7 @@ class _Solver:
 
     def solve(self) -> Instruments:
         """The estimate with instruments, and its contrasts."""
-        blocks: list[dict[str, _Block]] = [
+        blocks: list[dict[Row, _Block]] = [
             {row: self._block(d, row) for row in run.rows} for d, run in enumerate(self.fitted.runs)
         ]
         known = self.equations.known
@@ -205,7 +206,7 @@ class _Solver:
         return Instruments(fit, self.fitted, *against, int(np.count_nonzero(~sound)))
 
     def _scores(
-        self, d: int, part: Mapping[str, _Block], x: Array, project: Array, inverse: Array
+        self, d: int, part: Mapping[Row, _Block], x: Array, project: Array, inverse: Array
     ) -> tuple[Array, Array]:
         """By instant: scores of the instruments, and the difference of influence between least squares and them."""
         run = self.fitted.runs[d]
@@ -225,7 +226,7 @@ class _Solver:
         faults = np.arange(total - len(self.fitted.model.faults), total)
         return np.concatenate([self.fitted.base.independent, faults]).astype(np.int64)
 
-    def _fit(self, x: Array, covariance: Array, residual: tuple[dict[str, Array], ...], correction: Array) -> Fit:
+    def _fit(self, x: Array, covariance: Array, residual: tuple[dict[Row, Array], ...], correction: Array) -> Fit:
         fitted = self.fitted
         kept = self.equations.kept
         step = self.inverse @ x

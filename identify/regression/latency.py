@@ -18,6 +18,7 @@ from lacet.daq.errors import UsageError, nearest
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -186,10 +187,10 @@ def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[A
     equations = Columns(fitted)
     q, n = len(faults), equations.start.size
     square, mixed, right = np.zeros((q, q)), np.zeros((n, q)), np.zeros(q)
-    blocks: list[dict[str, tuple[Array, Array, Array]]] = []
+    blocks: list[dict[Row, tuple[Array, Array, Array]]] = []
     for d, run in enumerate(fitted.runs):
         answers = [run.decimated(fitted.sensitivities[d].fault(fault)) for fault in faults]
-        part: dict[str, tuple[Array, Array, Array]] = {}
+        part: dict[Row, tuple[Array, Array, Array]] = {}
         for row in run.rows:
             U = equations.columns(d, row, run) @ equations.inverse
             none = np.zeros(len(U))

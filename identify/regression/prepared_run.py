@@ -52,10 +52,10 @@ class Unmeasured:
 class NoisyColumns:
     """Columns of effects, and left sides row → (n,), of a run with one draw of noise added or subtracted."""
 
-    columns: Mapping[ColumnKey, Mapping[str, Array]]
-    measured: Mapping[str, Array]
+    columns: Mapping[ColumnKey, Mapping[Row, Array]]
+    measured: Mapping[Row, Array]
 
-    def acting(self, placed: Iterable[tuple[PhysicalEffect, slice]], row: str) -> tuple[NDArray[np.intp], Array]:
+    def acting(self, placed: Iterable[tuple[PhysicalEffect, slice]], row: Row) -> tuple[NDArray[np.intp], Array]:
         """Places of the parameters that act on a row, and their (n, a) columns; effects with the places of theirs."""
         places = [np.zeros(0, np.intp)]
         columns = [np.zeros((0, len(self.measured[row])))]
@@ -66,7 +66,7 @@ class NoisyColumns:
                 columns.append(found[row])
         return np.concatenate(places), np.concatenate(columns).T
 
-    def of(self, effect: PhysicalEffect) -> Mapping[str, Array]:
+    def of(self, effect: PhysicalEffect) -> Mapping[Row, Array]:
         """An effect's columns, row → (p, n)."""
         return self.columns[column_key(effect)]
 
@@ -87,10 +87,10 @@ class PreparedRun:
     index : kept sample indices by row, where they are known already.
     """
 
-    def __init__(self, recording: Recording, offset: int = 0, index: Mapping[str, NDArray[np.intp]] | None = None):
+    def __init__(self, recording: Recording, offset: int = 0, index: Mapping[Row, NDArray[np.intp]] | None = None):
         self.recording, self.offset, self._index = recording, offset, index
         self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
-        self._columns: dict[ColumnKey, dict[str, Array]] = {}
+        self._columns: dict[ColumnKey, dict[Row, Array]] = {}
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
@@ -117,7 +117,7 @@ class PreparedRun:
         return tuple(row for row in ROWS if row in self.index)
 
     @cached_property
-    def index(self) -> Mapping[str, NDArray[np.intp]]:
+    def index(self) -> Mapping[Row, NDArray[np.intp]]:
         """Kept sample indices by row."""
         if self._index is not None:
             return self._index
@@ -128,18 +128,18 @@ class PreparedRun:
         return PreparedRun(self.recording, self.offset, self.index)
 
     @cached_property
-    def measured(self) -> dict[str, Array]:
+    def measured(self) -> dict[Row, Array]:
         """Left sides after the parallel filter, at the kept samples: row → (n,)."""
         return self.decimated({row: self.motion.measured(row) for row in self.rows})
 
-    def columns(self, effect: PhysicalEffect) -> dict[str, Array]:
+    def columns(self, effect: PhysicalEffect) -> dict[Row, Array]:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
         key = column_key(effect)
         if key not in self._columns:
             self._columns[key] = self.decimated(checked_columns(effect, self.motion))
         return self._columns[key]
 
-    def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[str, Array]:
+    def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[Row, Array]:
         """The same of physics, or of a sensor fault as `sensitivity` shows it: none without."""
         if (physics := effect.as_physics) is not None:
             return self.columns(physics)
@@ -147,14 +147,14 @@ class PreparedRun:
             return {}
         return {row: series[None] for row, series in self.decimated(sensitivity.fault(fault)).items()}
 
-    def decimated(self, rows: Mapping[str, Array]) -> dict[str, Array]:
+    def decimated(self, rows: Mapping[Row, Array]) -> dict[Row, Array]:
         """Filter (…, N) series of rows and keep their samples; rows this run lacks are left out."""
         return self.decimated_each([rows])[0]
 
-    def decimated_each(self, found: Iterable[Mapping[str, Array]]) -> list[dict[str, Array]]:
+    def decimated_each(self, found: Iterable[Mapping[Row, Array]]) -> list[dict[Row, Array]]:
         """`decimated` of many, some at a time: the filter costs as much to prepare as to run over one series."""
-        out: list[dict[str, Array]] = []
-        batch: list[tuple[dict[str, Array], str, Array]] = []
+        out: list[dict[Row, Array]] = []
+        batch: list[tuple[dict[Row, Array], Row, Array]] = []
         for rows in found:
             out.append({})
             batch += [(out[-1], row, series) for row, series in rows.items() if row in self.index]
@@ -164,7 +164,7 @@ class PreparedRun:
         self._through_filter(batch)
         return out
 
-    def _through_filter(self, batch: Sequence[tuple[dict[str, Array], str, Array]]) -> None:
+    def _through_filter(self, batch: Sequence[tuple[dict[Row, Array], Row, Array]]) -> None:
         """Put each row's kept samples where they belong."""
         if not batch:
             return
@@ -178,7 +178,7 @@ class PreparedRun:
             place[row] = flat[start:stop, keep].reshape(*series.shape[:-1], len(keep))
             start = stop
 
-    def matrix(self, effects: Sequence[PhysicalEffect], row: str) -> Array:
+    def matrix(self, effects: Sequence[PhysicalEffect], row: Row) -> Array:
         """(n, p) observation matrix of a row, all effects side by side, zero where an effect does not act."""
         n = len(self.index[row])
         self.prepare(effects)

@@ -17,6 +17,7 @@ from functools import reduce
 import numpy as np
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 
@@ -45,7 +46,7 @@ def narrow_triangle(stacked: Array) -> Array:
     return out
 
 
-Weights = Mapping[str, float]
+Weights = Mapping[Row, float]
 """σ of each row [N or N·m]."""
 _APART = 1e5
 """Rows of nearly exact data have σ farther apart than this: too far for normal equations."""
@@ -66,11 +67,11 @@ class RunEquations:
 
     zeros: tuple[str, ...]
     priors: Array
-    triangles: dict[str, Array] = field(default_factory=dict[str, Array])
-    counts: dict[str, int] = field(default_factory=dict[str, int])
-    _squares: dict[str, Array] = field(default_factory=dict[str, Array], repr=False)
+    triangles: dict[Row, Array] = field(default_factory=dict[Row, Array])
+    counts: dict[Row, int] = field(default_factory=dict[Row, int])
+    _squares: dict[Row, Array] = field(default_factory=dict[Row, Array], repr=False)
 
-    def add(self, row: str, block: Array, right: Array, root_weight: Array | None = None) -> None:
+    def add(self, row: Row, block: Array, right: Array, root_weight: Array | None = None) -> None:
         """Add samples of a row: (n, z + p) columns, (n,) right side, and the roots of their weights."""
         stacked = np.column_stack([block, right])
         if root_weight is not None:
@@ -123,7 +124,7 @@ class RunEquations:
         both = np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:]), float)
         return both[:, :-1], both[:, -1]
 
-    def squares(self, x: Array, zeros: Array) -> dict[str, float]:
+    def squares(self, x: Array, zeros: Array) -> dict[Row, float]:
         """Row → sum of the squares that parameters and zeros leave."""
         both = np.concatenate([zeros, x, [-1.0]])
         return {row: float(np.sum((R @ both) ** 2)) for row, R in self.triangles.items()}
@@ -140,7 +141,7 @@ class RunEquations:
         )
 
 
-def merged_squares(parts: Sequence[Mapping[str, float]]) -> dict[str, float]:
+def merged_squares(parts: Sequence[Mapping[Row, float]]) -> dict[Row, float]:
     """Numbers by row, added up."""
     return {
         row: sum(part[row] for part in parts if row in part)
@@ -163,10 +164,10 @@ class WeightedEquations(ABC):
     """
 
     known: Array
-    rows: Sequence[str]
+    rows: Sequence[Row]
 
     @abstractmethod
-    def sample_counts(self) -> Mapping[str, int]:
+    def sample_counts(self) -> Mapping[Row, int]:
         """Number of samples of each row, over all runs."""
 
     @abstractmethod
@@ -178,7 +179,7 @@ class WeightedEquations(ABC):
         """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
 
     @abstractmethod
-    def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[str, float]:
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[Row, float]:
         """Row → sum of squares at parameters `x` and each run's zeros that belong to them; `quick` : by the normal
         matrix."""
 
@@ -193,7 +194,7 @@ class WeightedEquations(ABC):
         p = self.p
         return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
 
-    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[str, float]]:
+    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[Row, float]]:
         """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
         sigma, counts = dict(start), self.sample_counts()
         for _ in range(50):
@@ -234,9 +235,9 @@ class Equations(WeightedEquations):
 
     runs: Sequence[RunEquations]
     known: Array
-    rows: Sequence[str]
+    rows: Sequence[Row]
 
-    def sample_counts(self) -> dict[str, int]:
+    def sample_counts(self) -> dict[Row, int]:
         """Number of samples of each row, over all runs."""
         return {row: sum(run.counts.get(row, 0) for run in self.runs) for row in self.rows}
 
@@ -248,7 +249,7 @@ class Equations(WeightedEquations):
         """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
         return merged([known_normal(self.known), *(run.reduced_normal(sigma)[0] for run in self.runs)], added)
 
-    def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[str, float]:
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[Row, float]:
         """Row → sum of squares at parameters `x` and each run's zeros that belong to them."""
         return merged([squares_at(run, x, sigma, quick) for run in self.runs], merged_squares)
 
@@ -257,7 +258,7 @@ class Equations(WeightedEquations):
         return [shift - gain @ x for gain, shift in zeros_following(self.runs, sigma)]
 
 
-def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[str, float]:
+def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[Row, float]:
     """Row → sum of squares of a run at parameters `x` and the zeros that belong to them; `quick` : by the normal
     matrix."""
     gain, shift = run.reduced_normal(sigma)[1:] if quick else run.following(sigma)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
@@ -38,17 +39,17 @@ _COARSE = 0.04
 """Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
 
 
-def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[str, Array]:
+def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[Row, Array]:
     """Y − W θ at full rate, row → (N,), by each effect's own force law."""
-    out: dict[str, Array] = {row: motion.measured(row).copy() for row in motion.rows}
+    out: dict[Row, Array] = {row: motion.measured(row).copy() for row in motion.rows}
     for effect, place in with_places(effects):
-        for row, force in effect.force(motion, values[place]).items():
-            if row in out:
+        for text, force in effect.force(motion, values[place]).items():
+            if (row := Row.parse(text)) in out:
                 out[row] -= force
     return out
 
 
-SlopesByInput = Mapping[Input, Mapping[str, Array]]
+SlopesByInput = Mapping[Input, Mapping[Row, Array]]
 """Derivative of the residual by each input: input → row → its values."""
 
 
@@ -109,7 +110,7 @@ class Sensitivity:
         active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
         before = residual(build_motion(coarse), active, theta)
-        slopes = {key: dict[str, Array]() for key in _inputs(coarse.signals)}
+        slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals)}
         unmoved: dict[int, Motion] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
         for corner, group in _groups(coarse.signals, max(1, min(_COPIES, _SAMPLES // comb.size))):
@@ -134,10 +135,10 @@ class Sensitivity:
         """The same, its slopes known at the comb alone until they are asked for: those at every sample are large."""
         return replace(self, taken=replace(self.taken))
 
-    def response(self, perturbation: Perturbation) -> dict[str, Array]:
+    def response(self, perturbation: Perturbation) -> dict[Row, Array]:
         """Change of the residual at full rate, row → (N,), for a change of channels."""
         rate = self.recording.filters.rate
-        out: dict[str, Array] = {}
+        out: dict[Row, Array] = {}
         for channel, change in perturbation.items():
             orders = {order for name, _, order in self.slopes if name == channel}
             series = [change, derivative(change, rate) if orders & {1, 2} else change]
@@ -152,16 +153,16 @@ class Sensitivity:
                             out[row] = term
         return out
 
-    def zero(self, channel: str, component: int) -> dict[str, Array]:
+    def zero(self, channel: str, component: int) -> dict[Row, Array]:
         """Change of the residual per unit of a constant added to a channel's component, row → (N,)."""
         ones = np.ones(self.recording.t.size)
         return {row: slope * ones for row, slope in self.slopes.get((channel, component, 0), {}).items()}
 
-    def fault(self, fault: SensorFault) -> dict[str, Array]:
+    def fault(self, fault: SensorFault) -> dict[Row, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
         return self.response(fault.changes(self.recording))
 
-    def noise(self, rng: np.random.Generator) -> dict[str, Array]:
+    def noise(self, rng: np.random.Generator) -> dict[Row, Array]:
         """One random draw of the residual's noise from the channels' noise, row → (N,)."""
         return self.response(draw_noise(self.recording, self.channels, rng))
 
@@ -224,9 +225,9 @@ def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) 
     return copies.with_signals(Signals(**parts))
 
 
-def _slopes(before: Mapping[str, Array], after: Mapping[str, Array], step: float) -> dict[str, Array]:
+def _slopes(before: Mapping[Row, Array], after: Mapping[Row, Array], step: float) -> dict[Row, Array]:
     """Differences of residuals as slopes; rows without any are left out, constant ones are scalars."""
-    out: dict[str, Array] = {}
+    out: dict[Row, Array] = {}
     for row, base in before.items():
         slope = (after[row] - base) / step
         largest = float(np.max(np.abs(slope)))

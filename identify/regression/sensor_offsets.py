@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -26,14 +27,14 @@ class Zeros:
 
     names: tuple[str, ...]
     sigma: Array
-    columns: dict[str, Array]
+    columns: dict[Row, Array]
 
 
 def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) -> Zeros:
     """The zeros of a run that its rows can see; or those of `every` channel, alike for all pieces of a run."""
     names: list[str] = []
     sigma: list[float] = []
-    series: list[dict[str, Array]] = []
+    series: list[dict[Row, Array]] = []
     seen = [(name, k) for name, k, order in sensitivity.taken.coarse if order == 0]
     if every:
         seen = [(name, k) for name in run.recording.signals.value for k in range(CHANNELS[name].width)]
@@ -43,7 +44,7 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
             names.append(CHANNELS[channel].columns[component])
             sigma.append(tolerance)
             series.append(sensitivity.zero(channel, component))
-    columns: dict[str, Array] = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
+    columns: dict[Row, Array] = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
     for row, table in columns.items():
         # The filter leaves a constant as it is, and most of these are constant.
         waving = [i for i, one in enumerate(series) if row in one and np.ptp(one[row]) > 0.0]

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import triangle
@@ -43,7 +44,7 @@ class Columns:
         found = zeros_of(run, sensitivity)
         return found if found.names == self.fitted.zeros[d][0] else zeros_of(run, sensitivity, every=True)
 
-    def columns(self, d: int, row: str, drive: PreparedRun) -> Array:
+    def columns(self, d: int, row: Row, drive: PreparedRun) -> Array:
         """(n, q) weighted columns of a row of run `d`, the parameters' as `drive` has them."""
         fitted = self.fitted
         W = drive.matrix(fitted.model.physics, row)[:, self._keep]

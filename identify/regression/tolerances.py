@@ -8,6 +8,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -31,7 +32,7 @@ def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[s
     return out
 
 
-def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEntry, dict[str, Array]]:
+def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
     """Change of Y − W θ for one tolerance of each entry, after the parallel filter: entry → row → (n,)."""
     recording = run.recording
     values, rig = recording.signals.value, recording.rig

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -20,7 +21,7 @@ from lacet.identify.regression.tolerances import SheetEntry
 
 
 def clustered_scores(
-    rows: Mapping[str, tuple[Array, Array, float]], instants: Mapping[str, NDArray[np.intp]], count: int
+    rows: Mapping[Row, tuple[Array, Array, float]], instants: Mapping[Row, NDArray[np.intp]], count: int
 ) -> Array:
     """Scores g_t = Σ_rows W_tᵀ r_t / σ², (count, p): rows of one instant are added before anything is squared.
 
@@ -74,15 +75,15 @@ class Spread:
 
 
 def spread_of(
-    assembly: Assembly, equations: Equations, x: Array, zeros: Sequence[Array], sigma: Mapping[str, float], sheet: bool
-) -> tuple[Spread, tuple[Mapping[str, Array], ...]]:
+    assembly: Assembly, equations: Equations, x: Array, zeros: Sequence[Array], sigma: Mapping[Row, float], sheet: bool
+) -> tuple[Spread, tuple[Mapping[Row, Array], ...]]:
     """Go through the runs once more, at the estimate `x` with each run's zeros.
 
     Returns the spread, without that of what is known beforehand, and for each run row → (n,) Y − W x − zeros.
 
     `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
     """
-    residual: list[Mapping[str, Array]] = []
+    residual: list[Mapping[Row, Array]] = []
 
     def spreads() -> Iterator[Spread]:
         for number in range(len(assembly.runs)):
@@ -94,17 +95,17 @@ def spread_of(
 
 
 def _run_spread(
-    assembly: Assembly, equations: Equations, x: Array, zeros: Array, sigma: Mapping[str, float], sheet: bool,
+    assembly: Assembly, equations: Equations, x: Array, zeros: Array, sigma: Mapping[Row, float], sheet: bool,
     number: int,
-) -> tuple[Spread, Mapping[str, Array]]:  # fmt: skip
+) -> tuple[Spread, Mapping[Row, Array]]:  # fmt: skip
     """The spread of one run, and its residual."""
     run = equations.runs[number]
     gain = run.following(sigma)[0]
-    residual: dict[str, list[Array]] = {}
+    residual: dict[Row, list[Array]] = {}
     scores = np.zeros((_comb(assembly.runs[number]), equations.p))
     systematic: dict[SheetEntry, Array] = {}
     for piece in assembly.pieces_of(number):
-        columns: dict[str, Array] = {}
+        columns: dict[Row, Array] = {}
         for row, block in piece.blocks.items():
             left = piece.right[row] - block @ np.concatenate([zeros, x])
             residual.setdefault(row, []).append(left)
@@ -132,7 +133,7 @@ def at_least(covariance: Array, other: Array) -> Array:
     return covariance * np.outer(scale, scale)
 
 
-def effective(piece: Piece, row: str, gain: Array) -> Array:
+def effective(piece: Piece, row: Row, gain: Array) -> Array:
     """(n, p) columns of a row as the parameters' equations see them: weighted, the run's zeros following along."""
     block, z = piece.blocks[row], gain.shape[0]
     out = block[:, z:] - block[:, :z] @ gain if z else block
@@ -153,7 +154,7 @@ _MOST_UNITS = 400
 
 
 def block_bootstrap(
-    assembly: Assembly, equations: Equations, sigma: Mapping[str, float], draws: int = 499, seed: int = 0
+    assembly: Assembly, equations: Equations, sigma: Mapping[Row, float], draws: int = 499, seed: int = 0
 ) -> Array:
     """Estimates (draws, p) from runs put together anew of their own blocks (moving blocks, Künsch 1989).
 
@@ -188,7 +189,7 @@ def block_bootstrap(
     return np.asarray(np.linalg.solve(scaled, (right / lengths)[..., None])[..., 0], float) / lengths
 
 
-def _units(assembly: Assembly, equations: Equations, sigma: Mapping[str, float]) -> list[Array]:
+def _units(assembly: Assembly, equations: Equations, sigma: Mapping[Row, float]) -> list[Array]:
     """For each run (units, k, k): weighted normal matrices of ``[zeros | parameters | right side]`` of its units."""
     steps = [drive.recording.filters.step / drive.recording.filters.rate for drive in assembly.runs]
     seconds = sum(_comb(drive) * step for drive, step in zip(assembly.runs, steps, strict=True))

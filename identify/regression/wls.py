@@ -59,7 +59,7 @@ class Fit(FittedModel):
     """
 
     runs: tuple[PreparedRun, ...]
-    residual: tuple[Mapping[str, Array], ...]
+    residual: tuple[Mapping[Row, Array], ...]
     zeros: tuple[tuple[tuple[str, ...], Array, Array], ...]
     assembly: Assembly
     equations: Equations
@@ -122,7 +122,7 @@ class Fit(FittedModel):
         sensor = self.runs[0].recording.rig.sensor_of(channel)
         return f"latency of {sensor.name if sensor else channel}"
 
-    def orthonormaliser(self, sigma: Mapping[str, float]) -> Array:
+    def orthonormaliser(self, sigma: Mapping[Row, float]) -> Array:
         """(q, q) T: the columns W, weighted by `sigma`, every run's zeros eliminated, are nearly orthonormal as W T."""
         root = self.equations.root({row: sigma.get(row, own) for row, own in self.sigma.items()})
         p = len(self.place)

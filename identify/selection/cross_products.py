@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -79,9 +80,9 @@ class Layout:
 
 def sensor_columns(
     fitted: Fit, layout: Layout, piece: Piece, noisy: Piece | None = None
-) -> dict[str, list[tuple[slice, Array]]]:
+) -> dict[Row, list[tuple[slice, Array]]]:
     """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
-    out: dict[str, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
+    out: dict[Row, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
     faults = [(t.place, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
     if piece.sensitivity is None or not (faults or layout.sheet):
         return out
@@ -112,7 +113,7 @@ class Block:
     """
 
     run: int
-    row: str
+    row: Row
     zeros: Array
     columns: Array
     active: NDArray[np.intp]
@@ -133,7 +134,7 @@ class RunProducts:
 
     zeros: int
     inside: Array
-    noise: Mapping[str, Array]
+    noise: Mapping[Row, Array]
 
     @classmethod
     def of(cls, blocks: Sequence[Block], z: int, w: int, draws: int) -> RunProducts:
@@ -205,7 +206,7 @@ class CrossProducts:
     total: Array
     train: Array
     test: Array
-    null: Mapping[str, Array]
+    null: Mapping[Row, Array]
     null_sheet: Array
     prior_stiffening: float
     zero_gains: tuple[Array, ...]
@@ -293,7 +294,7 @@ def _blocks(
 ) -> Iterator[Block]:
     """One run's samples; `first` is the number of its first block."""
     filters = fitted.runs[run].recording.filters
-    seen: dict[str, int] = {}
+    seen: dict[Row, int] = {}
 
     def of_piece(piece: Piece) -> Iterator[Block]:
         for row, (columns, active) in columns_of(fitted, layout, piece, floor.sigma):
@@ -314,8 +315,8 @@ def _blocks(
 
 
 def columns_of(
-    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[str, float], noisy: Piece | None = None
-) -> Iterator[tuple[str, tuple[Array, NDArray[np.intp]]]]:
+    fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[Row, float], noisy: Piece | None = None
+) -> Iterator[tuple[Row, tuple[Array, NDArray[np.intp]]]]:
     """For each row of a piece, weighted columns (n, a), the measured side last, and their places in the layout.
 
     `noisy` : the same piece with more noise, whose columns are wanted instead.

@@ -14,6 +14,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
@@ -189,7 +190,7 @@ class Grounds:
     """
 
     strongest: Candidate | None
-    ratios: Mapping[str, float]
+    ratios: Mapping[Row, float]
     tolerances: ToleranceUse
     tolerance_exceeded: bool
     not_constant: ParameterConstancy | None
@@ -220,12 +221,12 @@ class Diagnosis:
     verdict: Verdict
     best: Candidate | None
     candidates: tuple[Candidate, ...]
-    ratios: Mapping[str, float]
+    ratios: Mapping[Row, float]
     excess: float
     explained: float
     draws: int
-    noise_ratio: Mapping[str, float]
-    failing: tuple[str, ...]
+    noise_ratio: Mapping[Row, float]
+    failing: tuple[Row, ...]
     together: tuple[str, ...]
     noise: RegressorNoise = field(repr=False)
     grounds: Grounds = field(repr=False)
@@ -301,7 +302,7 @@ def _in_doubt(seen: Screening) -> bool:
     """
     now = seen.now
     # Sensors louder than their sheet lift all rows; a cause has a colour.
-    noise_ratio = seen.space.noise_ratio if now.above and not excess_is_coloured(now) else dict[str, float]()
+    noise_ratio = seen.space.noise_ratio if now.above and not excess_is_coloured(now) else dict[Row, float]()
     if any(now.ratios[row] >= SELECTION.marginal_ratio * noise_ratio.get(row, 1.0) for row in now.above):
         return False
     # Latencies may also make a candidate where no row fails.
@@ -366,9 +367,9 @@ def _as_fitted(fault: Candidate, fitted: Fit) -> Candidate:
     return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
 
 
-def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[str, float]:
+def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[Row, float]:
     """Residual ÷ floor of each row over the runs used."""
-    out: dict[str, float] = {}
+    out: dict[Row, float] = {}
     for row in fitted.rows:
         squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
         out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
@@ -387,7 +388,7 @@ def _open(c: Candidate, best: Candidate | None) -> Candidate:
     return replace(c, answer=Answer.UNDECIDED, pending=pending)
 
 
-def _worst(ratios: Mapping[str, float]) -> list[str]:
+def _worst(ratios: Mapping[Row, float]) -> list[Row]:
     """Rows whose squares above the floor are a share of the worst row's, beside no tolerance."""
     half = SELECTION.worst_rows_share * (max(ratios.values()) ** 2 - 1.0)
     return [row for row, ratio in ratios.items() if ratio > 1.0 and ratio**2 - 1.0 >= half]

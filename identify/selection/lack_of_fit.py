@@ -9,6 +9,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.cross_products import CandidateColumns, CrossProducts, Linearisation, solved
@@ -30,22 +31,22 @@ class LackOfFit:
     null : row → (D,) weighted squares of simulated runs above their mean.
     """
 
-    ratios: dict[str, float]
-    squares: dict[str, float]
-    p: dict[str, float]
+    ratios: dict[Row, float]
+    squares: dict[Row, float]
+    p: dict[Row, float]
     family: float
-    residual: dict[tuple[int, str], Array]
-    draws: dict[tuple[int, str], Array]
-    null: dict[str, Array]
+    residual: dict[tuple[int, Row], Array]
+    draws: dict[tuple[int, Row], Array]
+    null: dict[Row, Array]
 
     @classmethod
-    def of(cls, residual: dict[tuple[int, str], Array], draws: dict[tuple[int, str], Array]) -> LackOfFit:
+    def of(cls, residual: dict[tuple[int, Row], Array], draws: dict[tuple[int, Row], Array]) -> LackOfFit:
         """A residual, by run and row (n,), compared with simulated ones (D, n)."""
-        runs: dict[str, list[tuple[int, str]]] = {}
+        runs: dict[Row, list[tuple[int, Row]]] = {}
         for key in residual:
             runs.setdefault(key[1], []).append(key)
         squares = {row: sum(float(np.sum(residual[key] ** 2)) for key in keys) for row, keys in runs.items()}
-        null: dict[str, Array] = {
+        null: dict[Row, Array] = {
             row: np.sum([np.sum(draws[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()
         }
         means = {row: float(np.mean(each)) for row, each in null.items()}
@@ -65,17 +66,17 @@ class LackOfFit:
             null={row: null[row] - means[row] for row in runs},
         )
 
-    def chance(self, rows: Sequence[str]) -> float:
+    def chance(self, rows: Sequence[Row]) -> float:
         """Probability that some rows together stand as far above in a simulated run."""
         drawn = np.sum([self.null[row] for row in rows], axis=0)
         return (1 + int(np.count_nonzero(drawn >= self.excess(rows)))) / (1 + drawn.size)
 
-    def excess(self, rows: Iterable[str]) -> float:
+    def excess(self, rows: Iterable[Row]) -> float:
         """Weighted squares above those of simulated runs, over some rows."""
         return sum(self.squares[row] for row in rows)
 
     @property
-    def above(self) -> tuple[str, ...]:
+    def above(self) -> tuple[Row, ...]:
         """The rows above their floor by more than chance."""
         return tuple(
             row
@@ -93,8 +94,8 @@ def residual_after(
     `total` (w, w) the products of the columns of `sums`, without the noise in them as far as it is known.
     """
     own, drawn = _remainders(sums, total, nuisance, prior, prior_side)
-    residual: dict[tuple[int, str], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
-    draws: dict[tuple[int, str], list[Array]] = {key: [] for key in residual}
+    residual: dict[tuple[int, Row], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
+    draws: dict[tuple[int, Row], list[Array]] = {key: [] for key in residual}
     for block, series in sums.series(own):
         residual[block.run, block.row].append(series[:, 0])
     for block, series in sums.noise_series(drawn):
@@ -118,7 +119,7 @@ def _remainders(
     return own, drawn
 
 
-def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[str, float]:
+def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[Row, float]:
     """Row → by how much its noise exceeds the sensor sheet's, from 1 to `most_noise_ratio`.
 
     Everything that the physics of any candidate could explain is explained first, beside the columns at `nuisance`.

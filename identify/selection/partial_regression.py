@@ -14,6 +14,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.cross_products import CandidateColumns, CrossProducts, Layout, Trial
@@ -148,9 +149,9 @@ class BlockGains:
     """
 
     blocks: Array
-    before: Mapping[str, Array]
-    taken: Mapping[str, Array]
-    counts: Mapping[str, int]
+    before: Mapping[Row, Array]
+    taken: Mapping[Row, Array]
+    counts: Mapping[Row, int]
     whole: float
 
     @classmethod

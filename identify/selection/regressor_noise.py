@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -28,7 +29,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import CrossProducts, Layout, at_zeros, columns_of
 from lacet.identify.selection.settings import SELECTION
 
-_Products = dict[str, tuple[NDArray[np.intp], Array]]
+_Products = dict[Row, tuple[NDArray[np.intp], Array]]
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,12 @@ class RegressorNoise:
     """
 
     labels: tuple[str, ...]
-    totals: Mapping[str, Array]
-    sigma: Mapping[str, float]
+    totals: Mapping[Row, Array]
+    sigma: Mapping[Row, float]
 
     @classmethod
     def of(
-        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], pairs: int = SELECTION.noise_pairs,
+        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int = SELECTION.noise_pairs,
         progress: Progress = silent,
     ) -> RegressorNoise:  # fmt: skip
         """Draw it, weighted by the rows' `sigma`; `progress` receives how many draws are done."""
@@ -67,18 +68,18 @@ class RegressorNoise:
 
     @classmethod
     def of_run(
-        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], run: int, pairs: int
+        cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, pairs: int
     ) -> RegressorNoise:
         """What one run's noise alone adds."""
         pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
         totals = _of_run(fitted, sums, sigma, run, pieces, pairs, lambda: None)
         return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
 
-    def fits(self, labels: tuple[str, ...], rows: Iterable[str]) -> bool:
+    def fits(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
         """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
 
-    def products(self, sums: CrossProducts, noise_ratio: Mapping[str, float], sigma: Mapping[str, float]) -> Array:
+    def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
         """(w, w) for the columns of `sums`, rows so many times as noisy as their sheet; 0 for the residual's own."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
@@ -103,9 +104,9 @@ class RegressorNoise:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RegressorNoise:
         """What `arrays` gave."""
-        totals: dict[str, Array] = {}
-        sigma: dict[str, float] = {}
-        for row in [name.partition("|")[2] for name in arrays if name.startswith("total|")]:
+        totals: dict[Row, Array] = {}
+        sigma: dict[Row, float] = {}
+        for row in [Row.parse(name.partition("|")[2]) for name in arrays if name.startswith("total|")]:
             width, there = int(arrays[f"width|{row}"]), arrays[f"places|{row}"].astype(int)
             totals[row], sigma[row] = np.zeros((width, width)), float(arrays[f"sigma|{row}"])
             totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
@@ -133,9 +134,9 @@ def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
 
 
 def _of_run(
-    fitted: Fit, sums: CrossProducts, sigma: Mapping[str, float], run: int, chosen: Sequence[int], pairs: int,
+    fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, chosen: Sequence[int], pairs: int,
     drawn: Callable[[], None],
-) -> dict[str, Array]:  # fmt: skip
+) -> dict[Row, Array]:  # fmt: skip
     """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
@@ -144,7 +145,7 @@ def _of_run(
     further = sums.zero_gains[run].copy()
     further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
     further[:, layout.right] -= values * sums.prior_stiffening / priors
-    whole: dict[str, Array] = {}
+    whole: dict[Row, Array] = {}
 
     def of_piece(piece: Piece) -> _Products:
         return _of_piece(fitted, layout, sigma, piece, pairs, drawn)
@@ -159,7 +160,7 @@ def _of_run(
 
 
 def _of_piece(
-    fitted: Fit, layout: Layout, sigma: Mapping[str, float], piece: Piece, pairs: int, drawn: Callable[[], None]
+    fitted: Fit, layout: Layout, sigma: Mapping[Row, float], piece: Piece, pairs: int, drawn: Callable[[], None]
 ) -> _Products:
     """Row → places (a,) of the columns that are not empty and their products (a, a), zeros first, the residual last."""
     values = fitted.zeros[piece.run][2]
@@ -196,15 +197,15 @@ def _samples(piece: Piece) -> int:
 
 
 def noise_through_effect(
-    fitted: Fit, sigma: Mapping[str, float], noise_ratio: Mapping[str, float], effect: Effect, values: Array
-) -> dict[str, float]:
+    fitted: Fit, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float], effect: Effect, values: Array
+) -> dict[Row, float]:
     """Row → weighted squares, over all runs, that noise adds through an effect with parameters `values` [SI].
 
     `sigma` are the rows' weights, `noise_ratio` by how much their noise exceeds the sheet's.
     """
     out = dict.fromkeys(sigma, 0.0)
 
-    def of_piece(piece: Piece) -> dict[str, float]:
+    def of_piece(piece: Piece) -> dict[Row, float]:
         return _squares_through_law(fitted, piece, effect, values)
 
     for squares in map(of_piece, fitted.assembly.pieces()):
@@ -213,7 +214,7 @@ def noise_through_effect(
     return out
 
 
-def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Array) -> dict[str, float]:
+def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Array) -> dict[Row, float]:
     """Row → squares that noise adds to a piece's residual beside a law, less those beside the model alone."""
     physics, theta, law, run = fitted.model.physics, fitted.physics, effect.as_physics, piece.prepared
     if law is None:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
@@ -106,7 +107,7 @@ class Candidate:
     answer: Answer = Answer.UNDECIDED
     reason: Reason | None = None
     pending: Pending | None = None
-    rows: tuple[str, ...] = ()
+    rows: tuple[Row, ...] = ()
     gain: float = 0.0
     most: float = 0.0
     gain_rms: float = 0.0
@@ -374,14 +375,14 @@ class ScoreTests:
         return tuple(ranked)
 
     @cached_property
-    def _acting(self) -> dict[str, NDArray[np.bool_]]:
+    def _acting(self) -> dict[Row, NDArray[np.bool_]]:
         """Row → (w,) whether a column acts on it."""
         out = {row: np.zeros(self.layout.width, bool) for row in self.sums.null}
         for block in self.sums.blocks:
             out[block.row][block.active] = True
         return out
 
-    def _rows(self, place: slice) -> tuple[str, ...]:
+    def _rows(self, place: slice) -> tuple[Row, ...]:
         return tuple(row for row, acting in self._acting.items() if np.any(acting[place]))
 
     def _with_gains(self, found: Sequence[Candidate]) -> list[Candidate]:

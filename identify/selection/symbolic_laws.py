@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
-from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -50,18 +50,18 @@ class Formula:
 
     text: str
     place: str
-    rows: tuple[str, ...]
+    rows: tuple[Row, ...]
     gain: float
     gain_rms: float
     p: float
 
 
-def propose(linearisation: Linearisation, failing: Sequence[str], seed: int) -> list[Formula]:
+def propose(linearisation: Linearisation, failing: Sequence[Row], seed: int) -> list[Formula]:
     """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
     recording = linearisation.fitted.runs[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
-    for kind, laws in _places(linearisation.fitted, failing):
+    for kind, laws in _places(failing):
         for number, law in enumerate(laws, start=1):
             name = f"own_{kind.replace('.', '_')}_{number}"
             laws_by_name[name] = kind, law.removesuffix(_BAND)
@@ -85,8 +85,7 @@ def propose(linearisation: Linearisation, failing: Sequence[str], seed: int) -> 
     return out
 
 
-def _places(fitted: Fit, failing: Sequence[str]) -> list[tuple[str, tuple[str, ...]]]:
-    by_text = {str(row): row for row in fitted.rows}
-    kinds = dict.fromkeys(row if row.kind == "chassis" else row.kind for row in map(by_text.__getitem__, failing))
+def _places(failing: Sequence[Row]) -> list[tuple[str, tuple[str, ...]]]:
+    kinds = dict.fromkeys(row if row.kind == "chassis" else row.kind for row in failing)
     laws = {"suspension": SUSPENSION, "tyre": TYRE, "spin": SPIN}
     return [(kind, laws.get(kind, CHASSIS)) for kind in kinds]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -21,8 +22,8 @@ class Shares:
     measurement beforehand.
     """
 
-    effects: Mapping[str, Mapping[str, Array]]
-    zeros: Mapping[str, Array]
+    effects: Mapping[Row, Mapping[str, Array]]
+    zeros: Mapping[Row, Array]
 
 
 def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
@@ -30,7 +31,7 @@ def shares_of(fitted: Fit, run: PreparedRun, comparison: Comparison) -> Shares:
     run = corrected_run(run, fitted)
     run.prepare(fitted.model.physics)
     zeros, values = comparison.zeros
-    effects: dict[str, dict[str, Array]] = {row: {} for row in run.rows}
+    effects: dict[Row, dict[str, Array]] = {row: {} for row in run.rows}
     for effect, place in with_places(fitted.model.physics):
         theta = fitted.physics[place]
         for row, columns in run.columns(effect).items():

@@ -88,7 +88,7 @@ class ExplainableResidual:
 def explainable_residual(
     fitted: Fit, floor: NoiseFloor, clear: ClearStates | None = None, draws: Draws | None = None,
     progress: Progress = silent,
-) -> dict[str, ExplainableResidual]:  # fmt: skip
+) -> dict[Row, ExplainableResidual]:  # fmt: skip
     """The explainable residual of each row, on the runs a model was fitted to.
 
     `floor` : simulated draws, at least 19 for p = 0.05; `clear`, `draws` : those of this fit where they are computed

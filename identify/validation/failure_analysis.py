@@ -45,12 +45,12 @@ class FailureAnalysis:
     rows: tuple[Row, ...]
     parts: tuple[Comparison, ...]
     phases: tuple[Phases, ...]
-    ratios: Mapping[str, float]
+    ratios: Mapping[Row, float]
     worst: tuple[Row, ...]
-    in_phase: Mapping[str, Mapping[str, InPhase]]
-    explainable: Mapping[str, ExplainableResidual]
-    follows: Mapping[str, Sequence[Follows]]
-    spectra: Mapping[str, RowSpectrum]
+    in_phase: Mapping[str, Mapping[Row, InPhase]]
+    explainable: Mapping[Row, ExplainableResidual]
+    follows: Mapping[Row, Sequence[Follows]]
+    spectra: Mapping[Row, RowSpectrum]
     surfaces: Mapping[str, Surface]
     against: Mapping[Row, Mapping[str, Against]]
     against_every: Mapping[str, Against]
@@ -101,10 +101,10 @@ def analyse_failure(
     )  # fmt: skip
 
 
-def _ratios(parts: Sequence[Comparison], rows: Sequence[Row]) -> dict[str, float]:
+def _ratios(parts: Sequence[Comparison], rows: Sequence[Row]) -> dict[Row, float]:
     """Row → RMS of residual ÷ floor over the runs used; over the runs held out where `parts` has no other."""
     chosen = [part for part in parts if part.used] or list(parts)
-    out: dict[str, float] = {}
+    out: dict[Row, float] = {}
     for row in rows:
         found = [(part.scores[row].ratio ** 2, part.t[row].size) for part in chosen if row in part.scores]
         if found:

@@ -33,12 +33,12 @@ class NoiseFloor:
     sigma : row → RMS over all runs: the weights of the ranking.
     """
 
-    draws: tuple[Mapping[str, Array], ...]
-    by_run: tuple[Mapping[str, float], ...]
-    sigma: Mapping[str, float]
+    draws: tuple[Mapping[Row, Array], ...]
+    by_run: tuple[Mapping[Row, float], ...]
+    sigma: Mapping[Row, float]
 
     @classmethod
-    def of(cls, draws: Sequence[Mapping[str, Array]]) -> NoiseFloor:
+    def of(cls, draws: Sequence[Mapping[Row, Array]]) -> NoiseFloor:
         """The noise floor of given draws, for each run row → (D, n)."""
         rows = dict.fromkeys(row for part in draws for row in part)
         every = {row: np.concatenate([part[row].ravel() for part in draws if row in part]) for row in rows}
@@ -57,10 +57,9 @@ class NoiseFloor:
         """The noise floor of another fit, with as many draws; `physics` (p,): values of its physics, if not its own."""
         return floor_of(fitted, self.count) if physics is None else floor_at(fitted, physics, self.count)
 
-    def of_one_unit(self, rows: Sequence[str]) -> list[Row]:
-        """The rows of `rows` (given as text) that have the unit of the first."""
-        known = [Row.parse(row) for row in rows]
-        return [row for row in known if row.unit == known[0].unit]
+    def of_one_unit(self, rows: Sequence[Row]) -> list[Row]:
+        """The rows of `rows` that have the unit of the first."""
+        return [row for row in rows if row.unit == rows[0].unit]
 
     def without_draws(self) -> NoiseFloor:
         """The floor's levels without its draws, for storage."""
@@ -72,11 +71,11 @@ def simulate_floor(
     progress: Progress = silent,
 ) -> NoiseFloor:  # fmt: skip
     """The noise floor of runs from the sensitivities of their residuals to the channels, `draws` times drawn."""
-    out: list[dict[str, Array]] = []
+    out: list[dict[Row, Array]] = []
     done, total = 0, draws * len(runs)
     for number, (run, sensitivity) in enumerate(zip(runs, sensitivities, strict=True)):
         rng = np.random.default_rng([seed, number])
-        parts: dict[str, list[Array]] = {row: [] for row in run.rows}
+        parts: dict[Row, list[Array]] = {row: [] for row in run.rows}
         for _ in range(draws):
             for row, series in run.decimated(sensitivity.noise(rng)).items():
                 parts[row].append(series)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import block_diag
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -41,13 +42,13 @@ class Preview:
     faults: Array
     values: Array
 
-    def residual(self, run: PreparedRun, comparison: Comparison) -> dict[str, Array]:
+    def residual(self, run: PreparedRun, comparison: Comparison) -> dict[Row, Array]:
         """Row → (n,) measured minus modelled with the effect, on the run of `comparison`; its zeros are fitted anew."""
         zeros = comparison.zeros[0]
         floor = {row: score.floor for row, score in comparison.scores.items()}
         model = self.fitted.model
         run = corrected_run(run, self.fitted)
-        plain: dict[str, Array] = {
+        plain: dict[Row, Array] = {
             row: run.measured[row] - run.matrix(model.physics, row) @ self.physics for row in run.rows
         }
         sensitivity = None
@@ -85,7 +86,7 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
     return Preview(fitted, effect, physics, x[len(keep) : p], x[p:])
 
 
-def _subtract(residual: dict[str, Array], columns: Mapping[str, Array], values: Array) -> None:
+def _subtract(residual: dict[Row, Array], columns: Mapping[Row, Array], values: Array) -> None:
     for row, column in columns.items():
         if row in residual:
             residual[row] = residual[row] - values @ column

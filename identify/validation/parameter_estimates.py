@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lacet.identify.car.rows import RowAbsence
-from lacet.identify.effects.base import Effect
+from lacet.identify.car.rows import Row, RowAbsence
+from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.wls import Fit
 
@@ -50,7 +50,7 @@ class RowsAbsent:
     absence : why it is absent; None where it has no usable sample.
     """
 
-    row: str
+    row: Row
     others: bool
     absence: RowAbsence | None
 
@@ -158,12 +158,12 @@ def _grouped(fitted: Fit, i: int, effect: Effect) -> Unidentified:
 
 def _rows_absent(fitted: Fit, effect: Effect) -> RowsAbsent | None:
     """The reason when every row the effect acts on is absent from every run for a channel, not for the manoeuvre."""
-    reasons: dict[str, RowAbsence | None] = {}
+    reasons: dict[Row, RowAbsence | None] = {}
     physics = effect.as_physics
     if physics is None:
         return None
     for run in fitted.runs:
-        rows = tuple(physics.columns(next(run.pieces()).motion))
+        rows = tuple(columns_by_row(physics, next(run.pieces()).motion))
         if not rows or any(row in run.rows for row in rows):
             return None
         reasons |= {row: run.motion.left_out.get(row) for row in rows}

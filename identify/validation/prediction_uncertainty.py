@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -88,8 +89,8 @@ class Knowledge:
         return tuple(found)
 
     def prediction(
-        self, effects: Sequence[PhysicalEffect], run: PreparedRun, zeros: Zeros, floor: Mapping[str, float]
-    ) -> dict[str, tuple[float, OpenParameters | None]]:
+        self, effects: Sequence[PhysicalEffect], run: PreparedRun, zeros: Zeros, floor: Mapping[Row, float]
+    ) -> dict[Row, tuple[float, OpenParameters | None]]:
         """Row → prediction's 1 σ ÷ noise floor, RMS over the samples, and the parameters that make it large, or None.
 
         What the run's own sensor zeros absorb is projected out: it does not concern the car.
@@ -100,7 +101,7 @@ class Knowledge:
         normal: Array = np.diag(zeros.sigma**-2.0) + np.sum([z.T @ z for z in Z.values()], axis=0)
         moments: Array = np.sum([Z[row].T @ W[row] for row in run.rows], axis=0)
         taken = np.linalg.solve(normal, moments)
-        out: dict[str, tuple[float, OpenParameters | None]] = {}
+        out: dict[Row, tuple[float, OpenParameters | None]] = {}
         for row in run.rows:
             column = W[row] - Z[row] @ taken
             gram = column.T @ column / len(column)

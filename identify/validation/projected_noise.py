@@ -12,12 +12,13 @@ from collections.abc import Mapping
 import numpy as np
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.noise_floor import NoiseFloor
 
-Draws = tuple[Mapping[str, Array], ...]
+Draws = tuple[Mapping[Row, Array], ...]
 """Simulated residuals: for each run, row → (D, n) [N or N·m]."""
 
 
@@ -27,7 +28,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
     pieces = [list[Piece]() for _ in fitted.runs]
-    noise = [list[dict[str, Array]]() for _ in fitted.runs]
+    noise = [list[dict[Row, Array]]() for _ in fitted.runs]
     for run, part in enumerate(floor.draws):
         start = dict.fromkeys(part, 0)
         for piece in fitted.assembly.pieces_of(run):
@@ -52,12 +53,12 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     lengths = np.linalg.norm(A, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     theta = np.asarray(np.linalg.lstsq(A / lengths, np.concatenate(right), rcond=None)[0], float) / lengths[:, None]
-    out: list[dict[str, Array]] = []
+    out: list[dict[Row, Array]] = []
     for run, (factor, c, z) in enumerate(solved):
         right_side = c[:z] - factor[:z, z:] @ theta
         own = np.asarray(scipy.linalg.solve_triangular(factor[:z, :z], right_side), float) if z else right_side
         x = np.concatenate([own, theta])
-        remaining: dict[str, list[Array]] = {}
+        remaining: dict[Row, list[Array]] = {}
         for piece, draws in zip(pieces[run], noise[run], strict=True):
             for row, block in piece.blocks.items():
                 remaining.setdefault(row, []).append(draws[row] - (block @ x).T)
@@ -65,7 +66,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     return tuple(out)
 
 
-def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[str, Array], seed: int) -> dict[str, Array]:
+def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[Row, Array], seed: int) -> dict[Row, Array]:
     """Row → (D, n): a piece's part of the floor's draws, with the sensor sheet's tolerances drawn too."""
     out = {row: series.copy() for row, series in draws.items()}
     if piece.sensitivity is None:
@@ -81,7 +82,7 @@ def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[str, Array], seed
 
 
 def _triangle(
-    pieces: list[Piece], noise: list[dict[str, Array]], sigma: Mapping[str, float], priors: Array
+    pieces: list[Piece], noise: list[dict[Row, Array]], sigma: Mapping[Row, float], priors: Array
 ) -> tuple[Array, Array]:
     """R factor of a run's weighted columns, zeros first, their priors included, and Qᵀ of the draws."""
     z = len(priors)

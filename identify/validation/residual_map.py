@@ -31,7 +31,7 @@ class ResidualMap:
     """Residual RMS ÷ noise floor of one run: `ratio` (rows, bins), NaN without a sample; `edges` of the bins [s]."""
 
     name: str
-    rows: tuple[str, ...]
+    rows: tuple[Row, ...]
     edges: Array
     ratio: Array
 
@@ -62,13 +62,13 @@ class InPhase:
     seconds: float
 
 
-def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str, dict[str, InPhase]]:
+def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str, dict[Row, InPhase]]:
     """Manoeuvre phase → row → residual, over runs with their phases, in the order of reports.
 
     The floor is that of the whole run: an excess in one phase is due to the model or the sensors' errors, not to their
     usual noise.
     """
-    sums: dict[tuple[int, str], list[float]] = {}
+    sums: dict[tuple[int, Row], list[float]] = {}
     for part, split in zip(parts, phases, strict=True):
         for row, t in part.t.items():
             squares = part.residual(row) ** 2
@@ -82,7 +82,7 @@ def by_phase(parts: Sequence[Comparison], phases: Sequence[Phases]) -> dict[str,
                 total[1] += own[1]
                 total[2] += own[2]
                 total[3] += own[2] * spacing
-    out: dict[str, dict[str, InPhase]] = {}
+    out: dict[str, dict[Row, InPhase]] = {}
     for (k, row), (squares, weighted, count, seconds) in sorted(sums.items(), key=lambda item: item[0][0]):
         found = InPhase(float(np.sqrt(squares / count)), float(np.sqrt(weighted / count)), seconds)
         out.setdefault(PHASES[k], {})[row] = found
@@ -158,7 +158,7 @@ class Follows:
 def followed_states(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None,
     draws: Draws | None = None, progress: Progress = silent,
-) -> dict[str, list[Follows]]:  # fmt: skip
+) -> dict[Row, list[Follows]]:  # fmt: skip
     """For each row, its states, in descending order of the part of the residual that each predicts.
 
     `clear`, `draws` : those of this fit where they are computed already (`validation.states`,
@@ -168,7 +168,7 @@ def followed_states(
     clear = clear or ClearStates(fitted.runs)
     draws = draws or refitted_draws(fitted, floor)
     maker = ColumnMaker(clear, history=False)
-    out: dict[str, list[Follows]] = {}
+    out: dict[Row, list[Follows]] = {}
     wanted = rows or fitted.rows
     for done, row in enumerate(wanted):
         progress(Step(Stage.STATES_FOLLOWED, done, len(wanted)))
@@ -223,7 +223,7 @@ class Against:
 
 
 def against_states(
-    runs: Sequence[PreparedRun], residual: Sequence[Mapping[str, Array]], row: Row, names: Sequence[str] | None = None,
+    runs: Sequence[PreparedRun], residual: Sequence[Mapping[Row, Array]], row: Row, names: Sequence[str] | None = None,
     clear: ClearStates | None = None,
 ) -> dict[str, Against]:  # fmt: skip
     """State → the residual of a row against it.

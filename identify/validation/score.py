@@ -63,21 +63,22 @@ class Comparison:
     """
 
     name: str
-    t: Mapping[str, Array]
-    measured: Mapping[str, Array]
-    modelled: Mapping[str, Array]
-    scores: Mapping[str, RowScore]
+    t: Mapping[Row, Array]
+    measured: Mapping[Row, Array]
+    modelled: Mapping[Row, Array]
+    scores: Mapping[Row, RowScore]
     zeros: tuple[Zeros, Array]
     used: bool
-    whiteness: Mapping[str, Whiteness]
+    whiteness: Mapping[Row, Whiteness]
     seconds: float
 
     def __repr__(self) -> str:
         ratios = ", ".join(f"{row} {score.ratio:.2f}" for row, score in self.scores.items())
         return f"Comparison(run {self.name}, error ÷ floor: {ratios})"
 
-    def residual(self, row: str) -> Array:
-        """(n,) measured minus modelled of a row."""
+    def residual(self, row: Row | str) -> Array:
+        """(n,) measured minus modelled of a row [N or N·m]. Raises UsageError where `row` is the name of none."""
+        row = Row.parse(row)
         return self.measured[row] - self.modelled[row]
 
 
@@ -97,13 +98,13 @@ def compare(
     zeros = zeros_of(run, sensitivity)
     plain = {row: run.matrix(fitted.model.physics, row) @ fitted.physics for row in run.rows}
     values = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
-    modelled: dict[str, Array] = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
-    open_: Mapping[str, tuple[float, OpenParameters | None]] = {}
+    modelled: dict[Row, Array] = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
+    open_: Mapping[Row, tuple[float, OpenParameters | None]] = {}
     if not used:
         open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, run, zeros, floor)
     step, rate = run.recording.filters.step, run.recording.filters.rate
-    scores: dict[str, RowScore] = {}
-    colours: dict[str, Whiteness] = {}
+    scores: dict[Row, RowScore] = {}
+    colours: dict[Row, Whiteness] = {}
     for row in run.rows:
         residual = run.measured[row] - modelled[row]
         score = score_row(row, run.measured[row], residual, floor[row])
@@ -111,7 +112,7 @@ def compare(
         scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, None)))
         if colour is not None:
             colours[row] = colour
-    t: dict[str, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
+    t: dict[Row, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
     seconds = float(run.recording.t[-1] - run.recording.t[0])
     return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours, seconds)
 
@@ -128,7 +129,7 @@ def _judged(score: RowScore, doubt: float, why: OpenParameters | None) -> RowSco
     return replace(score, doubt=doubt, judged=not within, why=why)
 
 
-def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[str, Array], floor: Mapping[str, float]) -> Array:
+def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[Row, Array], floor: Mapping[Row, float]) -> Array:
     """(z,) sensor zeros of a run that explain its residual best, with the sheet's σ as prior.
 
     A row that the model fails in is weighted by its own error; otherwise the zeros would absorb that error and spoil

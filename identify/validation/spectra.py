@@ -169,7 +169,7 @@ def _together(own: NDArray[np.complex128], states: NDArray[np.complex128]) -> Ar
 
 def spectra(
     fitted: Fit, floor: NoiseFloor, rows: Sequence[Row] | None = None, clear: ClearStates | None = None
-) -> dict[str, RowSpectrum]:
+) -> dict[Row, RowSpectrum]:
     """Spectrum and coherence of each row that has enough segments."""
     clear = clear or ClearStates(fitted.runs)
     found = {row: row_spectrum(fitted, floor, row, clear) for row in rows or fitted.rows}

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from lacet.identify.car.rows import Row
 from lacet.identify.validation import score
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.services.library.display import html_table, shortened
@@ -38,7 +39,7 @@ class Comparison:
     runs: Mapping[str, score.Comparison] = field(repr=False)
 
     @property
-    def ratios(self) -> dict[str, dict[str, float]]:
+    def ratios(self) -> dict[str, dict[Row, float]]:
         """Run → row → root mean square of the error ÷ that of the noise floor."""
         return {name: {row: one.ratio for row, one in part.scores.items()} for name, part in self.runs.items()}
 
@@ -49,7 +50,7 @@ class Comparison:
         return float(np.sqrt(np.mean(np.square(every))))
 
     @property
-    def failing(self) -> dict[str, tuple[str, ...]]:
+    def failing(self) -> dict[str, tuple[Row, ...]]:
         """Run → rows in which the model fails."""
         return {
             name: tuple(row for row, ratio in rows.items() if score.fails(ratio)) for name, rows in self.ratios.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from lacet.identify.car.rows import Row
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.residual_map import InPhase
 from lacet.identify.validation.score import fails
@@ -39,7 +40,7 @@ def failure_sentences(found: FailureAnalysis) -> str:
     return out
 
 
-def _ratio(rows: Mapping[str, InPhase], row: str) -> float:
+def _ratio(rows: Mapping[Row, InPhase], row: Row) -> float:
     return rows[row].ratio if row in rows else 0.0
 
 

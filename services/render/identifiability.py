@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from lacet.identify.car.rows import Row
 from lacet.identify.properties.derived import ImpossibleCar, RowMissing
 from lacet.identify.properties.structural_identifiability import Fixed, HeldTogether, JointPosition, RowsNotFormed
 from lacet.identify.regression.identifiability import Combination, Merged, SmallChange, SmallTravel, Undetermined
@@ -73,12 +72,11 @@ def _weakness(why: SmallTravel | SmallChange | None) -> str:
             return ""
         case SmallTravel(corners, travel, rate):
             return f": travel at {', '.join(corners)} moves by ± {_milli(travel)} mm, at ± {_milli(rate)} mm/s"
-        case SmallChange("", _, _):
-            return ": nothing these runs measure changes with it"
         case SmallChange(row, size, single):
+            if row is None:
+                return ": nothing these runs measure changes with it"
             who = "it changes" if single else "one of them changes"
-            unit = Row.parse(row).unit
-            return f": at its largest plausible value {who} {row} by ± {size:.2g} {unit}, and no row more"
+            return f": at its largest plausible value {who} {row} by ± {size:.2g} {row.unit}, and no row more"
 
 
 def _milli(metres: float) -> str:

@@ -6,6 +6,7 @@ import html
 from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
+from lacet.identify.car.rows import Row
 from lacet.identify.properties.derived import DamperCurve
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.identify.validation.score import Comparison, pooled_ratio
@@ -71,7 +72,7 @@ def base_model_fails(found: FailureAnalysis) -> list[str]:
 
 
 def present_model_fails(
-    now: Version, row: str, before: Sequence[Comparison], after: Sequence[Comparison], found: FailureAnalysis
+    now: Version, row: Row, before: Sequence[Comparison], after: Sequence[Comparison], found: FailureAnalysis
 ) -> list[str]:
     """A row before and after, in the run with its largest error, and the failure analysis of the present model."""
     having = [c for c in before if row in c.scores]

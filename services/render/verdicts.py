@@ -77,7 +77,7 @@ def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
 
 def unit_of(c: Candidate) -> str:
     """Unit of a candidate's `gain_rms`."""
-    return Row.parse(c.rows[0]).unit if c.rows else "N"
+    return c.rows[0].unit if c.rows else "N"
 
 
 # -- the reason of one candidate's answer ------------------------------------------------------------------------------
@@ -232,7 +232,7 @@ def _off(tolerances: Mapping[str, float], least: float = 0.0) -> str:
     return ", ".join(f"{name} {size:+.1f}" for name, size in most if abs(size) > least)
 
 
-def _listed(rows: Sequence[str]) -> str:
+def _listed(rows: Sequence[Row]) -> str:
     most = SELECTION.most_reported
     shown = ", ".join(rows[:most])
     return shown if len(rows) <= most else f"{shown} and {len(rows) - most} more rows"

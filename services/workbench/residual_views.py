@@ -22,6 +22,7 @@ from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
 from lacet.services.workbench.packed_arrays import packed
 from lacet.services.workbench.refusals import Needs, NotThere
 from lacet.services.workbench.session_cache import WAIT, SessionCache
+from lacet.services.workbench.study_views import measured_row
 
 
 def where_payload(cache: SessionCache, version: int) -> dict[str, Any]:
@@ -56,19 +57,19 @@ def _shown_surface(corner: str, travel: Sequence[float], rate: Sequence[float]) 
     }  # fmt: skip
 
 
-def against_payload(cache: SessionCache, version: int, row: str, state: str) -> dict[str, Any]:
+def against_payload(cache: SessionCache, version: int, text: str, state: str) -> dict[str, Any]:
     """A row's residual against a state; for states with little noise the part absorbed by the model is added again."""
     found, _ = cache.found_where(version)
-    of = _row(found, row)
-    ready = found.against.get(of, {}).get(state)
+    row = _row(found, text)
+    ready = found.against.get(row, {}).get(state)
     if ready is None:
         with cache.computing(WAIT):
             fitted = _fitted(cache, version)
-            every = against_states(fitted.runs, fitted.residual, of, None)
+            every = against_states(fitted.runs, fitted.residual, row, None)
             if state not in every:
                 raise NotThere(f"row {row} has no state '{state}'{nearest(state, every)}: {', '.join(every)}")
-            ready = against_states(fitted.runs, fitted.residual, of, [state], ClearStates(fitted.runs))[state]
-    return plain(_against(ready) | {"shown": _shown(of, ready.mean.unit, ready.mean.centre.tolist())})
+            ready = against_states(fitted.runs, fitted.residual, row, [state], ClearStates(fitted.runs))[state]
+    return plain(_against(ready) | {"shown": _shown(row, ready.mean.unit, ready.mean.centre.tolist())})
 
 
 def _fitted(cache: SessionCache, number: int) -> Fit:
@@ -91,16 +92,16 @@ def _against(a: Against) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, Any]:
+def spectrum_payload(cache: SessionCache, version: int, text: str) -> dict[str, Any]:
     """Spectrum of a row's residual beside its floor's, and its coherence with the states."""
     found, _ = cache.found_where(version)
+    row = _row(found, text)
     ready = found.spectra.get(row)
     if ready is None:
-        of = _row(found, row)
         with cache.computing(WAIT):
             study, number = cache.version(version)
             session = cache.session(study, silent)
-            ready = row_spectrum(session.fitted(number), session.floor(number), of)
+            ready = row_spectrum(session.fitted(number), session.floor(number), row)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
     return plain(
@@ -114,15 +115,14 @@ def spectrum_payload(cache: SessionCache, version: int, row: str) -> dict[str, A
     )  # fmt: skip
 
 
-def preview_body(cache: SessionCache, version: int, key: str, run: str, row: str) -> bytes:
+def preview_body(cache: SessionCache, version: int, key: str, run: str, text: str) -> bytes:
     """A row's residual, and the same after a one-step update with one more effect."""
     study, of = cache.version(version)
     found = next((c for c in _candidates(cache, version) if c["effect"] == key), None)
     if found is None:
         raise NotThere(f"the diagnosis of version {version} has no effect '{key}'")
     part, _ = cache.compared(version).part(run)
-    if row not in part.measured:
-        raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
+    row = measured_row(part, text)
     with cache.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
         session, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)

@@ -15,7 +15,7 @@ from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.validation.residual_map import BIN, residual_map
-from lacet.identify.validation.score import FAILS, pooled_ratio
+from lacet.identify.validation.score import FAILS, Comparison, pooled_ratio
 from lacet.services.render.effect_text import effect_label
 from lacet.services.render.rows import row_label, with_verdict
 from lacet.services.render.units import unit_text
@@ -85,11 +85,17 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def series_body(found: Compared, run: str, row: str) -> bytes:
-    """Measured and modelled row, and each effect's contribution."""
+def measured_row(part: Comparison, text: str) -> Row:
+    """A row of a compared run by its text. Raises NotThere where the run has no such row."""
+    if text not in part.measured:
+        raise NotThere(f"run {part.name} has no row {text}: {', '.join(part.measured)}")
+    return Row.parse(text)
+
+
+def series_body(found: Compared, run: str, text: str) -> bytes:
+    """Measured and modelled row, named by its `text`, and each effect's contribution."""
     part, shares = found.part(run)
-    if row not in part.measured:
-        raise NotThere(f"run {run} has no row {row}: {', '.join(part.measured)}")
+    row = measured_row(part, text)
     score = part.scores[row]
     arrays = {"t": part.t[row], "measured": part.measured[row], "modelled": part.modelled[row]}
     arrays |= {f"effect:{key}": series for key, series in shares.effects[row].items()}

@@ -249,7 +249,7 @@ class Session:
         if version.number not in self._floors:
             key = self._cache.key("validation", version, self.reference(version), self.study.draws)
 
-            def simulated() -> tuple[dict[str, NDArray[np.float32]], ...]:
+            def simulated() -> tuple[dict[Row, NDArray[np.float32]], ...]:
                 made = floor_of(self.fitted(version), self.study.draws, progress=progress or self.progress)
                 return tuple({row: a.astype(np.float32) for row, a in part.items()} for part in made.draws)
 

@@ -16,7 +16,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
-from lacet.identify.car.rows import ROWS
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
@@ -49,7 +49,7 @@ class FitOptions:
     seeds : number of each run in the seeds of those draws; by default its place among the runs.
     """
 
-    weights: Mapping[str, float] | None = None
+    weights: Mapping[Row, float] | None = None
     zeros: bool = True
     unbias: bool = True
     robust: bool = False
@@ -65,11 +65,11 @@ class LinearisedRuns(Protocol):
         """The equations in the parameters kept and the model's sensor faults."""
         ...
 
-    def reweighted(self, x: Array, sigma: Mapping[str, float]) -> Self:
+    def reweighted(self, x: Array, sigma: Mapping[Row, float]) -> Self:
         """The same with robust weights of the samples from the residual at `x`."""
         ...
 
-    def noise_moments(self, sigma: Mapping[str, float], draws: int, progress: Progress) -> NoiseMoments:
+    def noise_moments(self, sigma: Mapping[Row, float], draws: int, progress: Progress) -> NoiseMoments:
         """What noise in the regressors does, of all runs."""
         ...
 
@@ -88,7 +88,7 @@ class RunSums(Protocol[L_co]):
         """Channels that rows of the equations lack in these runs."""
         ...
 
-    def linearised(self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[str]) -> L_co:
+    def linearised(self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]) -> L_co:
         """Equations with sensitivities.
 
         Parameters
@@ -124,7 +124,7 @@ class LinearSolution(Generic[L_co]):
     base: BaseParameters
     runs: L_co
     x: Array
-    sigma: Mapping[str, float]
+    sigma: Mapping[Row, float]
     root: Array
     correction: Array
     doubt: Array
@@ -183,7 +183,7 @@ def solve_linear(
     """One linear fit; `near` are values of the physics' parameters that are nearly right already."""
     parameters = [q for effect in model.physics for q in effect.parameters]
     first = runs.columns()
-    rows: list[str] = [] if first is None else [row for row in ROWS if row in first.triangles]
+    rows: list[Row] = [] if first is None else [row for row in ROWS if row in first.triangles]
     if first is None or not rows:
         absent = sorted(runs.absent_channels())
         lacking = "; not measured: " + ", ".join(absent) if absent else ""
@@ -200,14 +200,14 @@ def solve_linear(
     least = {row: 1e-10 * scale[row] for row in rows}
     frozen = None if options.weights is None else {row: options.weights.get(row, scale[row]) for row in rows}
 
-    def solution(equations: WeightedEquations, begin: Mapping[str, float]) -> tuple[Array, Mapping[str, float]]:
+    def solution(equations: WeightedEquations, begin: Mapping[Row, float]) -> tuple[Array, Mapping[Row, float]]:
         return (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least)
 
     x, begin = solution(Equations([plain], known_beforehand(model, keep, faults=False), rows), scale)
     known = known_beforehand(model, keep)
     need = options.zeros or bool(model.faults)
 
-    def found_at(values: Array) -> tuple[L_co, Array, Mapping[str, float]]:
+    def found_at(values: Array) -> tuple[L_co, Array, Mapping[Row, float]]:
         """Equations with sensitivities at these values of the parameters kept, and their solution."""
         at = np.zeros(len(parameters))
         at[keep] = values
@@ -234,7 +234,7 @@ def solve_linear(
     return LinearSolution(base, linearised, x, sigma, root, correction, doubt, moments, removed)
 
 
-def _row_sizes(runs: RunEquations, rows: Sequence[str]) -> dict[str, float]:
+def _row_sizes(runs: RunEquations, rows: Sequence[Row]) -> dict[Row, float]:
     """RMS of each row's left side: the length of the factor's last column."""
     return {
         row: float(np.sqrt(float(np.sum(runs.triangles[row][:, -1] ** 2)) / runs.counts[row])) or 1.0 for row in rows
@@ -268,7 +268,7 @@ class FittedModel:
     covariance: Array
     covariance_iid: Array
     covariance_sheet: Array
-    sigma: Mapping[str, float]
+    sigma: Mapping[Row, float]
     correction: Array
     moments: NoiseMoments
     place: NDArray[np.intp]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step
@@ -53,7 +54,7 @@ class PreparedRuns:
         return {name for run in self.runs for why in run.motion.left_out.values() for name in why.channels}
 
     def linearised(
-        self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[str]
+        self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]
     ) -> PreparedEquations:
         """Equations with sensitivities; parameters as in `RunSums.linearised`."""
         assembly = Assembly(
@@ -73,12 +74,12 @@ class PreparedEquations:
     assembly: Assembly
     equations: Equations
 
-    def reweighted(self, x: Array, sigma: Mapping[str, float]) -> PreparedEquations:
+    def reweighted(self, x: Array, sigma: Mapping[Row, float]) -> PreparedEquations:
         """The same with robust weights of the samples from the residual at `x`."""
         assembly = self.assembly.weighted(huber_weights(self.assembly, self.equations, x, sigma))
         return PreparedEquations(assembly, replace(self.equations, runs=accumulate(assembly)))
 
-    def noise_moments(self, sigma: Mapping[str, float], draws: int, progress: Progress) -> NoiseMoments:
+    def noise_moments(self, sigma: Mapping[Row, float], draws: int, progress: Progress) -> NoiseMoments:
         """What noise in the regressors does, of all runs."""
         total = len(self.assembly.runs)
 

@@ -16,6 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
+from lacet.identify.car.rows import Row
 from lacet.identify.validation.explainable_residual import ExplainableResidual
 from lacet.identify.validation.residual_map import Against, InPhase, residual_map
 from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
@@ -80,7 +81,7 @@ def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
     return figure
 
 
-def phase_figure(in_phase: Mapping[str, Mapping[str, InPhase]]) -> Figure:
+def phase_figure(in_phase: Mapping[str, Mapping[Row, InPhase]]) -> Figure:
     """Residual ÷ floor by row and phase, with numbers."""
     rows = list(dict.fromkeys(row for own in in_phase.values() for row in own))
     field = np.array([[own[row].ratio if row in own else np.nan for own in in_phase.values()] for row in rows])
@@ -192,7 +193,7 @@ def spectrum_figure(spectrum: RowSpectrum) -> Figure:
     return figure
 
 
-def explainable_figure(explainable: Mapping[str, ExplainableResidual]) -> Figure:
+def explainable_figure(explainable: Mapping[Row, ExplainableResidual]) -> Figure:
     """Composition of each row's residual: noise, dependence on states, on their history, the rest."""
     rows = list(explainable)
     figure = Figure(figsize=(9.4, 1.1 + 0.25 * len(rows)), layout="constrained")

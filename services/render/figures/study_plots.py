@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import Comparison, pooled_ratio
 from lacet.services.render.identifiability import open_parameters
 from lacet.services.render.rows import colour_words
@@ -21,7 +22,7 @@ MEASURED, MODEL, ERROR, HELD, FAULT = "#222222", "#d1495b", "#2e86ab", "#e09f3e"
 _COLUMNS = 2
 
 
-def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Figure:
+def comparison_figure(part: Comparison, rows: Sequence[Row] | None = None) -> Figure:
     """Measured and modelled rows of a run and their difference, for some rows (default: all)."""
     names = list(rows or part.measured)
     lines = -(-len(names) // _COLUMNS)
@@ -39,7 +40,7 @@ def comparison_figure(part: Comparison, rows: Sequence[str] | None = None) -> Fi
     return figure
 
 
-def _row(axes: Axes, part: Comparison, row: str) -> None:
+def _row(axes: Axes, part: Comparison, row: Row) -> None:
     t, level = part.t[row], float(np.mean(part.measured[row]))
     axes.plot(t, part.measured[row], color=MEASURED, lw=1.4, label="measured")
     axes.plot(t, part.modelled[row], color=MODEL, lw=0.9, label="model")

@@ -30,9 +30,9 @@ def damper_picture(curves: Mapping[str, DamperCurve]) -> bytes | None:
     return png(damper_figure(curves)) if curves else None
 
 
-def kinds(part: Comparison) -> dict[str, list[str]]:
+def kinds(part: Comparison) -> dict[str, list[Row]]:
     """The rows of a run by kind."""
-    found = {kind: [row for row in part.measured if Row.parse(row).kind == kind] for kind in _KINDS}
+    found = {kind: [row for row in part.measured if row.kind == kind] for kind in _KINDS}
     return {kind: rows for kind, rows in found.items() if rows}
 
 
@@ -101,7 +101,7 @@ def damper_figure(curves: Mapping[str, DamperCurve]) -> Figure:
     return figure
 
 
-def _grid(rows: Sequence[str], title: str, columns: int = 4) -> tuple[Figure, list[Axes]]:
+def _grid(rows: Sequence[Row], title: str, columns: int = 4) -> tuple[Figure, list[Axes]]:
     across = min(columns, len(rows))
     lines = -(-len(rows) // across)
     figure = Figure(figsize=(max(6.5, 3.3 * across), 0.7 + 2.1 * lines), layout="constrained")
@@ -112,7 +112,7 @@ def _grid(rows: Sequence[str], title: str, columns: int = 4) -> tuple[Figure, li
     return figure, grid
 
 
-def _label(axes: Axes, part: Comparison, row: str, x: str, y: str) -> None:
+def _label(axes: Axes, part: Comparison, row: Row, x: str, y: str) -> None:
     score = part.scores[row]
     plain = score.colour is Colour.LIKE_NOISE
     axes.set_title(f"{row}: {colour_words(score)}", fontsize=9, loc="left", color=MEASURED if plain else FAULT)

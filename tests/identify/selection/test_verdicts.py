@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lacet.identify.car.rows import SUSPENSION_ROWS
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -45,7 +46,7 @@ def test_rows_that_the_best_does_not_act_on_are_told_apart(
 
     def screen(space: ScoreTests, progress: Progress) -> Screening:
         found = plain_screen(space, progress)
-        one = replace(found.ranked[0], rows=("suspension.fl",), answer=Answer.MISSING)
+        one = replace(found.ranked[0], rows=SUSPENSION_ROWS[:1], answer=Answer.MISSING)
         return replace(found, best=one, explained=explained, unlisted=True)
 
     plain_screen = ranking.screen
@@ -223,7 +224,7 @@ def test_every_answer_has_its_reason_with_numbers(hidden: Diagnosis, fitted: Fit
 def candidate(effect: Effect, **changed: object) -> Candidate:
     """A candidate that passes every bar."""
     plain = Candidate(
-        effect.key, {}, rows=("suspension.fl", "suspension.fr"), gain=0.4, gain_rms=12.3, total_gain=900.0, drop=1000.0,
+        effect.key, {}, rows=SUSPENSION_ROWS[:2], gain=0.4, gain_rms=12.3, total_gain=900.0, drop=1000.0,
         p=1.0 / (DRAWS + 1), values=(40.0,), interval=(6.0,),
     )  # fmt: skip
     return replace(plain, **changed)
