@@ -66,8 +66,9 @@ test-slow: .venv/.dev
 test-vcan: .venv/.dev
 	@$(PY) -m pytest -m slow tests/services/acquisition/test_vcan.py $(ARGS)
 
+# -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
-	@for file in $(filter-out %_seeds.py %/coverage.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py %/coverage.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
 
 captures: .venv/.dev
 	@sh replay_logs/make.sh

@@ -40,7 +40,7 @@ def unused(values: Collection[str], symbols: Collection[str]) -> list[ValuesUnus
 
 
 def joint_states(n: int, fixed: bool = False, **states: ArrayLike) -> list[Array]:
-    """Joint states given as (N, n), transposed to (n, N); `fixed` : whether some of the n are fixed frames.
+    """Joint states given as (N, n), contiguous; `fixed` : whether some of the n are fixed frames.
 
     Raises ValueError naming the one at fault and the remedy.
     """
@@ -56,13 +56,13 @@ def joint_states(n: int, fixed: bool = False, **states: ArrayLike) -> list[Array
                 f"{name} must have the shape (N, {n}), found {array.shape}{one}"
                 f"{'; fixed frames have a column too' if fixed else ''}"
             )
-        if out and array.shape[0] != out[0].shape[1]:
-            raise ValueError(f"{name} has {array.shape[0]} samples, {next(iter(states))} {out[0].shape[1]}")
-        bad = np.argwhere(~np.isfinite(array))
-        if bad.size:
+        if out and array.shape[0] != out[0].shape[0]:
+            raise ValueError(f"{name} has {array.shape[0]} samples, {next(iter(states))} {out[0].shape[0]}")
+        if not np.all(np.isfinite(array)):
+            bad = np.argwhere(~np.isfinite(array))
             where = f"the first at sample {bad[0, 0]}, joint {bad[0, 1] + 1}"
             raise ValueError(f"{name} has {len(bad)} values that are not finite, {where}")
-        out.append(np.ascontiguousarray(array.T))
+        out.append(np.ascontiguousarray(array))
     return out
 
 

@@ -54,7 +54,7 @@ def test_what_runs_has_the_same_version_in_tests():
 
 
 def test_what_runs_is_light():
-    assert not {"mujoco", "numba", "cvxpy", "pytest", "pyright", "pre-commit"} & set(pins("run.txt"))
+    assert not {"mujoco", "cvxpy", "pytest", "pyright", "pre-commit"} & set(pins("run.txt"))
 
 
 def test_the_wheel_holds_one_package():
