@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from benchmarks.stories.page import STORIES, play, steps
 from lacet.identify.validation.restoring_force import restoring_surfaces
 from lacet.services.render.figures.failure_plots import surface_figure
-from lacet.services.render.figures.study_plots import fall_figure, png
+from lacet.services.render.figures.png import png
+from lacet.services.render.figures.study_plots import fall_figure
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 

@@ -8,11 +8,11 @@ from collections.abc import Sequence
 from lacet.identify.validation.failure_analysis import FailureAnalysis
 from lacet.services.render.failure_text import explainable_table, failure_sentences, follows_table, phase_table
 from lacet.services.render.figures.failure_plots import (
-    against_figure,
+    against_charts,
     explainable_figure,
     map_figure,
     phase_figure,
-    spectrum_figure,
+    spectrum_charts,
     surface_figure,
 )
 from lacet.services.render.html import details, page, picture, pre, section
@@ -38,12 +38,12 @@ def where_pieces(found: FailureAnalysis) -> list[str]:
     for k, row in enumerate(found.worst[:MOST_ROWS]):
         own: list[str] = []
         if against := found.against[row]:
-            own.append(picture(against_figure(against)))
+            own.append(picture(against_charts(against)))
         if row in found.spectra:
-            own.append(picture(spectrum_figure(found.spectra[row])))
+            own.append(picture(spectrum_charts(found.spectra[row])))
         # Some thirty panels take seconds to lay out, hence for the worst row only.
         if k == 0 and found.against_every:
-            own.append(details(f"{row} against every state", picture(against_figure(found.against_every))))
+            own.append(details(f"{row} against every state", picture(against_charts(found.against_every))))
         out += own if k == 0 else [details(row, *own)]
     if found.surfaces:
         out.append(f"<h3>Restoring-force surfaces</h3>{picture(surface_figure(found.surfaces))}")

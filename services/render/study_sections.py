@@ -81,8 +81,8 @@ def present_model_fails(
     return [
         f"<h3>Now, with {html.escape(', '.join(now.effects))}</h3>",
         f"<p>{html.escape(row)} of run {html.escape(old.name)} before and after:</p>",
-        picture(study_plots.comparison_figure(old, [row])),
-        picture(study_plots.comparison_figure(new, [row])),
+        picture(study_plots.comparison_charts(old, [row])),
+        picture(study_plots.comparison_charts(new, [row])),
         *where_pieces(found),
     ]
 
@@ -121,9 +121,9 @@ def against_measurement(after: Mapping[str, list[Comparison]], progress: Progres
 
 def _validation(part: Comparison) -> list[str]:
     """Measurement, model and error by kind of row, and the whiteness of the residual."""
-    figures = [study_plots.comparison_figure(part, rows) for rows in validation_plots.kinds(part).values()]
+    figures = [study_plots.comparison_charts(part, rows) for rows in validation_plots.kinds(part).values()]
     if part.whiteness:
-        figures += [validation_plots.spectrum_figure(part), validation_plots.acf_figure(part)]
+        figures += [validation_plots.spectrum_charts(part), validation_plots.acf_charts(part)]
     return [picture(figure) for figure in figures]
 
 
@@ -135,7 +135,7 @@ def derived_values(now: Version, curves: Mapping[str, DamperCurve]) -> str:
     if lacking := tables.not_derived(now.result):
         pieces.append(details("not determined, and why", pre(lacking)))
     if curves:
-        pieces.append(picture(validation_plots.damper_figure(curves)))
+        pieces.append(picture(validation_plots.damper_charts(curves)))
     return section("Derived values", *pieces, pre(tables.ranges(now.result)))
 
 

@@ -1,1 +1,1 @@
-"""Figures of values and plain data, drawn with matplotlib."""
+"""Pictures of values and plain data: charts written as SVG, other figures drawn with matplotlib."""

@@ -1,4 +1,4 @@
-"""Figures of the failure analysis: residual map, phases, states, spectra, restoring-force surfaces."""
+"""Pictures of the failure analysis: residual map, phases, states, spectra, restoring-force surfaces."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
@@ -22,7 +21,23 @@ from lacet.identify.validation.residual_map import Against, InPhase, residual_ma
 from lacet.identify.validation.restoring_force import LEAST_SAMPLES, Surface
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.spectra import RowSpectrum
-from lacet.services.render.figures.study_plots import ERROR, FAULT, HELD, MEASURED, MODEL
+from lacet.services.render.figures.panels import (
+    CHANCE,
+    ERROR,
+    FAULT,
+    HELD,
+    MEASURED,
+    MODEL,
+    Axis,
+    Band,
+    Dots,
+    Level,
+    Line,
+    Panel,
+    Panels,
+    Scale,
+)
+from lacet.services.render.figures.study_plots import WIDTH
 from lacet.services.render.units import TRAVEL, TRAVEL_RATE, display_unit
 
 COLOURS = dict(
@@ -67,7 +82,7 @@ def map_figure(parts: Sequence[Comparison], phases: Sequence[Phases]) -> Figure:
         field = np.full((len(rows), one.edges.size - 1), np.nan)
         for row, line in zip(one.rows, one.ratio, strict=True):
             field[rows.index(row)] = line
-        image = axes.pcolormesh(one.edges, np.arange(len(rows) + 1), field, cmap="magma_r", norm=norm)
+        image = axes.pcolormesh(one.edges, np.arange(len(rows) + 1), field, cmap="magma_r", norm=norm, rasterized=True)
         axes.set_facecolor("#dddddd")
         axes.set_ylim(len(rows), 0)
         axes.set_yticks(np.arange(len(rows)) + 0.5, rows if k == 0 else [""] * len(rows), fontsize=8)
@@ -104,32 +119,24 @@ def phase_figure(in_phase: Mapping[str, Mapping[Row, InPhase]]) -> Figure:
     return figure
 
 
-def against_figure(against: Mapping[str, Against]) -> Figure:
+def against_charts(against: Mapping[str, Against]) -> Panels:
     """Residual of a row against states: samples, conditional mean, 95 % band."""
-    across = min(3, len(against))
-    lines = -(-len(against) // across)
-    figure = Figure(figsize=(3.6 * across, 0.5 + 2.6 * lines), layout="constrained")
-    grid = list(figure.subplots(lines, across, squeeze=False).flat)
-    first = next(iter(against.values()))
-    for axes, (name, one) in zip(grid, against.items(), strict=False):
+    panels: list[Panel] = []
+    for name, one in against.items():
         scale, unit = display_unit(one.mean.unit, float(np.max(np.abs(one.mean.centre))))
-        axes.plot(scale * one.values, one.residual, ".", ms=3.5, color=ERROR, alpha=0.5, mew=0, label="samples")
         x = scale * one.mean.centre
-        axes.fill_between(x, one.mean.low, one.mean.high, color=HELD, alpha=0.45, lw=0, label="95 % of the mean")
-        axes.plot(x, one.mean.mean, "-o", ms=3, color=MODEL, lw=1.3, label="mean")
-        axes.axhline(0.0, color=MEASURED, lw=0.6)
-        axes.set_xlabel(f"{name} [{unit}]", fontsize=8)
-        axes.set_ylabel(f"error [{one.row_unit}]", fontsize=8)
-        axes.xaxis.set_major_locator(MaxNLocator(5))
-        axes.tick_params(labelsize=8)
-        axes.grid(alpha=0.25)
-    for axes in grid[len(against) :]:
-        axes.set_axis_off()
-    _legend(figure, grid[0])
+        marks = [
+            Dots(scale * one.values, one.residual, ERROR, "samples"),
+            Band(x, one.mean.low, one.mean.high, HELD, "95 % of the mean"),
+            Line(x, one.mean.mean, MODEL, "mean", width=1.3, marks=4.0),
+            Level(0.0),
+        ]
+        panels.append(Panel("", marks, Axis(f"{name} [{unit}]"), Axis(f"error [{one.row_unit}]")))
+    first = next(iter(against.values()))
     put_back = any(one.put_back for one in against.values())
     also = ", what the model's own springs, dampers and masses absorbed put back" if put_back else ""
-    figure.suptitle(f"{first.row} against its states{also}", x=0.01, ha="left", fontsize=10)
-    return figure
+    columns = min(3, len(against))
+    return Panels(f"{first.row} against its states{also}", panels, columns, (WIDTH / 3.0, 250.0))
 
 
 def surface_figure(surfaces: Mapping[str, Surface], what: str = "residual") -> Figure:
@@ -144,13 +151,13 @@ def surface_figure(surfaces: Mapping[str, Surface], what: str = "residual") -> F
     for axes, (corner, one) in zip(grid, surfaces.items(), strict=False):
         cmap = "RdBu_r" if what == "residual" else "viridis"
         travel, rate = TRAVEL[0] * one.travel, TRAVEL_RATE[0] * one.rate
-        image = axes.pcolormesh(travel, rate, fields[corner], cmap=cmap, vmin=low, vmax=high)
+        image = axes.pcolormesh(travel, rate, fields[corner], cmap=cmap, vmin=low, vmax=high, rasterized=True)
         axes.set_facecolor("#eeeeee")
         single = (one.count >= LEAST_SAMPLES) & (one.blocks < 2)
         x, y = (0.5 * (edges[:-1] + edges[1:]) for edges in (travel, rate))
         jj, ii = np.nonzero(single)
         axes.plot(x[ii], y[jj], "x", ms=4, mew=0.7, color=MEASURED)
-        scatter = f"   scatter about it {one.scatter:.3g} N" if what == "residual" else ""
+        scatter = f": scatter about it {one.scatter:.3g} N" if what == "residual" else ""
         axes.set_title(f"{corner}{scatter}", fontsize=9, loc="left")
         axes.set_xlabel(f"travel [{TRAVEL[1]}], compression positive", fontsize=8)
         axes.set_ylabel(f"rate [{TRAVEL_RATE[1]}]", fontsize=8)
@@ -166,31 +173,27 @@ def surface_figure(surfaces: Mapping[str, Surface], what: str = "residual") -> F
     return figure
 
 
-def spectrum_figure(spectrum: RowSpectrum) -> Figure:
+def spectrum_charts(spectrum: RowSpectrum) -> Panels:
     """A row's residual spectrum against its floor's, and the coherence with the states it is most coherent with."""
-    figure = Figure(figsize=(9.4, 3.4), layout="constrained")
-    left, right = figure.subplots(1, 2)
     f = spectrum.frequency
-    left.fill_between(f, spectrum.floor, spectrum.high, color="#bbbbbb", alpha=0.6, lw=0, label="noise, up to 95 %")
-    left.plot(f, spectrum.floor, color=MEASURED, lw=1.1, ls="--", label="noise floor")
-    left.plot(f, spectrum.residual, color=ERROR, lw=1.4, marker="o", ms=2.5, label="residual")
-    left.set_yscale("log")
-    left.set_ylabel(f"({spectrum.unit})²/Hz", fontsize=8)
-    left.legend(frameon=False, fontsize=8)
-    left.set_title(f"{spectrum.row}: spectrum", fontsize=9, loc="left")
+    x = Axis("frequency [Hz]", low=0.0, high=float(f[-1]))
+    power = [
+        Band(f, spectrum.floor, spectrum.high, CHANCE, "noise, up to 95 %"),
+        Line(f, spectrum.floor, MEASURED, "noise floor", width=1.1, dashed=True),
+        Line(f, spectrum.residual, ERROR, "residual", width=1.4, marks=3.5),
+    ]
     order = sorted(spectrum.coherence, key=lambda name: -float(spectrum.coherence[name].max()))[:4]
-    for name, colour in zip(order, (MODEL, ERROR, HELD, "#4c9f70"), strict=False):
-        right.plot(f, spectrum.coherence[name], color=colour, lw=1.4, label=name)
-    right.axhline(spectrum.level, color=MEASURED, lw=1.0, ls="--", label="chance, any state, 5 %")
-    right.set_ylim(0.0, 1.02)
-    right.set_title(f"squared coherence with states ({spectrum.segments:.0f} segments)", fontsize=9, loc="left")
-    right.legend(frameon=False, fontsize=7, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    for axes in (left, right):
-        axes.set_xlabel("frequency [Hz]", fontsize=8)
-        axes.set_xlim(0.0, float(f[-1]))
-        axes.tick_params(labelsize=8)
-        axes.grid(alpha=0.25)
-    return figure
+    coherent = [
+        Line(f, spectrum.coherence[name], colour, name, width=1.4)
+        for name, colour in zip(order, (MODEL, ERROR, HELD, "#4c9f70"), strict=False)
+    ]
+    chance = Level(spectrum.level, label="chance, any state, 5 %", width=1.0, dashed=True)
+    title = f"squared coherence with states ({spectrum.segments:.0f} segments)"
+    panels = [
+        Panel(f"{spectrum.row}: spectrum", power, x, Axis(f"({spectrum.unit})²/Hz", Scale.LOGARITHMIC), legend=True),
+        Panel(title, [*coherent, chance], x, Axis(low=0.0, high=1.02), legend=True),
+    ]
+    return Panels("", panels, 2, (WIDTH / 2.0, 280.0), legend=False)
 
 
 def explainable_figure(explainable: Mapping[Row, ExplainableResidual]) -> Figure:
@@ -248,8 +251,3 @@ def _root_scale(axes: Axes, high: float) -> None:
     decades = 10.0 ** np.arange(int(log10(high)) + 1)
     ticks = [0.0, 1.0, *(float(x) for x in np.outer(decades, (2.0, 5.0, 10.0)).ravel() if x <= high)]
     axes.set_xticks(ticks, [f"{x:g}" for x in ticks])
-
-
-def _legend(figure: Figure, axes: Axes) -> None:
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=8)

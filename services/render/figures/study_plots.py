@@ -1,59 +1,46 @@
-"""Figures of a study, drawn with matplotlib without a display."""
+"""Pictures of a study: measurement and model by row, and the fall of the error by version."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from typing import Any
 
-import matplotlib
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import Comparison, pooled_ratio
+from lacet.services.render.figures.panels import ERROR, FAULT, HELD, MEASURED, MODEL, Axis, Line, Panel, Panels
 from lacet.services.render.identifiability import open_parameters
 from lacet.services.render.rows import colour_words
 
-matplotlib.use("Agg")
-
-MEASURED, MODEL, ERROR, HELD, FAULT = "#222222", "#d1495b", "#2e86ab", "#e09f3e", "#b3261e"
+WIDTH = 1180.0
+"""Width of a picture as wide as a page's text [px]."""
 _COLUMNS = 2
 
 
-def comparison_figure(part: Comparison, rows: Sequence[Row] | None = None) -> Figure:
+def comparison_charts(part: Comparison, rows: Sequence[Row] | None = None) -> Panels:
     """Measured and modelled rows of a run and their difference, for some rows (default: all)."""
     names = list(rows or part.measured)
-    lines = -(-len(names) // _COLUMNS)
-    width = 6.0 * min(_COLUMNS, len(names)) if len(names) > 1 else 9.2
-    figure = Figure(figsize=(width, 0.6 + 2.1 * lines), layout="constrained")
-    grid = figure.subplots(lines, min(_COLUMNS, len(names)), squeeze=False)
-    for axes, row in zip(grid.flat, names, strict=False):
-        _row(axes, part, row)
-    for axes in list(grid.flat)[len(names) :]:
-        axes.set_axis_off()
-    handles, labels = grid.flat[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=3, frameon=False)
     kind = "run used (direct validation)" if part.used else "run held out (cross validation)"
-    figure.suptitle(f"{part.name}: {kind}", x=0.01, ha="left", fontsize=11)
-    return figure
+    columns = min(_COLUMNS, len(names))
+    return Panels(
+        f"{part.name}: {kind}", [_row(part, row) for row in names], columns, (WIDTH / max(columns, 1.2), 200.0)
+    )
 
 
-def _row(axes: Axes, part: Comparison, row: Row) -> None:
+def _row(part: Comparison, row: Row) -> Panel:
     t, level = part.t[row], float(np.mean(part.measured[row]))
-    axes.plot(t, part.measured[row], color=MEASURED, lw=1.4, label="measured")
-    axes.plot(t, part.modelled[row], color=MODEL, lw=0.9, label="model")
-    axes.plot(t, part.residual(row) + level, color=ERROR, lw=0.7, label="error (about the mean)")
     score = part.scores[row]
     title = f"{row} [{score.unit}]   error {score.rms:.3g}, {score.ratio:.2f} × floor; {colour_words(score)}"
     if not score.judged:
         title += f"\ncannot be judged: {open_parameters(score.why).partition(' not ')[0]} left open by the runs used"
-    axes.set_title(title, fontsize=9, loc="left", color=MEASURED if score.judged else FAULT)
-    axes.tick_params(labelsize=8)
-    axes.set_xlabel("time [s]", fontsize=8)
-    axes.grid(alpha=0.25)
-    axes.margins(x=0)
+    marks = [
+        Line(t, part.measured[row], MEASURED, "measured", width=1.6),
+        Line(t, part.modelled[row], MODEL, "model", width=1.1),
+        Line(t, part.residual(row) + level, ERROR, "error (about the mean)", width=0.9),
+    ]
+    return Panel(title, marks, Axis("time [s]"), colour=MEASURED if score.judged else FAULT, tight=True)
 
 
 def fall_figure(versions: Sequence[Any]) -> Figure:
@@ -80,10 +67,3 @@ def fall_figure(versions: Sequence[Any]) -> Figure:
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
     return figure
-
-
-def png(figure: Figure) -> bytes:
-    """A figure as PNG bytes."""
-    out = io.BytesIO()
-    figure.savefig(out, dpi=110, format="png")
-    return out.getvalue()

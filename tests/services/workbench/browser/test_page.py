@@ -160,3 +160,15 @@ def test_the_report_is_one_file_that_needs_nothing_else(opened: Opened, tmp_path
     assert "suspension.fl" in report
     assert not re.search(r"""(src|href)\s*=\s*["']?https?:""", report)
     watch.expect(watch.at("export-report")).to_be_enabled()
+    alone = watch.page.context.new_page()
+    asked: list[str] = []
+    alone.on("request", lambda request: asked.append(request.url))
+    alone.goto((tmp_path / "report.html").as_uri())
+    alone.evaluate("document.querySelectorAll('details').forEach((folded) => { folded.open = true; })")
+    assert [url for url in asked if not url.startswith("data:")] == [(tmp_path / "report.html").as_uri()]
+    sizes = alone.evaluate(
+        "[...document.querySelectorAll('figure > svg')].map((s) => s.getBoundingClientRect().height)"
+    )
+    assert len(sizes) > 10
+    assert min(sizes) > 50
+    alone.close()
