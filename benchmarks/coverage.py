@@ -126,8 +126,8 @@ def campaign(task: tuple[str, int]) -> Array:
         rng = np.random.default_rng([95, list(KINDS).index(kind), number])
         sheet = sheet_draw(records[0], rng) if kind == "sheet" else {}
         base = reference(kind == "missing")
-        some = base.moments.some(rng.integers(0, POOL, NOISE_DRAWS))
-        stored = Stored(base.stored.known, some)
+        some = base.moments.subset(rng.integers(0, POOL, NOISE_DRAWS))
+        stored = Stored(base.stored.responses, some)
         found = fit(base.model, [drawn(record, rng, sheet) for record in records], stored=stored)
         return summary(found)
 

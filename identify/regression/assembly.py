@@ -1,4 +1,4 @@
-"""A model's equations on runs, piece by piece: the columns of its parameters, sensor faults and each run's zeros."""
+"""Equations of a model on its runs, piece by piece: columns of parameters, sensor faults and each run's zeros."""
 
 from __future__ import annotations
 
@@ -24,13 +24,20 @@ KEPT = 900.0
 
 @dataclass(frozen=True)
 class Piece:
-    """A run, or a part of a long one, with its equations.
+    """Equations of a run, or of one part of a long run.
 
-    `number` counts the parts of a long run, and is None for a whole one; `seed` of the run's noise draws.
-
-    `blocks` row → (n, z + p), columns: the run's zeros, the parameters kept, the model's sensor faults; `right` row →
-    (n,) measured left sides; `instants` row → (n,) place of each sample on the run's comb of kept instants; `weights`
-    row → (n,) roots of the samples' weights, or None where all count alike.
+    Attributes
+    ----------
+    run : index of the run in the fit.
+    number : index of the part in a long run; None for a whole run.
+    seed : number of the run in the seeds of its noise draws.
+    prepared : motion and measured rows of the run or part.
+    blocks : row → (n, z + p) columns: the run's zeros, the parameters kept, the model's sensor faults.
+    right : row → (n,) measured left sides [N or N·m].
+    instants : row → (n,) index of each sample among the run's instants after decimation.
+    zeros : the run's sensor zeros; None where the equations have none.
+    sensitivity : derivatives of the residual by the channels; None where none were computed.
+    weights : row → (n,) square roots of the samples' weights; None where all weights are equal.
     """
 
     run: int
@@ -44,15 +51,23 @@ class Piece:
     sensitivity: Sensitivity | None
     weights: Mapping[Row, Array] | None
 
-    def anew(self) -> Piece:
-        """The same equations, with nothing that was computed beside them: full-rate motion, slopes, further columns."""
-        sensitivity = None if self.sensitivity is None else self.sensitivity.anew()
-        return replace(self, prepared=self.prepared.anew(), sensitivity=sensitivity)
+    def uncached(self) -> Piece:
+        """The equations without cached intermediate results: motion at full rate, interpolated slopes, columns."""
+        sensitivity = None if self.sensitivity is None else self.sensitivity.uncached()
+        return replace(self, prepared=self.prepared.uncached(), sensitivity=sensitivity)
 
 
 @dataclass(frozen=True)
-class Known:
-    """Sensitivities of each run's residual to its channels, and its responses to the sensor sheet's entries."""
+class MotionResponses:
+    """Responses of the runs' residuals that depend on the motion and not on a run's noise.
+
+    Runs that repeat the motions with other noise share them.
+
+    Attributes
+    ----------
+    sensitivities : for each run, the derivatives of its residual by its channels.
+    responses : for each run, entry of the sensor sheet → row → (n,) change of the residual for one tolerance.
+    """
 
     sensitivities: tuple[Sensitivity, ...]
     responses: tuple[dict[SheetEntry, dict[Row, Array]], ...]
@@ -60,10 +75,10 @@ class Known:
 
 @dataclass
 class _PieceCache:
-    """Pieces and what the sensor sheet does to them, made once: pure memoisation, shared by `Assembly.weighted`.
+    """Cache of pieces and of their responses to the sensor sheet, shared by assemblies that differ in weights only.
 
-    `pieces`, and `own` (this very run's responses to the sheet's entries), by run and piece; `responses` by run; `long`
-    length of the pieces of long runs that were kept [s].
+    `pieces` by run and piece; `responses` to the sheet's entries by run; `own` those with the noise of the run itself,
+    by run and piece; `long` duration of the parts of long runs in the cache [s].
     """
 
     pieces: dict[tuple[int, int | None], Piece] = field(default_factory=dict[tuple[int, int | None], Piece])
@@ -77,33 +92,34 @@ class _PieceCache:
 
 
 class Assembly:
-    """The equations of all runs in pieces; those of very long runs are made anew each time they are read.
+    """Equations of all runs in pieces; those of very long runs are computed again each time they are read.
 
     Parameters
     ----------
-    physics : the model's effects; `keep` which of their parameters have columns of their own.
+    physics : the model's effects; `keep` indices of their parameters that have columns of their own.
     faults : sensor faults in the model.
     runs : the runs.
-    at : every physics' parameter, at which sensitivities are taken, or None: neither zeros nor faults.
-    zeros : whether each run has its sensor zeros.
-    known : what is known of the runs already; none of them is in pieces.
-    seeds : number of each run in the seeds of its noise draws; by default its place.
+    at : values of all parameters of the physics at which sensitivities are computed; None for equations without
+        sensor zeros and faults.
+    zeros : whether each run has sensor zeros as parameters.
+    shared : responses from other runs of the same motions, none of them in pieces; None to compute them.
+    seeds : number of each run in the seeds of its noise draws; by default its index.
     """
 
     def __init__(
         self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
-        runs: Sequence[PreparedRun], at: Array | None, zeros: bool, known: Known | None = None,
+        runs: Sequence[PreparedRun], at: Array | None, zeros: bool, shared: MotionResponses | None = None,
         seeds: Sequence[int] = (),
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
         self.runs, self.at, self.zeros = tuple(runs), at, zeros
-        self.known = known
+        self.shared = shared
         self.seeds = tuple(seeds) or tuple(range(len(self.runs)))
         self.weights: Mapping[tuple[int, int | None], Mapping[Row, Array]] = {}
         self._cache = _PieceCache()
 
     def weighted(self, weights: Mapping[tuple[int, int | None], Mapping[Row, Array]]) -> Assembly:
-        """The same equations with other weights of samples: (run, piece) → row → (n,) roots of them."""
+        """The equations with these weights of the samples: (run, piece) → row → (n,) square roots of the weights."""
         out = copy(self)
         out.weights = weights
         return out
@@ -114,18 +130,18 @@ class Assembly:
             yield from self.pieces_of(run)
 
     def pieces_of(self, run: int) -> Iterator[Piece]:
-        """Every piece of one run, in order; what is computed on a part of a long run goes with the piece."""
+        """Every piece of one run, in order; memory of a part of a long run is released with its piece."""
         return map(self._piece, repeat(run), self.runs[run].pieces(), count())
 
     def _piece(self, run: int, part: PreparedRun, number: int) -> Piece:
-        """A part of a run, as it is kept or made now."""
+        """A run or a part of it with its equations, from the cache or computed."""
         place = run, None if part is self.runs[run] else number
         piece = self._cache.pieces.get(place)
         if piece is None:
             piece = self._make(*place, part)
             self._keep(piece)
         if piece.number is not None:
-            piece = piece.anew()
+            piece = piece.uncached()
         weights = self.weights.get(place)
         return piece if weights is None else replace(piece, weights=weights)
 
@@ -138,9 +154,9 @@ class Assembly:
             self._cache.pieces[piece.run, piece.number] = piece
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
-        """Responses of a piece to the sensor sheet's gains and latencies."""
-        if self.known:
-            return self.known.responses[piece.run]
+        """Responses of a piece to one tolerance of each gain and latency of the sensor sheet: entry → row → (n,)."""
+        if self.shared:
+            return self.shared.responses[piece.run]
         assert piece.sensitivity is not None
         if piece.number is not None:
             return sheet_responses(piece.prepared, piece.sensitivity)
@@ -149,8 +165,8 @@ class Assembly:
         return self._cache.responses[piece.run]
 
     def own_sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
-        """The same with the noise of this very run, where sensitivities may be another run's of the same motion."""
-        if self.known is None and piece.number is None:
+        """Responses to the sensor sheet computed from the run's own channels, where sensitivities are shared ones."""
+        if self.shared is None and piece.number is None:
             return self.sheet_responses(piece)
         assert piece.sensitivity is not None
         place = (piece.run, piece.number)
@@ -163,18 +179,18 @@ class Assembly:
 
     @staticmethod
     def noisy_sheet_responses(piece: Piece, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
-        """The same of a piece with other noise drawn, by its `sensitivity`; not kept."""
+        """Responses to the sensor sheet of a piece with simulated noise, by its `sensitivity`; not cached."""
         return sheet_responses(piece.prepared, sensitivity)
 
-    def as_known(self) -> Known:
-        """What other noise on the same motions leaves as it is. Raises ValueError when a run is in pieces."""
+    def motion_responses(self) -> MotionResponses:
+        """Responses for runs of the same motions with other noise. Raises ValueError for a long run in pieces."""
         if not all((run, None) in self._cache.pieces for run in range(len(self.runs))) or self.at is None:
             raise ValueError("a long run is in pieces, which have no sensitivity in common")
         responses = tuple(self.sheet_responses(self._cache.pieces[run, None]) for run in range(len(self.runs)))
-        return Known(self.sensitivities(), responses)
+        return MotionResponses(self.sensitivities(), responses)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """Each whole run's sensitivity; long runs' are taken now."""
+        """Sensitivities of the runs, each run in one; those of long runs are computed at each call."""
         at = self.at
         if at is None:
             return ()
@@ -191,8 +207,8 @@ class Assembly:
         matrices: dict[Row, Array] = {row: drive.matrix(self.physics, row)[:, self.keep] for row in drive.rows}
         sensitivity, zeros = None, None
         if self.at is not None:
-            known = self.known.sensitivities[run] if self.known and whole else None
-            sensitivity = known or Sensitivity.of(drive.recording, self.physics, self.at)
+            shared = self.shared.sensitivities[run] if self.shared and whole else None
+            sensitivity = shared or Sensitivity.of(drive.recording, self.physics, self.at)
             faults = [drive.decimated(sensitivity.fault(fault)) for fault in self.faults]
             for row, W in matrices.items():
                 matrices[row] = np.column_stack([W, *(found.get(row, np.zeros(len(W))) for found in faults)])
@@ -202,4 +218,4 @@ class Assembly:
         instants: dict[Row, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
         piece = Piece(run, number, self.seeds[run], drive, matrices, drive.measured, instants, zeros, sensitivity, None)
         # Motion and slopes of a part of a long run are many times as large as its equations.
-        return piece if whole else piece.anew()
+        return piece if whole else piece.uncached()

@@ -1,4 +1,4 @@
-"""What noise in the regressors does to an estimate, and the estimate without it: Monte-Carlo corrected scores."""
+"""Bias of an estimate from noise in the regressors, and its removal: Monte-Carlo corrected scores."""
 
 from __future__ import annotations
 
@@ -17,27 +17,32 @@ from lacet.identify.regression.prepared_run import NoisyColumns
 from lacet.identify.regression.qr_accumulation import added, scaled_triangle
 
 NOISE_DRAWS = 6
-"""Pairs of noise draws behind the correction of bias; what their number leaves uncertain is in the intervals."""
+"""Pairs of noise draws for the correction of bias; the intervals include the uncertainty from their finite number."""
 SOUND = 0.5
-"""Part of a direction's information that may be noise in its own columns: beyond it there is nothing to correct."""
+"""Largest part of a direction's information that may be noise in its columns: beyond it no correction is possible."""
 
 
 @dataclass
 class NoiseMoments:
-    """E[δWᵀ δr] = constant − slope θ of the weighted rows, draw by draw.
+    """Monte-Carlo means of the scores' bias from noise in the regressors: E[δWᵀ δr] = constant − slope θ.
 
-    At the true θ the scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). One draw of noise added
-    and the same draw subtracted leave just that product and the mean shift of bent laws, and the sum over the samples
-    is its mean. `slopes` (D, p, p), `constants` (D, p). Each run's zeros follow the parameters: they would absorb the
-    mean shift of a nonlinear law, and a static load would else be moved by 100 N in their stead.
+    At the true θ the weighted scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). It is estimated
+    from pairs of simulated noise, each draw added once and subtracted once: terms of first order in the noise cancel,
+    the product δWᵀ δr and the mean shift of nonlinear laws remain. Each run's zeros are functions of the parameters
+    here: they absorb the mean shift of a nonlinear law, which would else move a static load by 100 N.
+
+    Attributes
+    ----------
+    slopes : (D, p, p), one for each pair of draws.
+    constants : (D, p).
     """
 
     slopes: Array
     constants: Array
 
     @classmethod
-    def none(cls, p: int, draws: int = NOISE_DRAWS) -> NoiseMoments:
-        """Nothing added yet."""
+    def zero(cls, p: int, draws: int = NOISE_DRAWS) -> NoiseMoments:
+        """Moments of no equations: zeros, to which `add` adds those of the runs."""
         return cls(np.zeros((draws, p, p)), np.zeros((draws, p)))
 
     @classmethod
@@ -50,15 +55,15 @@ class NoiseMoments:
         """Number of pairs of draws."""
         return len(self.constants)
 
-    def some(self, which: NDArray[np.intp]) -> NoiseMoments:
-        """Those of some of the draws."""
-        return NoiseMoments(self.slopes[which], self.constants[which])
+    def subset(self, pairs: NDArray[np.intp]) -> NoiseMoments:
+        """Moments of the pairs of draws with these indices, which may repeat."""
+        return NoiseMoments(self.slopes[pairs], self.constants[pairs])
 
     def add(
         self, piece: Piece, effects: Sequence[PhysicalEffect], keep: NDArray[np.int64], sigma: Mapping[Row, float],
         zeros: tuple[Array, Array],
     ) -> None:  # fmt: skip
-        """Add a run, or a piece of one; `zeros` (z, p) and (z,): how its zeros follow, z = offset − gain x."""
+        """Add the moments of a piece; `zeros` : gain (z, p) and offset (z,) of its zeros, z = offset − gain x."""
         gain, offset = zeros
         z, b = len(offset), len(keep)
         place = (piece.seed,) if piece.number is None else (piece.seed, piece.number)
@@ -90,17 +95,17 @@ class NoiseMoments:
                     self.constants[draw][active] += part @ error
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
-        """The estimate without the bias, and the covariance that the correction leaves in it.
+        """The estimate corrected for the bias, (p,), and the covariance of the correction, (p, p).
 
-        Two errors remain: the finite number of draws, and directions whose columns are mostly noise: least squares
-        takes such a column for a known one and finds the value near zero, with a narrow interval. They are given back
-        to the prior.
+        The covariance has two parts: the scatter from the finite number of draws, and the prior's variance in
+        directions whose columns are mostly noise (`given_back`): least squares finds a value near zero with a narrow
+        interval there, and no correction is possible.
 
         Parameters
         ----------
-        x : (p,) weighted least squares.
-        root : (p + 1, p + 1) R factor of the weighted equations (zeros eliminated).
-        priors : (p,) 1 σ of what is known of each parameter beforehand.
+        x : (p,) weighted least-squares estimate.
+        root : (p + 1, p + 1) R factor of the weighted equations, zeros eliminated.
+        priors : (p,) 1 σ of each parameter's prior.
         """
         p = len(x)
         slope, constant = self.slopes.mean(axis=0), self.constants.mean(axis=0)
@@ -127,9 +132,9 @@ def _shifts(
     position: NDArray[np.intp],
     clean: Array,
 ) -> tuple[NDArray[np.intp], list[Array]]:
-    """Positions (a,) of the columns of a row that noise moves, and by how much, (n, a) with it added and subtracted.
+    """Indices (a,) of a row's columns that contain noise, and their changes (n, a) with the draw added and subtracted.
 
-    `position` of each parameter among the columns `clean` (n, b), −1 where it has none.
+    `position` is the index of each parameter among the columns `clean` (n, b) without the draw, −1 for none.
     """
     (places, added), (_, taken) = (noisy.acting(placed, row) for noisy in pair)
     at = position[places]
@@ -140,13 +145,13 @@ def _shifts(
 
 
 def given_back(inverse: Array, noise: Array, priors: Array) -> Array:
-    """(p, p) covariance that directions get back from the prior because noise makes up most of what they seem to know.
+    """(p, p) prior covariance of the directions whose information is mostly noise in the columns.
 
     Parameters
     ----------
     inverse : (p, p) with inverse · inverseᵀ the covariance of independent residuals.
     noise : (p, p) E[δWᵀ δW] of the weighted columns.
-    priors : (p,) 1 σ.
+    priors : (p,) 1 σ of each parameter's prior.
     """
     spectrum = np.linalg.eigh(inverse.T @ (0.5 * (noise + noise.T)) @ inverse)
     part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)

@@ -1,7 +1,7 @@
-"""Gauss–Newton steps: what is linear for small values only is linearised anew at those found, until steps are small.
+"""Gauss–Newton iteration: the equations are linearised again at the values found until a step is small.
 
-Three things are found so, each with its own rule for the longest step and for the end: latencies of ordinary runs
-(`CHECK_RULE`), sensor faults of a model (`FAULT_RULE`), and latencies before candidates are screened, whose rule
+Three kinds of values are found by it, each with its own rule for the longest step and the end: latencies of ordinary
+runs (`CHECK_RULE`), sensor faults of a model (`FAULT_RULE`), and latencies before candidates are screened, whose rule
 `Fit.latency_rule` makes from the settings of the selection.
 """
 
@@ -17,13 +17,13 @@ from lacet.identify.multibody.vectors import Array
 
 @dataclass(frozen=True)
 class LinearStep:
-    """Solution of the equations linearised at some values: what the values still lack.
+    """Step of a Gauss–Newton iteration: the solution of the equations linearised at the present values.
 
     Attributes
     ----------
-    step : (n,) what the values still lack.
-    half : (n,) half of the 95 % intervals of the values; zero where they do not count for the end.
-    final : whether the steps may end here; not where the equations are coarser than the last ones are to be.
+    step : (n,) change of the values.
+    half : (n,) half of the 95 % intervals of the values; zero where the end does not depend on them.
+    final : whether the iteration may end here; False where a more exact linearisation must follow.
     """
 
     step: Array
@@ -33,13 +33,13 @@ class LinearStep:
 
 @dataclass(frozen=True)
 class Relinearised:
-    """Values at which the equations were linearised last.
+    """Result of a Gauss–Newton iteration.
 
     Attributes
     ----------
-    values : (n,) the values.
+    values : (n,) values at which the equations were linearised last.
     settled : whether the last step found was small.
-    made : how many steps were made.
+    made : number of steps made.
     """
 
     values: Array
@@ -49,20 +49,20 @@ class Relinearised:
 
 @dataclass(frozen=True)
 class StepRule:
-    """Limit of the steps from one linearisation to the next, and when they end.
+    """Limits and stopping rule of a Gauss–Newton iteration.
 
     A step is small when that of each value is below the largest of the three tolerances `close`, `close_of_interval`
     and `close_of_value`.
 
     Attributes
     ----------
-    most : steps at most.
+    most : largest number of steps.
     longest : longest step of a value, in the unit of the limits.
     close : tolerance in the unit of the limits.
-    first_close : `close` of the first step, where it is another.
+    first_close : tolerance of the first step in place of `close`; None for the same.
     close_of_interval, close_of_value : tolerance as a share of half of the value's 95 % interval, and of the value
         after the step.
-    small_step_made : whether the last, small step is still made.
+    small_step_made : whether the last, small step is made before the iteration ends.
     scale : unit of the limits ÷ unit of the values: ω at the cut-off [rad/s] for latencies [s] limited by phase [rad].
     """
 
@@ -76,7 +76,7 @@ class StepRule:
     scale: float = 1.0
 
     def limited(self, step: Array) -> Array:
-        """(n,) a step, no value's longer than the longest."""
+        """(n,) the step with each value's change limited to `longest`."""
         return np.clip(step, -self.longest / self.scale, self.longest / self.scale)
 
     def is_small(self, step: Array, values: Array, half: Array | float = 0.0, first: bool = False) -> bool:
@@ -95,8 +95,8 @@ class StepRule:
 
         Parameters
         ----------
-        linearise : from how many steps were made and the (n,) values they led to, the next step. The last call is at
-            the values that are returned.
+        linearise : function of the number of steps made and of the present values (n,) that gives the next step. The
+            last call is at the values that are returned.
         start : (n,) first values.
         bounds : least and largest values, each (n,) or one for all.
         """
@@ -117,8 +117,8 @@ class StepRule:
 
 
 CHECK_RULE = StepRule(most=11, longest=0.015, close=5e-5, close_of_interval=0.05)
-"""Latencies of ordinary runs [s]. The longest step is a fifth of the period at the fit's cut-off or so, beyond which
-the columns mislead."""
+"""Rule for latencies of ordinary runs [s]. The longest step is about a fifth of the period at the fit's cut-off: beyond
+it the first-order columns are no longer valid."""
 
 FAULT_RULE = StepRule(most=4, close_of_value=1e-3, small_step_made=True)
-"""Sensor faults of a model, each in its parameter's unit."""
+"""Rule for sensor faults of a model, each in the unit of its parameter."""

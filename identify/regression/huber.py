@@ -1,4 +1,4 @@
-"""Robust weights of rows by second (Huber): a second with a large residual counts less, and is named."""
+"""Robust weights (Huber) of the rows, second by second: a second with a large residual gets less weight."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from lacet.identify.regression.assembly import Assembly
 from lacet.identify.regression.qr_accumulation import Equations
 
 SECOND = 1.0
-"""Length of the stretch that is judged as one [s]."""
+"""Length of the interval that has one weight [s]."""
 THRESHOLD = 2.5
-"""A second whose residual is more than this many times its row's median second counts less, in proportion."""
+"""RMS residual of a second ÷ median of its row, above which its weight falls in inverse proportion [ratio]."""
 
 
 @dataclass(frozen=True)
 class BadSecond:
-    """A stretch of a row that counts less: `start`, `stop` [s since the run's start], `weight` of 1."""
+    """Interval of a row with a reduced weight: `start`, `stop` [s since the run's start], `weight` below 1."""
 
     run: str
     row: Row
@@ -59,7 +59,7 @@ def huber_weights(
 
 
 def bad_seconds(assembly: Assembly, names: Sequence[str]) -> list[BadSecond]:
-    """The stretches that count less than in full, worst first."""
+    """Intervals with a weight below 1, smallest weight first."""
     out: list[BadSecond] = []
     for piece in assembly.pieces():
         if piece.weights is None:

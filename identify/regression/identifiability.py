@@ -1,4 +1,4 @@
-"""Singular or badly scaled problems: the parameters that the equations leave open, and what hardly moves."""
+"""Identifiability: parameters that the equations do not determine, and the motion that is too small for them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 
 CONDITION = 1e6
-"""Ratio of best to worst known direction beyond which a problem is badly scaled, parameters in plausible sizes."""
+"""Condition number above which a problem counts as singular, parameters in units of their plausible size [ratio]."""
 _SHARE = 0.05
 
 
 @dataclass(frozen=True)
 class SmallTravel:
-    """The travel at some corners hardly moves: `travel` [m] and `rate` [m/s], largest standard deviations there."""
+    """Too little suspension motion at `corners`: largest standard deviations of `travel` [m] and `rate` [m/s] there."""
 
     corners: tuple[str, ...]
     travel: float
@@ -33,9 +33,13 @@ class SmallTravel:
 
 @dataclass(frozen=True)
 class SmallChange:
-    """Parameters hardly change any row: one at its largest plausible value changes `row` by `size` at most.
+    """Too small an influence of parameters on the rows.
 
-    `row` is None where nothing that is measured changes with them; `single` : whether it is one parameter only.
+    Attributes
+    ----------
+    row : row that changes most with one of them at its largest plausible value; None where no row changes.
+    size : standard deviation of that change [N or N·m].
+    single : whether it is one parameter only.
     """
 
     row: Row | None
@@ -45,7 +49,7 @@ class SmallChange:
 
 @dataclass(frozen=True)
 class Undetermined:
-    """Parameters that the equations leave open, each by itself; `why` : what hardly moves."""
+    """Parameters that the equations do not determine; `why` : the motion or influence that is too small."""
 
     names: tuple[str, ...]
     why: SmallTravel | SmallChange | None = None
@@ -53,7 +57,7 @@ class Undetermined:
 
 @dataclass(frozen=True)
 class Combination:
-    """Parameters of which the equations leave a combination open, each with its share of it [%]."""
+    """Combination of parameters that the equations do not determine: each parameter with its share of it [%]."""
 
     shares: tuple[tuple[str, float], ...]
     why: SmallTravel | SmallChange | None = None
@@ -61,7 +65,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Merged:
-    """A parameter that the runs merge into others, `holders`, although it acts differently."""
+    """Parameter that these runs do not separate from others, `holders`, although its effect is a different one."""
 
     name: str
     holders: tuple[str, ...]
@@ -70,7 +74,7 @@ class Merged:
 
 @dataclass(frozen=True)
 class NotFinite:
-    """Entries of the equations that are not finite, in one row of one run.
+    """Infinite or undefined entries of the equations in one row of one run.
 
     Attributes
     ----------
@@ -91,17 +95,17 @@ class NotFinite:
 def weak_directions(
     root: Array, priors: Array, condition: float = CONDITION, least: float = 0.0
 ) -> tuple[tuple[tuple[int, float], ...], ...]:
-    """Combinations of parameters that equations leave open, each as (index, coefficient) in plausible sizes.
+    """Combinations of parameters that equations do not determine, each as pairs (index, coefficient).
 
     Parameters
     ----------
-    root : (n, q) weighted equations, or their R factor; a last column more than `priors` (right side) is not looked at.
-    priors : (q,) plausible size of each parameter.
-    condition : a direction is open when it is known this many times worse than the best.
+    root : (n, q) weighted equations, or their R factor; a further column, the right side, is ignored.
+    priors : (q,) plausible size of each parameter: the unit of the coefficients.
+    condition : a direction is undetermined when its singular value is this many times smaller than the largest.
     least : or when its singular value, in units of 1 / plausible size, is below this.
 
-    A direction is written with the parameter that takes part most at 1 or −1; those with less than 5 % of the share of
-    the squares are left out.
+    The largest coefficient of a direction is scaled to ±1; parameters with less than 5 % of the sum of squares are
+    left out.
     """
     table = np.asarray(root, float)[:, : len(priors)] * priors
     _, values, Vt = scipy.linalg.svd(np.concatenate([table, np.zeros((max(0, len(priors) - len(table)), len(priors)))]))
@@ -125,7 +129,7 @@ def weak_directions(
 def explain_singular(
     root: Array, names: Sequence[str], priors: Sequence[float] | Array, condition: float = CONDITION, least: float = 0.0
 ) -> list[Undetermined | Combination]:
-    """Every open direction of `weak_directions`, with the share of each parameter.
+    """Parameters and combinations that equations do not determine (`weak_directions`), with each parameter's share.
 
     Raises UsageError when `root` has entries that are not finite, naming the parameters they belong to.
     """
@@ -141,10 +145,10 @@ def explain_singular(
 def explain_weak(
     root: Array, names: Sequence[str], model: Model, runs: Sequence[PreparedRun], least: float = 2.0
 ) -> list[Undetermined | Combination]:
-    """What a fit's equations leave open, with what hardly moves in the runs.
+    """Parameters and combinations that a fit's equations do not determine, with the motion that is too small for them.
 
-    `root` is the weighted triangle with the plausible ranges in it (`Information.root`), `names` its unknowns. Sensor
-    zeros follow freely. A direction is open when the runs leave it no better known than half its plausible size.
+    `root` is the weighted triangle with the plausible ranges as priors (`Information.root`), `names` its unknowns;
+    sensor zeros are eliminated. A direction is undetermined when its σ is above half its plausible size.
     """
     known = {q.name: q.prior for q in model.parameters}
     chosen = [k for k, name in enumerate(names) if name in known]
@@ -168,9 +172,9 @@ def explain_weak(
 
 
 def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[PreparedRun]) -> list[Merged]:
-    """Parameters that these runs merge into others although they act differently, with what hardly moves.
+    """Parameters that these runs do not separate from others although their effects differ, and the reason.
 
-    Groups of rigid bodies among themselves are the car's build (a wheel's mass moves with its axle's) and are left out.
+    Groups of rigid bodies follow from the structure of the car (a wheel's mass moves with its axle's) and are left out.
     """
     owners = _owners(model)
     out: list[Merged] = []
@@ -184,7 +188,7 @@ def explain_grouping(base: BaseParameters, model: Model, runs: Sequence[Prepared
 
 
 def not_finite(effects: Sequence[PhysicalEffect], runs: Sequence[PreparedRun]) -> list[NotFinite]:
-    """Where equations have entries that are not finite: of each run and row the measured side, then the effects."""
+    """Infinite or undefined entries of the equations: for each run and row the measured side, then the effects."""
     out: list[NotFinite] = []
     for run in runs:
         for row in run.rows:
@@ -227,7 +231,7 @@ def _owners(model: Model) -> dict[str, Effect]:
 
 
 def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun]) -> SmallTravel | SmallChange | None:
-    """What hardly moves: travel for suspension laws, else how little these parameters change any row."""
+    """Why these parameters are not determined: travel for suspension laws, else their largest influence on a row."""
     owners = _owners(model)
     laws = [one for name in members if isinstance(one := owners[name], SuspensionForce)]
     if laws:

@@ -1,4 +1,4 @@
-"""Information of a fit's equations and priors on its parameters, as one R factor, and on some of them."""
+"""Fisher information of a fit on its parameters, priors included, as one R factor; marginal information on a part."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from lacet.identify.regression.wls import Fit
 
 @dataclass(frozen=True)
 class Information:
-    """The weighted problem of a fit around its estimate.
+    """Fisher information of a fit at its estimate, as a factor R with RᵀR the information matrix.
 
     Attributes
     ----------
-    names : (q,) unknowns: base parameters, then sensor faults; each run's sensor zeros follow freely.
-    root : (q, q) upper triangle R: the weighted residual, priors included, rises by ‖R (x − x̂)‖² from its minimum x̂.
-    loose : (q, q) what of RᵀR is only the plausible range of parameters and the likeness of left and right parts.
+    names : (q,) unknowns: base parameters, then sensor faults; the runs' sensor zeros are eliminated.
+    root : (q, q) upper triangle R: the weighted sum of squares, priors included, is ‖R (x − x̂)‖² above its minimum.
+    loose : (q, q) part of RᵀR that comes from priors: plausible ranges, and equality of left and right parts.
     """
 
     names: tuple[str, ...]
@@ -30,20 +30,20 @@ class Information:
 
     @classmethod
     def of(cls, fitted: Fit) -> Information:
-        """The information of a fit, with the fit's weights."""
+        """The information of a fit, with its weights."""
         q, known = len(fitted.place), fitted.equations.known
         return cls(fitted.columns, fitted.root[:q, :q], known.T @ known)
 
     def inverse(self) -> Array:
-        """(q, q) inverse of `root`; its rows' lengths are each unknown's σ as if residuals were independent."""
+        """(q, q) inverse of `root`; the length of a row is the σ of that unknown for independent residuals."""
         R, lengths = scaled_triangle(self.root)
         return np.asarray(scipy.linalg.solve_triangular(R, np.eye(len(lengths))), float) / lengths[:, None]
 
     def marginal(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
-        """What is known of some unknowns when all others follow freely.
+        """Marginal information on the unknowns with indices `chosen`, all others estimated along with them.
 
-        Returns the triangle (k, k) of the chosen ones, and the map (q, k) from their change to that of all unknowns
-        which raises the residual least.
+        Returns its triangle (k, k), and the matrix (q, k) from a change of the chosen unknowns to the change of all
+        unknowns with the least rise of the weighted sum of squares.
         """
         width = self.root.shape[0]
         free = np.ones(width, bool)

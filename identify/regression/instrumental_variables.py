@@ -32,7 +32,7 @@ from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.signals.reconstruct import Recording, bring_together
 
 WEAK = 0.5
-"""A direction of which noise makes up more than this part has instruments too weak to say anything."""
+"""Part of a direction's energy that is noise, above which its instruments are too weak to estimate it [share]."""
 
 _FELT = 0.03
 """The joint test looks at directions in which halving the samples moves an estimate by this part of its own σ: in the
@@ -44,7 +44,7 @@ _LAGS = 3
 
 @dataclass(frozen=True)
 class Pair:
-    """One run twice, on the same instants: from the even and from the odd samples of every channel."""
+    """One run as two, on the same instants: from the even and from the odd samples of every channel."""
 
     even: PreparedRun
     odd: PreparedRun
@@ -52,16 +52,16 @@ class Pair:
 
 @dataclass(frozen=True)
 class Contrast:
-    """An estimate against the instrumental-variable one (Durbin, Wu, Hausman).
+    """Durbin–Wu–Hausman test of an estimate against the instrumental-variable estimate.
 
     Attributes
     ----------
     difference : (p,) θ of the estimate − θ of the instruments, every parameter of the model (grouped ones 0).
     covariance : (p, p) of it under the null that both mean the same, from their influence functions (HAC): neither
         homoscedastic residuals nor an efficient estimate is assumed.
-    statistic : Hotelling's T² over the directions in which noise is felt at all.
-    directions : how many those are.
-    p : probability of a larger one when nothing but chance makes them differ.
+    statistic : Hotelling's T² over the directions that noise influences.
+    directions : number of those directions.
+    p : probability of a larger statistic when the two estimates differ by chance only.
     """
 
     difference: Array
@@ -72,14 +72,14 @@ class Contrast:
 
     @property
     def z(self) -> Array:
-        """(p,) each parameter's difference in its own standard deviations, 0 where nothing is known."""
+        """(p,) difference of each parameter ÷ its standard deviation; 0 where that is not known."""
         sd = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         return np.divide(self.difference, sd, out=np.zeros_like(sd), where=sd > 0.0)
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """An instrumental-variable fit and what it says of two others.
+    """Instrumental-variable fit of a model, and its comparison with two least-squares fits.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class Instruments:
     plain : least squares without any correction against the instruments: the alarm.
     corrected : the fit `of`, which removes the bias of the sheet's noise, against the instruments: whether the noise
         in the runs is the sheet's.
-    weak : how many directions of the parameters have no instruments worth the name; there `of` stands.
+    weak : number of directions of the parameters with too weak instruments; their values are those of `of`.
     """
 
     fit: Fit
@@ -148,7 +148,7 @@ class _Block(NamedTuple):
     r_odd: Array
 
     def crossed(self, x: Array) -> Array:
-        """(n, q) scores of the instruments at x: each half's columns with the other half's residual."""
+        """(n, q) scores of the instruments at x: the columns of each half times the residual of the other half."""
         r_even, r_odd = self.r_even - self.U_even @ x, self.r_odd - self.U_odd @ x
         return 0.5 * (self.U_even * r_odd[:, None] + self.U_odd * r_even[:, None])
 
@@ -208,7 +208,7 @@ class _Solver:
     def _scores(
         self, d: int, part: Mapping[Row, _Block], x: Array, project: Array, inverse: Array
     ) -> tuple[Array, Array]:
-        """By instant: scores of the instruments, and the difference of influence between least squares and them."""
+        """(instants, q) scores of the instruments, and the difference of the two estimates' influence functions."""
         run = self.fitted.runs[d]
         step = run.recording.filters.step
         scores = np.zeros((run.recording.t.size // step + 1, x.size))
@@ -221,7 +221,7 @@ class _Solver:
 
     @property
     def _places(self) -> NDArray[np.int64]:
-        """Where the estimated parameters stand among all of the model."""
+        """Indices of the estimated parameters among all parameters of the model."""
         total = len(self.fitted.theta)
         faults = np.arange(total - len(self.fitted.model.faults), total)
         return np.concatenate([self.fitted.base.independent, faults]).astype(np.int64)

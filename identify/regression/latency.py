@@ -1,9 +1,9 @@
 """Latencies of the sensors from ordinary runs, together with the model's parameters.
 
-A sensor read too late makes every row it enters follow the rate of what it measures. The columns of that are linear for
-small errors only: after each step the runs are read again with the latencies found, until nothing moves. The equations
-of motion do not depend on absolute time: shifting all sensors alike changes nothing, so one sensor is the time base
-and the others are estimated against it.
+A late sensor adds to every row that it enters a part in proportion to the rate of its signal. These columns are valid
+for small errors only: after each step the runs are read again with the latencies found, until the steps are small. The
+equations of motion do not depend on absolute time: the same shift of all sensors changes nothing, so one sensor is the
+time base and the others are estimated against it.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ PRIOR = 0.020
 """1 σ of a latency's error before any run [s]: so wide that it does not move what the runs determine."""
 
 TESTABLE = 0.005
-"""A latency whose 95 % interval is wider than ± this is not testable with the runs [s]."""
+"""Half of a 95 % interval above which a latency counts as not testable with the runs [s]."""
 
 _NEAR_RULE = replace(CHECK_RULE, close=0.001, close_of_interval=0.1)
-"""A step that is small by this rule is followed by those of fits that are corrected for noise."""
+"""Rule for a step that is small enough for the next fits to be corrected for noise in the regressors."""
 
 
 @dataclass(frozen=True)
@@ -60,27 +60,27 @@ class SensorTiming:
 
     @property
     def testable(self) -> bool:
-        """Whether the runs determine it closely enough."""
+        """Whether its 95 % interval is narrow enough for a test of the rig file's value."""
         return self.half < TESTABLE
 
     @property
     def agrees(self) -> bool:
-        """Whether the rig's value is within 3 σ of what was found, or no farther than half a millisecond."""
+        """Whether the rig file's latency is within 3 σ, or within half a millisecond, of the latency found."""
         return abs(self.found - self.rig) <= max(1.5 * self.half, 0.0005)
 
 
 @dataclass(frozen=True)
 class Timings:
-    """Latencies of a rig's sensors.
+    """Latencies of a rig's sensors, estimated from runs.
 
     Attributes
     ----------
     base : the sensor that is the time base; its latency is the rig's.
     sensors : the others, in the rig's order.
-    rig : the rig with the latencies found, those not testable as they were.
-    fit : the model, fitted with them.
-    steps : how many times the runs were read.
-    settled : whether the last step moved nothing.
+    rig : the rig with the latencies found; those not testable keep their values.
+    fit : fit of the model to the runs read with them.
+    steps : number of times the runs were read.
+    settled : whether the last step was small.
     """
 
     base: str
@@ -131,7 +131,7 @@ def estimate_latencies(
     last: list[_Reading] = []  # no earlier one is kept: each holds the runs
 
     def step_at(steps_made: int, shift: Array) -> LinearStep:
-        """What these latencies still lack, from the runs read with them."""
+        """The next step of the latencies, from the runs read with the present ones."""
         values = dict(zip((s.name for s in late), shift.tolist(), strict=True))
         progress(Step(Stage.LATENCIES, steps_made + 1, rule.most + 1, values=values))
         shifted = shifted_rig(rig, {s.name: float(x) for s, x in zip(late, shift, strict=True)})
@@ -156,13 +156,13 @@ def estimate_latencies(
 
 @dataclass(frozen=True)
 class _Reading:
-    """The runs, read with some latencies.
+    """Runs read with given latencies, and the fit to them.
 
     Attributes
     ----------
-    fitted : the model, fitted to them.
+    fitted : fit of the model to these runs.
     half, seen : (l,) half of each latency's 95 % interval [s]; whether any row depends on it.
-    is_near : whether the latencies are so near that the next fit is corrected for noise.
+    is_near : whether the last step was small enough for the next fit to be corrected for noise.
     """
 
     fitted: Fit
@@ -172,13 +172,13 @@ class _Reading:
 
 
 def shifted_rig(rig: Rig, shifts: Mapping[str, float]) -> Rig:
-    """The rig with some sensors later by so much [s]."""
+    """The rig with latencies increased by `shifts`, sensor → [s]."""
     sensors = tuple(replace(s, latency=s.latency + shifts.get(s.name, 0.0)) for s in rig.sensors)
     return replace(rig, sensors=sensors)
 
 
 def _step(fitted: Fit, faults: Sequence[SensorLatency], shift: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """What the latencies still lack, its covariance, and whether any row depends on each.
+    """Step of the latencies (l,) [s], its covariance (l, l), and whether any row depends on each latency (l,).
 
     At the fit, the scores of the model's parameters are zero, corrected for noise or not. Those of the latencies need
     no such correction: to first order the noise of a latency's column is the rate of the residual's own noise, and a

@@ -1,4 +1,4 @@
-"""A model, the sum of physical effects, and what is known of its parameters before any run."""
+"""A model, the sum of physical effects, and the prior information on its parameters."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lacet.identify.multibody.vectors import Array
 
 @dataclass(frozen=True, repr=False)
 class Model:
-    """The sum of `effects`, in this order.
+    """Model of the car and its instruments: the sum of `effects`, in this order.
 
     Examples
     --------
@@ -31,7 +31,7 @@ class Model:
 
     @classmethod
     def of(cls, effects: Iterable[Effect]) -> Model:
-        """A model of these effects. Raises UsageError when one is in it twice."""
+        """The model of these effects. Raises UsageError for an effect that is given twice."""
         out = tuple(effects)
         keys = [effect.key for effect in out]
         for key in keys:
@@ -41,7 +41,7 @@ class Model:
 
     @cached_property
     def physics(self) -> tuple[PhysicalEffect, ...]:
-        """The effects with columns of their own."""
+        """The physical effects of the model, without sensor faults."""
         return tuple(one for effect in self.effects if (one := effect.as_physics) is not None)
 
     @cached_property
@@ -56,7 +56,7 @@ class Model:
 
     @cached_property
     def physics_size(self) -> int:
-        """Number of the physics' parameters: those of the sensor faults follow them."""
+        """Number of the parameters of the physical effects; the parameters of the sensor faults follow them."""
         return sum(len(effect.parameters) for effect in self.physics)
 
     @property
@@ -83,10 +83,10 @@ class Model:
 
 
 def known_beforehand(model: Model, keep: NDArray[np.int64], faults: bool = True) -> Array:
-    """(k, q) equations with σ = 1 and right side 0, in the parameters kept and, unless left out, the sensor faults.
+    """Prior information as (k, q) equations with σ = 1 and right side 0, in the parameters `keep` and sensor faults.
 
-    Each parameter is within what is plausible (`Parameter.prior`), and left and right parts of one kind are alike
-    (`Parameter.twin`).
+    Two kinds: each parameter is of plausible size (`Parameter.prior`), and left and right parts of one kind are nearly
+    equal (`Parameter.twin`). Without `faults` the columns of the sensor faults are absent.
     """
     parameters = [model.parameters[int(i)] for i in keep]
     names = [q.name for q in parameters]

@@ -27,21 +27,21 @@ from lacet.identify.signals.reconstruct import Recording, Signals, bring_togethe
 PIECE = 60.0
 """Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
 TOGETHER = 8
-"""So many series go through the filter at once."""
+"""Number of series that are filtered together."""
 
 
 ColumnKey = tuple[str, tuple[tuple[str, float], ...]]
-"""Key and shape constants of an effect."""
+"""Key and shape constants of an effect: what its columns on a run depend on."""
 
 
 @dataclass(frozen=True)
 class Unmeasured:
-    """What an effect needs and a run lacks.
+    """Absence from a run of what an effect needs.
 
     Attributes
     ----------
     run : name of the run.
-    needs : channels that it does not have; the offset of its ground lasers where the road under the wheels is needed.
+    needs : channels that it does not have; the offset of its ground lasers for effects of the road under the wheels.
     """
 
     run: str
@@ -50,13 +50,13 @@ class Unmeasured:
 
 @dataclass(frozen=True)
 class NoisyColumns:
-    """Columns of effects, and left sides row → (n,), of a run with one draw of noise added or subtracted."""
+    """Columns of effects, and left sides row → (n,), of a run with one draw of simulated noise in its channels."""
 
     columns: Mapping[ColumnKey, Mapping[Row, Array]]
     measured: Mapping[Row, Array]
 
     def acting(self, placed: Iterable[tuple[PhysicalEffect, slice]], row: Row) -> tuple[NDArray[np.intp], Array]:
-        """Places of the parameters that act on a row, and their (n, a) columns; effects with the places of theirs."""
+        """Indices (a,) of the parameters that act on a row, and their (n, a) columns; `placed` : effects, slices."""
         places = [np.zeros(0, np.intp)]
         columns = [np.zeros((0, len(self.measured[row])))]
         for effect, place in placed:
@@ -67,24 +67,24 @@ class NoisyColumns:
         return np.concatenate(places), np.concatenate(columns).T
 
     def of(self, effect: PhysicalEffect) -> Mapping[Row, Array]:
-        """An effect's columns, row → (p, n)."""
+        """Columns of an effect, row → (p, n)."""
         return self.columns[column_key(effect)]
 
     def extended(self, run: PreparedRun, effects: Sequence[PhysicalEffect]) -> NoisyColumns:
-        """With further effects, as they are on the `run` with this noise."""
+        """These columns and those of further effects on the `run`, which has the same noise."""
         run.prepare(effects)
         further = {column_key(effect): run.columns(effect) for effect in effects}
         return NoisyColumns({**self.columns, **further}, self.measured or run.measured)
 
 
 class PreparedRun:
-    """A recording with its motion; what is computed for one effect is kept for the next question.
+    """A run ready for fitting: the motion of a recording and the columns of effects on it, cached.
 
     Parameters
     ----------
     recording : channels on one grid.
-    offset : place of its first sample in the run it is a piece of, 0 for a whole run.
-    index : kept sample indices by row, where they are known already.
+    offset : index of its first sample in the run that it is a piece of; 0 for a whole run.
+    index : row → indices of the kept samples, where they are known already; None to compute them.
     """
 
     def __init__(self, recording: Recording, offset: int = 0, index: Mapping[Row, NDArray[np.intp]] | None = None):
@@ -94,7 +94,7 @@ class PreparedRun:
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
-        """Bring a run together. Raises RunError when it is too short."""
+        """The prepared run of a run as recorded, its channels on one grid. Raises RunError when it is too short."""
         return cls(bring_together(run, vehicle, rig, filters or Filters()))
 
     def __repr__(self) -> str:
@@ -118,13 +118,13 @@ class PreparedRun:
 
     @cached_property
     def index(self) -> Mapping[Row, NDArray[np.intp]]:
-        """Kept sample indices by row."""
+        """Row → indices of the samples kept after decimation."""
         if self._index is not None:
             return self._index
         return {row: kept for row in self.motion.rows if len(kept := self.motion.kept(row))}
 
-    def anew(self) -> PreparedRun:
-        """The same run and its kept samples, without the motion and the columns that were computed on it."""
+    def uncached(self) -> PreparedRun:
+        """The run without cached results: motion and columns are computed again when they are needed."""
         return PreparedRun(self.recording, self.offset, self.index)
 
     @cached_property
@@ -140,7 +140,7 @@ class PreparedRun:
         return self._columns[key]
 
     def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[Row, Array]:
-        """The same of physics, or of a sensor fault as `sensitivity` shows it: none without."""
+        """Columns of a physical effect, or of a sensor fault by its `sensitivity`: row → (p, n); none without one."""
         if (physics := effect.as_physics) is not None:
             return self.columns(physics)
         if (fault := effect.as_fault) is None or sensitivity is None:
@@ -148,11 +148,11 @@ class PreparedRun:
         return {row: series[None] for row, series in self.decimated(sensitivity.fault(fault)).items()}
 
     def decimated(self, rows: Mapping[Row, Array]) -> dict[Row, Array]:
-        """Filter (…, N) series of rows and keep their samples; rows this run lacks are left out."""
+        """Series of rows (…, N) after the parallel filter, at the kept samples (…, n); others are absent."""
         return self.decimated_each([rows])[0]
 
     def decimated_each(self, found: Iterable[Mapping[Row, Array]]) -> list[dict[Row, Array]]:
-        """`decimated` of many, some at a time: the filter costs as much to prepare as to run over one series."""
+        """`decimated` of each mapping, several series filtered at once, which costs hardly more than one."""
         out: list[dict[Row, Array]] = []
         batch: list[tuple[dict[Row, Array], Row, Array]] = []
         for rows in found:
@@ -165,7 +165,7 @@ class PreparedRun:
         return out
 
     def _through_filter(self, batch: Sequence[tuple[dict[Row, Array], Row, Array]]) -> None:
-        """Put each row's kept samples where they belong."""
+        """Filter the series of a batch together, and enter the kept samples of each in its mapping."""
         if not batch:
             return
         flat = np.concatenate([series.reshape(-1, series.shape[-1]) for _, _, series in batch])
@@ -189,7 +189,7 @@ class PreparedRun:
         return np.concatenate(parts).T if parts else np.zeros((n, 0))
 
     def prepare(self, effects: Sequence[PhysicalEffect]) -> None:
-        """Make the columns of all effects that are not there yet, through the filter together."""
+        """Compute the columns of effects that are not in the cache, filtered together."""
         fresh = [(key, effect) for effect in effects if (key := column_key(effect)) not in self._columns]
         if not fresh:
             return
@@ -197,9 +197,9 @@ class PreparedRun:
         self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
 
     def pieces(self, seconds: float = PIECE) -> Iterator[PreparedRun]:
-        """The run itself, or when it is longer than 1.5 × `seconds`, drives that together keep just its samples.
+        """Parts of a run longer than 1.5 × `seconds`, whose kept samples are those of the run; else the run itself.
 
-        Each piece reaches over its ends by twice the filters' edge, so that transients do not show.
+        Parts overlap by twice the filters' edge at each end, so that filter transients are outside the kept samples.
         """
         filters, n = self.recording.filters, self.recording.t.size
         if n <= 1.5 * seconds * filters.rate:
@@ -217,10 +217,10 @@ class PreparedRun:
             yield PreparedRun(replace(part, usable=usable), offset=first)
 
     def noisy(self, seed: Sequence[int], loads: bool = False) -> Iterator[PreparedRun]:
-        """This run with one more draw of its channels' noise added, then with the same draw subtracted.
+        """Two copies of this run: with one draw of simulated channel noise added, and with the same draw subtracted.
 
-        Unless `loads` are asked for, wheel loads are left alone: in the base model they stand on the left side only,
-        where noise brings no bias.
+        Wheel loads get noise only with `loads`: in the base model they stand on the left side only, where noise brings
+        no bias.
         """
         recording = self.recording
         values = recording.signals.value
@@ -232,7 +232,7 @@ class PreparedRun:
             yield PreparedRun(recording.with_signals(Signals.differentiated(moved, recording.filters.rate)))
 
     def noisy_columns(self, effects: Sequence[PhysicalEffect], seed: Sequence[int]) -> Sequence[NoisyColumns]:
-        """Columns with a draw of noise added, and subtracted, the loads without: kept for the next fit."""
+        """Columns with a draw of noise added, and with it subtracted, wheel loads without noise; cached by `seed`."""
         known = self._noisy.get(tuple(seed), (NoisyColumns({}, {}), NoisyColumns({}, {})))
         fresh = [effect for effect in effects if column_key(effect) not in known[0].columns]
         if fresh or not known[0].measured:
@@ -241,11 +241,11 @@ class PreparedRun:
         return known
 
     def lacks(self, effect: Effect) -> Unmeasured | None:
-        """What an effect needs that is not measured in this run; None where it can be computed."""
+        """Channels that an effect needs and this run lacks; None where the effect can be computed."""
         needs = effect.lacks(self.motion)
         return Unmeasured(self.name, needs) if needs else None
 
 
 def column_key(effect: Effect) -> ColumnKey:
-    """What the columns of an effect depend on: its key and its shape constants."""
+    """Key and shape constants of an effect."""
     return effect.key, tuple(sorted(effect.shape.items()))

@@ -23,7 +23,7 @@ from lacet.identify.regression.sums.tree import merged
 
 
 def triangle(part: Array, *others: Array) -> Array:
-    """The R factor of parts stacked over each other, (k, k), filled up with zeros when there are fewer rows."""
+    """R factor (k, k) of parts stacked over each other, filled with zeros where there are fewer than k rows."""
     stacked = np.concatenate([part, *others]) if others else part
     width = stacked.shape[1]
     R = np.asarray(scipy.linalg.qr(stacked, mode="r")[0], float)[:width]
@@ -32,14 +32,14 @@ def triangle(part: Array, *others: Array) -> Array:
 
 
 def scaled_triangle(stacked: Array) -> tuple[Array, Array]:
-    """R factor of the matrix with its columns brought to unit length, and their lengths (1 for an empty column)."""
+    """R factor of a matrix with its columns scaled to unit length, and their lengths (1 for an empty column)."""
     lengths = np.linalg.norm(stacked, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     return triangle(stacked / lengths), lengths
 
 
 def narrow_triangle(stacked: Array) -> Array:
-    """The R factor, only its active columns factorised: columns without any entry stay empty at no cost."""
+    """R factor computed from the columns with any entry only; the others are zero in it."""
     active = np.flatnonzero(np.any(stacked != 0.0, axis=0))
     out = np.zeros((len(active), stacked.shape[1]))
     out[:, active] = triangle(stacked[:, active])
@@ -49,12 +49,12 @@ def narrow_triangle(stacked: Array) -> Array:
 Weights = Mapping[Row, float]
 """σ of each row [N or N·m]."""
 _APART = 1e5
-"""Rows of nearly exact data have σ farther apart than this: too far for normal equations."""
+"""Ratio of the rows' largest to smallest σ above which normal equations are too inexact [ratio]."""
 
 
 @dataclass
 class RunEquations:
-    """The equations of one run.
+    """Equations of one run, as an R factor for each row.
 
     Columns are the run's z zeros, the p parameters, the right side.
 
@@ -72,7 +72,7 @@ class RunEquations:
     _squares: dict[Row, Array] = field(default_factory=dict[Row, Array], repr=False)
 
     def add(self, row: Row, block: Array, right: Array, root_weight: Array | None = None) -> None:
-        """Add samples of a row: (n, z + p) columns, (n,) right side, and the roots of their weights."""
+        """Add samples of a row: (n, z + p) columns, (n,) right side, and the square roots of their weights (n,)."""
         stacked = np.column_stack([block, right])
         if root_weight is not None:
             stacked = stacked * root_weight[:, None]
@@ -83,7 +83,7 @@ class RunEquations:
         self._squares.pop(row, None)
 
     def reduced(self, sigma: Weights) -> tuple[Array, Array]:
-        """Eliminate the zeros.
+        """Equations with the zeros eliminated, weighted by `sigma`.
 
         Returns (z, z + p + 1), the equations that give the zeros from the parameters, and (p + 1, p + 1), the R factor
         of the remaining equations in the parameters and the right side.
@@ -96,7 +96,7 @@ class RunEquations:
         return R[:z] * lengths, R[z:, z:] * lengths[z:]
 
     def normal(self, sigma: Weights) -> Array:
-        """(z + p + 1, z + p + 1) normal matrix with the zeros' priors: three digits less than the factor, and quick."""
+        """(z + p + 1, z + p + 1) normal matrix with the zeros' priors: quicker than the R factor, with fewer digits."""
         for row, R in self.triangles.items():
             if row not in self._squares:
                 self._squares[row] = R.T @ R
@@ -125,13 +125,13 @@ class RunEquations:
         return both[:, :-1], both[:, -1]
 
     def squares(self, x: Array, zeros: Array) -> dict[Row, float]:
-        """Row → sum of the squares that parameters and zeros leave."""
+        """Row → sum of squares of the residual at these parameters and zeros."""
         both = np.concatenate([zeros, x, [-1.0]])
         return {row: float(np.sum((R @ both) ** 2)) for row, R in self.triangles.items()}
 
     @classmethod
     def merged(cls, parts: Sequence[RunEquations]) -> RunEquations:
-        """Equations of several runs without zeros as those of one."""
+        """Equations of several runs without zeros, merged into those of one run."""
         rows = dict.fromkeys(row for part in parts for row in part.triangles)
         return cls(
             (),
@@ -142,7 +142,7 @@ class RunEquations:
 
 
 def merged_squares(parts: Sequence[Mapping[Row, float]]) -> dict[Row, float]:
-    """Numbers by row, added up."""
+    """Sums of squares of several runs: row → sum over them."""
     return {
         row: sum(part[row] for part in parts if row in part)
         for row in dict.fromkeys(row for part in parts for row in part)
@@ -150,17 +150,17 @@ def merged_squares(parts: Sequence[Mapping[Row, float]]) -> dict[Row, float]:
 
 
 def added(parts: Sequence[Array]) -> Array:
-    """Arrays of one shape, added up in their order."""
+    """Sum of arrays of one shape, in their order."""
     return reduce(np.add, parts)
 
 
 class WeightedEquations(ABC):
-    """The equations of runs in common parameters, each run's zeros eliminated: known by their sums at given weights.
+    """Equations of runs in common parameters, each run's zeros eliminated, as sums at given weights.
 
     Attributes
     ----------
-    known : (k, p) what is known beforehand, as equations with σ = 1 and right side 0.
-    rows : the rows any run has.
+    known : (k, p) prior information as equations with σ = 1 and right side 0.
+    rows : the rows of any of the runs.
     """
 
     known: Array
@@ -176,7 +176,7 @@ class WeightedEquations(ABC):
 
     @abstractmethod
     def reduced_normal(self, sigma: Weights) -> Array:
-        """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
+        """(p + 1, p + 1) normal matrix of these equations: quicker, fewer digits; NaN where a run's is singular."""
 
     @abstractmethod
     def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[Row, float]:
@@ -189,13 +189,13 @@ class WeightedEquations(ABC):
         return self.known.shape[1]
 
     def solve(self, sigma: Weights) -> Array:
-        """(p,) parameters for fixed weights."""
+        """(p,) least-squares estimate of the parameters with these weights."""
         R, lengths = scaled_triangle(self.root(sigma))
         p = self.p
         return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
 
     def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[Row, float]]:
-        """Parameters and the rows' σ from their own residuals, to a fixed point; σ is kept above `least`."""
+        """Estimate (p,) and the rows' σ, iterated until σ is the RMS of the residuals; σ is at least `least`."""
         sigma, counts = dict(start), self.sample_counts()
         for _ in range(50):
             x = self._solve_normal(sigma)
@@ -210,7 +210,7 @@ class WeightedEquations(ABC):
         return self.solve(sigma), sigma
 
     def _solve_normal(self, sigma: Weights) -> Array:
-        """Quick, by normal equations: good enough to iterate the weights, which need three digits; or NaN."""
+        """(p,) estimate by normal equations, for the iteration of weights, which need three digits; NaN if singular."""
         nothing = np.full(self.p, np.nan)
         if max(sigma.values()) > _APART * min(sigma.values()):
             return nothing
@@ -224,13 +224,13 @@ class WeightedEquations(ABC):
 
 @dataclass(frozen=True)
 class Equations(WeightedEquations):
-    """The equations of several runs in common parameters.
+    """Equations of several runs in common parameters.
 
     Attributes
     ----------
     runs : each run's equations.
-    known : (k, p) what is known beforehand, as equations with σ = 1 and right side 0.
-    rows : the rows any run has.
+    known : (k, p) prior information as equations with σ = 1 and right side 0.
+    rows : the rows of any of the runs.
     """
 
     runs: Sequence[RunEquations]
@@ -246,7 +246,7 @@ class Equations(WeightedEquations):
         return merged([known_root(self.known), *(run.reduced(sigma)[1] for run in self.runs)], merged_triangles)
 
     def reduced_normal(self, sigma: Weights) -> Array:
-        """(p + 1, p + 1) normal matrix of the same: quick, with fewer digits; NaN where a run's is singular."""
+        """(p + 1, p + 1) normal matrix of these equations: quicker, fewer digits; NaN where a run's is singular."""
         return merged([known_normal(self.known), *(run.reduced_normal(sigma)[0] for run in self.runs)], added)
 
     def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[Row, float]:
@@ -266,18 +266,18 @@ def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict
 
 
 def known_root(known: Array) -> Array:
-    """(k, p + 1) what is known beforehand, with its right side."""
+    """(k, p + 1) prior information as equations, with their right side 0."""
     return np.column_stack([known, np.zeros(len(known))])
 
 
 def known_normal(known: Array) -> Array:
-    """(p + 1, p + 1) normal matrix of the same."""
+    """(p + 1, p + 1) normal matrix of the prior information, with its right side 0."""
     whole = known_root(known)
     return whole.T @ whole
 
 
 def merged_triangles(parts: Sequence[Array]) -> Array:
-    """The R factor of several, as equations of their own."""
+    """R factor of several R factors, taken as equations."""
     return triangle(*parts)
 
 

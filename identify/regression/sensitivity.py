@@ -25,22 +25,22 @@ from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 Perturbation = Mapping[str, Array]
-"""Change of channels, (k, N) by name; derivatives are formed from it where the equations use them."""
+"""Change of channels: name → (k, N). Their derivatives are computed from it."""
 
 Input = tuple[str, int, int]
-"""A channel, its component, and the order of the derivative of it that is meant."""
+"""Input of the equations: a channel, its component, and the order of its time derivative (0, 1 or 2)."""
 
 _PARTS = ("value", "rate", "accel")
 _COPIES = 17
-"""Most changed copies that go through at once: what one corner's instruments have as inputs."""
+"""Largest number of perturbed copies of a run computed at once: the inputs from one corner's instruments."""
 _SAMPLES = 16_000
-"""Samples of all copies that go through at once: a long run has fewer copies, or memory would grow with its length."""
+"""Largest number of samples of the copies computed at once: it limits the memory for long runs."""
 _COARSE = 0.04
-"""Spacing of the instants at which derivatives are taken [s]: below half a period of the fit's cut-off."""
+"""Spacing of the instants at which derivatives are computed [s]: below half a period of the fit's cut-off."""
 
 
 def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[Row, Array]:
-    """Y − W θ at full rate, row → (N,), by each effect's own force law."""
+    """Residual Y − W θ at full rate, row → (N,) [N or N·m], from the effects' force laws."""
     out: dict[Row, Array] = {row: motion.measured(row).copy() for row in motion.rows}
     for effect, place in with_places(effects):
         for text, force in effect.force(motion, values[place]).items():
@@ -50,18 +50,18 @@ def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -
 
 
 SlopesByInput = Mapping[Input, Mapping[Row, Array]]
-"""Derivative of the residual by each input: input → row → its values."""
+"""Derivatives of the residual: input → row → values."""
 
 
 @dataclass(frozen=True)
 class CombSlopes:
-    """Derivatives of the residual by channels at the instants of a comb, interpolated in between.
+    """Derivatives of the residual by its inputs at evenly spaced instants, interpolated in between.
 
     Attributes
     ----------
-    t : (N,) every sample's time [s].
-    comb : indices of the samples at which the derivatives were taken.
-    coarse : values there, or a scalar where a derivative is constant.
+    t : (N,) time of each sample [s].
+    comb : indices of the samples at which the derivatives were computed.
+    coarse : input → row → values at those samples, or a scalar where a derivative is constant.
     """
 
     t: Array
@@ -70,7 +70,7 @@ class CombSlopes:
 
     @cached_property
     def every(self) -> SlopesByInput:
-        """As `coarse`, at every sample (N,)."""
+        """Input → row → (N,) interpolated values at every sample, or a scalar where a derivative is constant."""
         at = self.t[self.comb]
         return {
             key: {row: slope if slope.ndim == 0 else np.interp(self.t, at, slope) for row, slope in rows.items()}
@@ -80,12 +80,12 @@ class CombSlopes:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Derivatives of a run's residual by its channels.
+    """Derivatives of a run's residual by its channels, and responses of the residual computed with them.
 
     Attributes
     ----------
-    recording : the run, whose noise and faults are looked at.
-    taken : the derivatives, those of this recording or of another of the same motion.
+    recording : the run, to whose channels changes are applied.
+    taken : the derivatives, computed on this recording or on another of the same motion.
     """
 
     recording: Recording
@@ -98,12 +98,12 @@ class Sensitivity:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Channels that any row answers to."""
+        """Channels that any row depends on."""
         return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
 
     @classmethod
     def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
-        """Take the derivatives at parameter values θ."""
+        """The sensitivity of a run at parameter values θ, by finite differences."""
         every = max(1, round(_COARSE * recording.filters.rate))
         comb = np.arange(0, recording.t.size, every)
         coarse = recording.at(comb)
@@ -128,11 +128,11 @@ class Sensitivity:
         return cls(recording, CombSlopes(recording.t, comb, found))
 
     def on(self, recording: Recording) -> Sensitivity:
-        """The same slopes on the same run with other noise."""
+        """These derivatives with another recording of the same motion."""
         return replace(self, recording=recording)
 
-    def anew(self) -> Sensitivity:
-        """The same, its slopes known at the comb alone until they are asked for: those at every sample are large."""
+    def uncached(self) -> Sensitivity:
+        """The sensitivity without the cached interpolation to every sample, which needs much memory."""
         return replace(self, taken=replace(self.taken))
 
     def response(self, perturbation: Perturbation) -> dict[Row, Array]:
@@ -170,8 +170,8 @@ class Sensitivity:
 def _enters(effect: PhysicalEffect) -> bool:
     """Whether an effect's response to the channels is part of the sensitivities.
 
-    What has a memory cannot be had on a comb; its part of the slopes is left out: it is
-    an addition to a spring, a damper or an inertia that is in them.
+    The derivatives of an effect with memory cannot be computed at separate instants and are left out: such an effect
+    is a small addition to a spring, a damper or an inertia, whose derivatives are included.
     """
     return effect.instantaneous
 
@@ -185,7 +185,7 @@ def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
 
 
 def _inputs(signals: Signals) -> list[Input]:
-    """Every component of every channel and of its derivatives."""
+    """All inputs of a run: every component of every channel and of its derivatives."""
     return [
         (channel, k, order)
         for order, part in enumerate(_PARTS)
@@ -195,7 +195,7 @@ def _inputs(signals: Signals) -> list[Input]:
 
 
 def _groups(signals: Signals, most: int) -> list[tuple[str, list[Input]]]:
-    """Inputs of one pass, at most `most`, with the corner that alone they move, or "" for those that move more."""
+    """Groups of at most `most` inputs, each with the corner whose motion alone depends on them, or "" for none."""
     by_corner: dict[str, list[Input]] = {}
     for one in _inputs(signals):
         channel = CHANNELS[one[0]]
@@ -210,12 +210,12 @@ def _groups(signals: Signals, most: int) -> list[tuple[str, list[Input]]]:
 
 
 def _copies(recording: Recording, count: int) -> Recording:
-    """As many copies of a recording end to end."""
+    """A recording of `count` copies of another, end to end."""
     return recording.at(np.tile(np.arange(recording.t.size), count))
 
 
 def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) -> Recording:
-    """Each copy with its own input moved by a step."""
+    """The copies of a recording, in each of which one input of the group is changed by its step."""
     n = copies.t.size // len(group)
     parts = {part: dict[str, Array](getattr(copies.signals, part)) for part in _PARTS}
     for part, channel in {(_PARTS[order], channel) for channel, _, order in group}:
@@ -226,7 +226,7 @@ def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) 
 
 
 def _slopes(before: Mapping[Row, Array], after: Mapping[Row, Array], step: float) -> dict[Row, Array]:
-    """Differences of residuals as slopes; rows without any are left out, constant ones are scalars."""
+    """Row → slope of the residual, a scalar where it is constant; rows that do not change are left out."""
     out: dict[Row, Array] = {}
     for row, base in before.items():
         slope = (after[row] - base) / step

@@ -1,7 +1,7 @@
 """Sensor zeros: constant offsets of the instruments in each run, known only to the sensor sheet's tolerance.
 
-They are parameters of a run with the sheet's σ as prior: free zeros would swallow drag and cross-talk, none at all
-would turn a laser's half millimetre into a hundred newtons of tyre load.
+They are parameters of a run with the sheet's σ as prior: zeros without a prior would absorb drag and cross-talk;
+without zeros half a millimetre of a laser would appear as a hundred newtons of tyre load.
 """
 
 from __future__ import annotations
@@ -19,10 +19,13 @@ from lacet.identify.regression.sensitivity import Sensitivity
 
 @dataclass(frozen=True)
 class Zeros:
-    """Zeros of one run.
+    """Sensor zeros of one run.
 
-    `names` are ``channel.component`` (or the channel), `sigma` (z,) their prior 1 σ, `columns` row → (n, z) the change
-    of Y − W θ per unit, after the parallel filter, at the kept samples.
+    Attributes
+    ----------
+    names : ``channel.component``, or the channel where it has one component.
+    sigma : (z,) 1 σ of their priors.
+    columns : row → (n, z) change of Y − W θ per unit of each zero, after the parallel filter, at the kept samples.
     """
 
     names: tuple[str, ...]
@@ -31,7 +34,7 @@ class Zeros:
 
 
 def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) -> Zeros:
-    """The zeros of a run that its rows can see; or those of `every` channel, alike for all pieces of a run."""
+    """Zeros of the channels that a run's rows depend on; with `every` those of all channels, for pieces of a run."""
     names: list[str] = []
     sigma: list[float] = []
     series: list[dict[Row, Array]] = []

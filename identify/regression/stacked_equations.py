@@ -1,4 +1,4 @@
-"""The weighted equations of a fit, all columns side by side: parameters kept, sensor faults, every run's zeros."""
+"""Weighted equations of a fit as full columns: of the parameters kept, the sensor faults and every run's zeros."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from lacet.identify.regression.wls import Fit
 
 
 class Columns:
-    """The equations a fit solved as full columns, for estimates that start from it.
+    """Equations of a fit as full columns, for other estimates that start from its solution.
 
     Attributes
     ----------
     fitted : the fit.
     kept : number of the model's parameters among the columns (those of sensor faults included); zeros follow.
-    start : (q,) the fit's solution. Sensor faults are removed from its drives: what remains of them is a step from 0.
-    known : (k, q) what is known beforehand, as equations with σ = 1 and right side 0: plausible sizes, twins, fault
-        bounds, the zeros' tolerances.
+    start : (q,) the fit's solution. Its sensor faults are removed from the runs: their remaining sizes start at 0.
+    known : (k, q) prior information as equations with σ = 1 and right side 0: plausible sizes, left and right parts
+        equal, fault bounds, the zeros' tolerances.
     """
 
     def __init__(self, fitted: Fit):
@@ -34,18 +34,18 @@ class Columns:
         self.kept = len(self._keep) + faults
         values = [part for _, _, part in fitted.zeros]
         self.start = np.concatenate([fitted.theta[self._keep], np.zeros(faults), *values])
-        self._zeros = [self._of(d) for d in range(len(fitted.zeros))]
+        self._zeros = [self._zeros_of(d) for d in range(len(fitted.zeros))]
         tolerances = np.concatenate([np.zeros(0), *(sigma for _, sigma, _ in fitted.zeros)])
         self.known = np.asarray(scipy.linalg.block_diag(fitted.equations.known, np.diag(1.0 / tolerances)), float)
 
-    def _of(self, d: int) -> Zeros:
-        """The zeros of a run as the fit has them: those its rows see, or every channel's where it came in pieces."""
+    def _zeros_of(self, d: int) -> Zeros:
+        """Zeros of run `d` as the fit has them: of the channels its rows depend on, or of all where it is in pieces."""
         run, sensitivity = self.fitted.runs[d], self.fitted.sensitivities[d]
         found = zeros_of(run, sensitivity)
         return found if found.names == self.fitted.zeros[d][0] else zeros_of(run, sensitivity, every=True)
 
     def columns(self, d: int, row: Row, drive: PreparedRun) -> Array:
-        """(n, q) weighted columns of a row of run `d`, the parameters' as `drive` has them."""
+        """(n, q) weighted columns of a row of run `d`; columns of parameters are computed on `drive`."""
         fitted = self.fitted
         W = drive.matrix(fitted.model.physics, row)[:, self._keep]
         parts = [W]

@@ -15,11 +15,11 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.time_base import late
 
 SheetEntry = tuple[str, str, int]
-"""``gain`` or ``latency``, channel, component; a sensor's latency goes by its first channel."""
+"""Entry of the sensor sheet: ``gain`` or ``latency``, channel, component; a sensor's latency has its first channel."""
 
 
 def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[str, ...]]:
-    """Every gain and latency of the sheet that these channels have, and the channels each is in."""
+    """Gains and latencies of the sheet for these channels: entry → the channels that it applies to."""
     out: dict[SheetEntry, tuple[str, ...]] = {}
     first: dict[str, str] = {}
     for channel in channels:
@@ -33,7 +33,7 @@ def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[s
 
 
 def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
-    """Change of Y − W θ for one tolerance of each entry, after the parallel filter: entry → row → (n,)."""
+    """Responses of a run to the sensor sheet: entry → row → (n,) change of Y − W θ for one tolerance, filtered."""
     recording = run.recording
     values, rig = recording.signals.value, recording.rig
     entries = sheet_entries(rig, sensitivity.channels)

@@ -23,7 +23,7 @@ from lacet.identify.regression.tolerances import SheetEntry
 def clustered_scores(
     rows: Mapping[Row, tuple[Array, Array, float]], instants: Mapping[Row, NDArray[np.intp]], count: int
 ) -> Array:
-    """Scores g_t = Σ_rows W_tᵀ r_t / σ², (count, p): rows of one instant are added before anything is squared.
+    """Scores of the instants, g_t = Σ_rows W_tᵀ r_t / σ², (count, p): the sum over the rows of each instant.
 
     Parameters
     ----------
@@ -55,12 +55,12 @@ def hac(scores: Array) -> Array:
 
 @dataclass(frozen=True)
 class Spread:
-    """What the residuals at an estimate say about it, over some runs.
+    """Contributions of runs to the covariance of an estimate.
 
     Attributes
     ----------
     scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay).
-    sheet : gain or latency → (p,) what one tolerance of it adds to the normal equations' right side.
+    sheet : gain or latency → (p,) change of the normal equations' right side by one tolerance of it.
     """
 
     scores: Array
@@ -68,7 +68,7 @@ class Spread:
 
     @classmethod
     def merged(cls, parts: Sequence[Spread]) -> Spread:
-        """That of several runs together."""
+        """The spread of several runs together: the sum of theirs."""
         entries = dict.fromkeys(entry for part in parts for entry in part.sheet)
         sheet = {entry: added([part.sheet[entry] for part in parts if entry in part.sheet]) for entry in entries}
         return cls(added([part.scores for part in parts]), sheet)
@@ -77,11 +77,10 @@ class Spread:
 def spread_of(
     assembly: Assembly, equations: Equations, x: Array, zeros: Sequence[Array], sigma: Mapping[Row, float], sheet: bool
 ) -> tuple[Spread, tuple[Mapping[Row, Array], ...]]:
-    """Go through the runs once more, at the estimate `x` with each run's zeros.
+    """Spread of all runs at the estimate `x` and the runs' zeros, and for each run the residual row → (n,).
 
-    Returns the spread, without that of what is known beforehand, and for each run row → (n,) Y − W x − zeros.
-
-    `sheet` : also find what the sensor sheet's gains and latencies do (needs the assembly's sensitivities).
+    The residual is Y − W x − zeros. The prior information does not contribute to this spread. `sheet` : with the
+    responses to the sensor sheet's gains and latencies, for which the assembly must have sensitivities.
     """
     residual: list[Mapping[Row, Array]] = []
 
@@ -124,7 +123,7 @@ def _run_spread(
 
 
 def at_least(covariance: Array, other: Array) -> Array:
-    """A covariance (p, p) with every σ at least that of another, correlations as they are.
+    """Covariance (p, p) with each σ raised to that of another covariance where it is smaller; correlations are kept.
 
     Least squares makes the sum of the scores zero, so that HAC sees too little of what is slow, such as a static load:
     of the two σ the larger one holds the truth as often as it says (docs/benchmarks/coverage.md).
@@ -134,7 +133,7 @@ def at_least(covariance: Array, other: Array) -> Array:
 
 
 def effective(piece: Piece, row: Row, gain: Array) -> Array:
-    """(n, p) columns of a row as the parameters' equations see them: weighted, the run's zeros following along."""
+    """(n, p) columns of a row with the run's zeros eliminated by their `gain`, times the samples' weights."""
     block, z = piece.blocks[row], gain.shape[0]
     out = block[:, z:] - block[:, :z] @ gain if z else block
     return out if piece.weights is None else out * piece.weights[row][:, None] ** 2
@@ -156,10 +155,10 @@ _MOST_UNITS = 400
 def block_bootstrap(
     assembly: Assembly, equations: Equations, sigma: Mapping[Row, float], draws: int = 499, seed: int = 0
 ) -> Array:
-    """Estimates (draws, p) from runs put together anew of their own blocks (moving blocks, Künsch 1989).
+    """Bootstrap estimates (draws, p) from runs resampled in moving blocks (Künsch 1989).
 
-    Blocks are about 2 s, longer when the runs are long; what is known beforehand is drawn anew as well. Weights stay.
-    NaN for data so nearly exact that the normal equations are lost in rounding.
+    Blocks are about 2 s, longer for long runs; the right sides of the priors are drawn as well, the weights are kept.
+    NaN for nearly exact data, where rounding makes the normal equations singular.
     """
     rng = np.random.default_rng([seed, 1989])
     units = _units(assembly, equations, sigma)
@@ -190,7 +189,7 @@ def block_bootstrap(
 
 
 def _units(assembly: Assembly, equations: Equations, sigma: Mapping[Row, float]) -> list[Array]:
-    """For each run (units, k, k): weighted normal matrices of ``[zeros | parameters | right side]`` of its units."""
+    """For each run (units, k, k) weighted normal matrices of its units, of ``[zeros | parameters | right side]``."""
     steps = [drive.recording.filters.step / drive.recording.filters.rate for drive in assembly.runs]
     seconds = sum(_comb(drive) * step for drive, step in zip(assembly.runs, steps, strict=True))
     unit = max(SUB_BLOCK, seconds / _MOST_UNITS)

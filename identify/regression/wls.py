@@ -1,4 +1,4 @@
-"""Weighted least squares over several runs, with weights by row to a fixed point and sensor zeros as priors."""
+"""Weighted least squares over several runs: row weights iterated to a fixed point, sensor zeros with priors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
-from lacet.identify.regression.assembly import Assembly, Known
+from lacet.identify.regression.assembly import Assembly, MotionResponses
 from lacet.identify.regression.corrected_scores import NoiseMoments
 from lacet.identify.regression.gauss_newton import StepRule
 from lacet.identify.regression.huber import BadSecond, bad_seconds
@@ -37,12 +37,12 @@ from lacet.identify.regression.uncertainty import block_bootstrap, spread_of
 
 @dataclass(frozen=True)
 class Stored:
-    """Results that fits to the same motions share, so that they are computed once.
+    """Intermediate results of a fit that fits to the same motions with other noise share.
 
-    `known` of the runs; `moments` of the noise in the regressors.
+    `responses` of the residual to channels and sensor sheet; `moments` of the noise in the regressors.
     """
 
-    known: Known
+    responses: MotionResponses
     moments: NoiseMoments
 
 
@@ -55,7 +55,7 @@ class Fit(FittedModel):
     runs : the runs used, sensor faults of the model removed.
     residual : for each run, row → (n,) Y − W θ − zeros, after filter and decimation.
     zeros : for each run, names, priors (1 σ) and values of its sensor zeros.
-    assembly, equations : what it was made from, to go through the samples again.
+    assembly, equations : the equations of the runs, by sample and as R factors.
     """
 
     runs: tuple[PreparedRun, ...]
@@ -66,23 +66,23 @@ class Fit(FittedModel):
 
     @cached_property
     def sensitivities(self) -> tuple[Sensitivity, ...]:
-        """For each run, how its residual answers to its channels."""
+        """For each run, the derivatives of its residual by its channels."""
         return self.assembly.sensitivities()
 
     @property
     def stored(self) -> Stored:
-        """What further campaigns on the same motions need not compute again."""
-        return Stored(self.assembly.as_known(), self.moments)
+        """Intermediate results for fits to the same motions with other noise."""
+        return Stored(self.assembly.motion_responses(), self.moments)
 
     def bootstrap(self, draws: int = 499, seed: int = 0) -> Array:
-        """(draws, p) values of `theta` from runs put together anew of their own blocks (moving blocks of about 2 s)."""
+        """(draws, p) bootstrap values of `theta`, from runs resampled in moving blocks of about 2 s."""
         out = np.zeros((draws, len(self.theta)))
         drawn = block_bootstrap(self.assembly, self.equations, self.sigma, draws, seed)
         out[:, self.place] = drawn + self.correction[self.place]
         return out
 
     def bad_seconds(self) -> list[BadSecond]:
-        """What a robust fit counted less, worst first."""
+        """Intervals with reduced weight in a robust fit, smallest weight first."""
         return bad_seconds(self.assembly, [run.name for run in self.runs])
 
     @property
@@ -96,7 +96,7 @@ class Fit(FittedModel):
 
     @property
     def rows(self) -> tuple[Row, ...]:
-        """Rows that any run has, in the order of reports."""
+        """Rows of any of the runs, in the order of reports."""
         return tuple(row for row in ROWS if row in self.sigma)
 
     def __repr__(self) -> str:
@@ -105,7 +105,7 @@ class Fit(FittedModel):
 
     @property
     def sheet_entries(self) -> tuple[SheetEntry, ...]:
-        """Gains and latencies of the sensor sheet that the rows depend on, those apart that the model has as faults."""
+        """Gains and latencies of the sensor sheet that the rows depend on, without those in the model as faults."""
         ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in self.model.faults))
         found: dict[SheetEntry, None] = {}
         for run, drive in enumerate(self.runs):
@@ -115,7 +115,7 @@ class Fit(FittedModel):
         return tuple(entry for entry in found if entry[:2] not in ours)
 
     def entry_name(self, entry: SheetEntry) -> str:
-        """Name of an entry of the sensor sheet for people: a latency goes by its sensor, a gain by its column."""
+        """Name of an entry of the sensor sheet, ``latency of <sensor>`` or ``gain of <channel.component>``."""
         what, channel, component = entry
         if what != "latency":
             return f"{what} of {CHANNELS[channel].columns[component]}"
@@ -123,18 +123,18 @@ class Fit(FittedModel):
         return f"latency of {sensor.name if sensor else channel}"
 
     def orthonormaliser(self, sigma: Mapping[Row, float]) -> Array:
-        """(q, q) T: the columns W, weighted by `sigma`, every run's zeros eliminated, are nearly orthonormal as W T."""
+        """(q, q) matrix T for which W T has nearly orthonormal columns, W weighted by `sigma`, zeros eliminated."""
         root = self.equations.root({row: sigma.get(row, own) for row, own in self.sigma.items()})
         p = len(self.place)
         R, lengths = scaled_triangle(root[:, :p])
         return np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float) / lengths[:, None]
 
     def with_effect(self, effect: Effect) -> Fit:
-        """The model with one more effect, fitted in the same way to the same runs (`extended`)."""
+        """Fit of the model with one more effect to the same runs, with the same options (`extended`)."""
         return extended(self, effect)
 
     def without_latencies(self, latencies: Mapping[SheetEntry, float]) -> Fit:
-        """The same model on the runs without these latencies [s]; sensitivities are this fit's where they are kept."""
+        """Fit of the model to the runs with these latencies [s] removed; it shares the sensitivities of this fit."""
         rig = self.runs[0].recording.rig
         faults = [
             SensorLatency.of_sensor(sensor)
@@ -151,7 +151,7 @@ class Fit(FittedModel):
         return refitted(self, drives, stored)
 
     def refitted_to(self, other: Fit) -> Fit:
-        """The same model, fitted in the same way, to the runs of another fit, with their own sensitivities."""
+        """Fit of the model to the runs of another fit, with new sensitivities and the options of this fit."""
         return refitted(self, other.runs)
 
 
@@ -169,18 +169,18 @@ def fit(
     model : what to fit.
     runs : the runs used.
     options : how (default: `FitOptions()`).
-    stored : what is known already from a fit of the same model on the same motions, other noise.
-    progress : receives how many runs are corrected for the bias.
+    stored : intermediate results of a fit of the same model to the same motions with other noise.
+    progress : receives the number of runs corrected for the bias.
 
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
     options = options or FitOptions()
-    prepared = PreparedRuns(model, tuple(runs), options.zeros, stored.known if stored else None, options.seeds)
+    prepared = PreparedRuns(model, tuple(runs), options.zeros, stored.responses if stored else None, options.seeds)
     return _of(model, options, solve_runs(model, prepared, options, stored.moments if stored else None, progress))
 
 
 def _of(model: Model, options: FitOptions, found: LinearSolution[PreparedEquations]) -> Fit:
-    """The fit that a solution gives, the runs gone through once more."""
+    """The fit of a solution, with the residuals computed at it."""
     assembly, equations = found.runs.assembly, found.runs.equations
     zeros = equations.zeros(found.x, found.sigma)
     spread, residual = spread_of(assembly, equations, found.x, zeros, found.sigma, sheet=assembly.at is not None)
@@ -203,25 +203,25 @@ def corrected_run(run: PreparedRun, fitted: Fit) -> PreparedRun:
 
 
 def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = None) -> Fit:
-    """The same model, in the same way, on the same runs with channels moved; `stored` as in `fit`.
+    """Fit of a fitted model to runs with changed channels, with the fit's options; `stored` as in `fit`.
 
-    Sizes of the model's sensor faults are those that remain.
+    Sizes of the model's sensor faults are those that remain in these runs.
     """
     options = _weights_free(fitted)
-    known, moments = (stored.known, stored.moments) if stored else (None, None)
-    prepared = PreparedRuns(fitted.model, tuple(runs), options.zeros, known, options.seeds)
+    responses, moments = (stored.responses, stored.moments) if stored else (None, None)
+    prepared = PreparedRuns(fitted.model, tuple(runs), options.zeros, responses, options.seeds)
     found = solve_linear(fitted.model, prepared, options, moments, near=fitted.physics)
     return _of(fitted.model, options, found)
 
 
 def extended(fitted: Fit, effect: Effect) -> Fit:
-    """The model with one more effect, fitted in the same way to the same runs.
+    """Fit of a fitted model with one more effect to the same runs, with the fit's options.
 
-    Sizes of the sensor faults that the model has already are those that remain.
+    Sizes of the model's sensor faults are those that remain in these runs, from which they were removed.
     """
     return fit(fitted.model + effect, fitted.runs, _weights_free(fitted))
 
 
 def _weights_free(fitted: Fit) -> FitOptions:
-    """The options of a fit, rows weighted anew by their residuals."""
+    """The options of a fit, with the rows' weights from their residuals."""
     return replace(fitted.options, weights=None)

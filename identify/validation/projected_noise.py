@@ -36,7 +36,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
             own = {row: part[row][:, start[row] : end] for row, end in stop.items()}
             start |= stop
             noise[run].append(_with_tolerances(fitted, piece, own, seed) if sheet else own)
-            pieces[run].append(piece.anew())
+            pieces[run].append(piece.uncached())
     solved: list[tuple[Array, Array, int]] = []
     lower: list[Array] = []
     right: list[Array] = []

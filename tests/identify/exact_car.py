@@ -11,7 +11,7 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
@@ -69,7 +69,7 @@ def later(key: str, seconds: float, seed: int, loud: float = 1.0) -> PreparedRun
     """The drive with one kind of instrument, by its fault's key, stamped that much too late."""
     fault = KNOWN[key]
     assert isinstance(fault, SensorFault)
-    return driven(at_faults(exact(), [fault], np.array([-seconds])), seed, loud)
+    return driven(recording_without_faults(exact(), [fault], np.array([-seconds])), seed, loud)
 
 
 def fit_of(drive: PreparedRun, like: Fit | None = None) -> Fit:

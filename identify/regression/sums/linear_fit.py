@@ -225,7 +225,7 @@ def solve_linear(
         x, sigma = solution(linearised.equations, sigma)
     root = linearised.equations.root(sigma)
     correction, doubt = np.zeros(len(x)), np.zeros((len(x), len(x)))
-    moments = NoiseMoments.none(len(x), options.draws)
+    moments = NoiseMoments.zero(len(x), options.draws)
     if options.unbias:
         moments = known_moments or linearised.noise_moments(sigma, options.draws, progress)
         corrected, doubt = moments.correct(x, root, 1.0 / np.diag(known)[: len(x)])

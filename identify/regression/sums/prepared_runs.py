@@ -12,7 +12,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step
-from lacet.identify.regression.assembly import Assembly, Known
+from lacet.identify.regression.assembly import Assembly, MotionResponses
 from lacet.identify.regression.corrected_scores import NoiseMoments
 from lacet.identify.regression.huber import huber_weights
 from lacet.identify.regression.identifiability import refuse_not_finite
@@ -32,14 +32,14 @@ class PreparedRuns:
     model : whose sums they are.
     runs : the runs.
     zeros : whether each run has its sensor zeros.
-    known : what is known of the runs from a fit of the same motions.
+    shared : responses of the residual from a fit to the same motions; None to compute them.
     seeds : number of each run in the seeds of its noise draws; by default its place.
     """
 
     model: Model
     runs: tuple[PreparedRun, ...]
     zeros: bool = True
-    known: Known | None = None
+    shared: MotionResponses | None = None
     seeds: tuple[int, ...] = ()
 
     def columns(self) -> RunEquations | None:
@@ -58,7 +58,7 @@ class PreparedRuns:
     ) -> PreparedEquations:
         """Equations with sensitivities; parameters as in `RunSums.linearised`."""
         assembly = Assembly(
-            self.model.physics, keep, self.model.faults, self.runs, at, self.zeros, self.known, self.seeds
+            self.model.physics, keep, self.model.faults, self.runs, at, self.zeros, self.shared, self.seeds
         )
         return PreparedEquations(assembly, Equations(accumulate(assembly), known, rows))
 
@@ -86,7 +86,7 @@ class PreparedEquations:
         def each() -> Iterator[NoiseMoments]:
             for number, run in enumerate(self.equations.runs):
                 progress(Step(Stage.NOISE_CORRECTION, number, total))
-                moments, following = NoiseMoments.none(self.equations.p, draws), run.following(sigma)
+                moments, following = NoiseMoments.zero(self.equations.p, draws), run.following(sigma)
                 for piece in self.assembly.pieces_of(number):
                     moments.add(piece, self.assembly.physics, self.assembly.keep, sigma, following)
                 yield moments
@@ -111,10 +111,10 @@ def accumulate(assembly: Assembly) -> list[RunEquations]:
 
 def without_faults(run: PreparedRun, faults: Sequence[SensorFault], values: Array) -> PreparedRun:
     """A run with sensor faults of these sizes removed."""
-    return PreparedRun(at_faults(run.recording, faults, values))
+    return PreparedRun(recording_without_faults(run.recording, faults, values))
 
 
-def at_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:
+def recording_without_faults(recording: Recording, faults: Sequence[SensorFault], values: Array) -> Recording:
     """A recording with sensor faults of these sizes removed."""
     for fault, p in zip(faults, values, strict=True):
         there = [channel for channel in fault.channels() if channel in recording.signals.value]

@@ -9,7 +9,7 @@ import pytest
 
 from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
-from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import FitOptions, extended, fit
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose, screen
@@ -30,7 +30,7 @@ def scaled(record: Recording, by: float) -> Recording:
     """A front hub laser that reads so much too much of its distance."""
     fault = KNOWN[HUB]
     assert isinstance(fault, SensorFault)
-    return at_faults(record, [fault], np.array([1.0 / (1.0 + by) - 1.0]))
+    return recording_without_faults(record, [fault], np.array([1.0 / (1.0 + by) - 1.0]))
 
 
 def diagnosed(record: Recording) -> tuple[Diagnosis, list[str]]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.progress import Progress
-from lacet.identify.regression.sums.prepared_runs import at_faults
+from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
 from lacet.identify.selection.cross_products import Linearisation
@@ -91,7 +91,9 @@ def test_an_effect_is_looked_at_again_where_latencies_may_have_made_it(
     They can make an effect where no row fails: what they leave is spread over all of them.
     """
     said: list[str] = []
-    latencies = at_faults(exact_with(HIDDEN, 0.12 * SIZE), [KNOWN["sensor_latency.imu"]], np.array([-0.0015]))
+    latencies = recording_without_faults(
+        exact_with(HIDDEN, 0.12 * SIZE), [KNOWN["sensor_latency.imu"]], np.array([-0.0015])
+    )
     off = fit_of(driven(latencies, 1), fitted)
     if bent:
         monkeypatch.setattr(ranking, "SELECTION", replace(SELECTION, second_order_share=1e-6))
