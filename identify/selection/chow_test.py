@@ -1,7 +1,8 @@
 """Parameter constancy across runs: a Chow test of one law against simulated runs.
 
-A cause that is in no catalogue may look like a listed law in one run and not in the next. A law's parameters belong to
-the car: the test asks how much more they explain when each run has its own.
+A cause that is in no catalogue may resemble a listed law in one run and not in the next. The parameters of a law are
+properties of the car and equal in all runs: the test compares how much more of the residual they explain when each run
+has its own.
 
 Source: G. C. Chow, Tests of equality between sets of coefficients in two linear regressions, Econometrica 28 (1960).
 """
@@ -26,14 +27,14 @@ from lacet.identify.selection.settings import SELECTION
 
 @dataclass(frozen=True)
 class ParameterConstancy:
-    """One law run by run.
+    """Chow test of one law: its parameters estimated run by run.
 
     Attributes
     ----------
-    values : name of a run → (k,) parameters that it would have by itself, of the runs that show it; `spread` 1 σ of
-        each as if residuals were independent.
+    values : name of a run → (k,) parameters estimated from that run, for the runs that show the law; `spread` 1 σ of
+        each for independent residuals.
     common : fall of the weighted squares with the same parameters in all runs.
-    further : fall beyond it when each run has its own; `null` (D,) the same in simulated runs.
+    further : additional fall with parameters of their own for each run; `null` (D,) that in simulated runs.
     """
 
     values: Mapping[str, Array]
@@ -44,12 +45,12 @@ class ParameterConstancy:
 
     @property
     def p(self) -> float:
-        """Part of simulated runs in which parameters differ as much."""
+        """Probability of such a difference between runs by chance, from simulated runs."""
         return float((1 + np.count_nonzero(self.null >= self.further)) / (1 + self.null.size))
 
     @property
     def farthest_apart(self) -> tuple[int, str, str]:
-        """Place of the parameter that differs most, in its σ, and the two runs in which it does."""
+        """Index of the parameter that differs most between runs, in units of its σ, and names of the two runs."""
         off = {
             (k, a, b): abs(self.values[a][k] - self.values[b][k]) / np.hypot(self.spread[a][k], self.spread[b][k])
             for a, b in itertools.combinations(self.values, 2)
@@ -59,7 +60,7 @@ class ParameterConstancy:
 
     @property
     def rejected(self) -> bool:
-        """Whether it is another law in each run: more than chance, and enough to matter."""
+        """Whether constant parameters are rejected: runs differ by more than chance, and by enough to matter."""
         return (
             self.p <= SELECTION.significance
             and self.further - float(np.mean(self.null)) > SELECTION.inconstant_share * self.common
@@ -67,9 +68,10 @@ class ParameterConstancy:
 
 
 def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:
-    """A candidate run by run, beside all that is known and `others`, all at their shapes; None where one run shows it.
+    """Chow test of a candidate beside model, sensor tolerances and `others`; None where only one run shows it.
 
-    Model, sensor tolerances and the others are the same in all runs; each run's zeros are its own.
+    Parameters of the model, of the sensor tolerances and of the others are the same in all runs; each run has its own
+    sensor zeros. Shape constants are those of the candidates.
     """
     if len(space.fitted.runs) < 2:
         return None
@@ -77,7 +79,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
     kept = np.arange(len(inside.nuisance))
     if (
-        without_tolerance := space.tried[c.key].without_tolerance
+        without_tolerance := space.best_tests[c.key].without_tolerance
     ) is not None:  # a fault is tested without its own tolerance
         kept = np.setdiff1d(kept, without_tolerance.own)
     sheet, drawn = inside.nuisance[kept[model:]], space.columns.drawn[kept[model:] - model]
@@ -101,10 +103,14 @@ def _compared(
     names: Sequence[str], groups: Sequence[Array], right: Sequence[Array], chance: Sequence[Array],
     shown: Sequence[int], mine: slice, known: tuple[NDArray[np.intp], Array, Array],
 ) -> ParameterConstancy:  # fmt: skip
-    """Falls with parameters of the columns at `mine` alike in all `shown` groups of runs, and another in each.
+    """Chow test of the columns at `mine` over the `shown` groups of runs.
 
-    `groups` products (w, w) of all columns, run by run; `right` (w, 1) and `chance` (w, D) those with the residual and
-    with simulated ones; `known` places, normal matrix and right side of the columns that are the same in all runs.
+    Parameters
+    ----------
+    names : of the groups shown.
+    groups : for each group of runs (w, w) products of all columns.
+    right, chance : for each group (w, 1) products with the residual, and (w, D) with simulated ones.
+    known : places, normal matrix and right side of the priors of the columns with common parameters.
     """
     nuisance, prior, prior_side = known
     k, m = mine.stop - mine.start, len(shown)
@@ -134,12 +140,14 @@ def _compared(
 def _groups(
     space: ScoreTests, sums: CrossProducts, noise: Array, mine: slice
 ) -> tuple[list[str], list[Array], list[Array]]:
-    """Names, products (w, w) less the noise in columns, and products (w, D) with simulated noise, run by run.
+    """Groups of runs: names, products (w, w) less the noise in columns, and products (w, D) with simulated noise.
 
-    `noise` is that of all runs: what is not drawn for runs by themselves belongs to the others together.
+    Runs that show the law best are groups by themselves, up to `chow_seconds` of data; all others are one group. The
+    noise in the columns is drawn for each run by itself; that of the last group is `noise` (w, w), of all runs, less
+    those.
     """
     drives = space.fitted.runs
-    found = [_of_run(space, sums, run) for run in range(len(drives))]
+    found = [_run_products(space, sums, run) for run in range(len(drives))]
     budget, single = SELECTION.chow_seconds, list[int]()
     seconds = [float(np.ptp(drive.recording.t)) for drive in drives]
     for run in sorted(range(len(drives)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
@@ -162,13 +170,13 @@ def _groups(
 
 
 def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:
-    """Names of some runs, with their numbers where two of all are called the same."""
+    """Names of the runs with these indices, with a number where several runs have the same name."""
     often = Counter(names)
     return [names[run] if often[names[run]] == 1 else f"{names[run]} ({run + 1})" for run in runs]
 
 
-def _of_run(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
-    """(w, w) products of one run's columns and (w, D) those with its simulated noise, its zeros eliminated."""
+def _run_products(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
+    """(w, w) products of one run's columns, and (w, D) products with its simulated noise, its zeros eliminated."""
     blocks = [block for block in sums.blocks if block.run == run]
     products = RunProducts.of(blocks, blocks[0].zeros.shape[1], sums.layout.width, len(blocks[0].draws))
     noise = np.sum([space.noise_ratio[row] * drawn for row, drawn in products.noise.items()], axis=0)

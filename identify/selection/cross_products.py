@@ -1,13 +1,14 @@
-"""Sums of products of all columns a ranking needs: of the model, the sensor sheet, every candidate, the measured rows.
+"""Cross products of the columns of model, sensor sheet and all candidates, and of the measured rows.
 
-A candidate is judged from sums alone: what the model leaves of it, how far the residual falls, how far it falls in
-parts of the runs that were not fitted to. So one pass over the samples serves every candidate. Each run's zeros are
-eliminated where its sums are made; the model's columns are first made nearly orthonormal, so that sums are safe.
+All tests of a candidate follow from such sums of products: its columns without the part that the model explains, the
+fall of the weighted squares, and that fall in parts of the runs that were not fitted to. So one pass over the samples
+serves every candidate. Each run's zeros are eliminated in its sums; the model's columns are first made nearly
+orthonormal, so that the sums lose few digits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -30,7 +31,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor
 
 @dataclass(frozen=True)
 class Trial:
-    """An effect at one set of shape constants, and the place of its columns."""
+    """Effect with one set of shape constants, and the place of its columns."""
 
     effect: Effect
     place: slice
@@ -43,9 +44,13 @@ class Trial:
 
 @dataclass(frozen=True)
 class Layout:
-    """Order of the columns: the model's, one for a tolerance of each entry of the sheet, the trials', the residual.
+    """Order of the w columns in cross products: model, sensor sheet, trials, residual.
 
-    `model` columns come first; `sheet` and `trials` say what follows them; the right side is the last.
+    Attributes
+    ----------
+    model : number of the model's columns, which come first.
+    sheet : entries of the sensor sheet, one column for a tolerance of each.
+    trials : effects whose columns follow; the residual is the last column.
     """
 
     model: int
@@ -54,22 +59,22 @@ class Layout:
 
     @classmethod
     def of(cls, model: int, sheet: Sequence[SheetEntry], effects: Sequence[Effect]) -> Layout:
-        """Effects at their present shapes side by side, after the columns of model and sheet."""
+        """The layout with trials of these effects at their present shapes."""
         trials = (Trial(effect, place) for effect, place in with_places(effects, start=model + len(sheet)))
         return cls(model, tuple(sheet), tuple(trials))
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Descriptions of the columns of sheet and trials: equal layouts have equal ones."""
+        """Descriptions of the columns of sheet and trials, equal for equal layouts."""
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
 
     def of_keys(self, sizes: Mapping[str, float]) -> Iterator[tuple[slice, float]]:
-        """Place of each trial of an effect by its key, with the size that the key has."""
+        """Place of each trial whose effect is a key of `sizes`, with its size."""
         return ((t.place, sizes[t.effect.key]) for t in self.trials if t.effect.key in sizes)
 
     @property
     def right(self) -> int:
-        """Place of the right side."""
+        """Index of the residual's column."""
         return self.trials[-1].place.stop if self.trials else self.model + len(self.sheet)
 
     @property
@@ -81,7 +86,7 @@ class Layout:
 def sensor_columns(
     fitted: Fit, layout: Layout, piece: Piece, noisy: Piece | None = None
 ) -> dict[Row, list[tuple[slice, Array]]]:
-    """Row → place and (p, n) columns of the sheet's entries and of the sensor faults on a piece, or with more noise."""
+    """Columns of the sheet's entries and sensor faults on a piece, or on `noisy`: row → places and (p, n) columns."""
     out: dict[Row, list[tuple[slice, Array]]] = {row: [] for row in piece.blocks}
     faults = [(t.place, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
     if piece.sensitivity is None or not (faults or layout.sheet):
@@ -107,9 +112,13 @@ def sensor_columns(
 class Block:
     """Weighted samples of one row of one run.
 
-    `zeros` (n, z) columns of its sensor zeros, per σ of their priors; `columns` (n, a) those that are not
-    empty, at places `active` of the layout; `number` (n,) of each sample's block of `block_seconds`, counted over all
-    runs; `draws` (D, n) the row's simulated noise.
+    Attributes
+    ----------
+    run, row : index of the run, and the row.
+    zeros : (n, z) columns of the run's sensor zeros, for 1 σ of their priors.
+    columns : (n, a) the columns that act on the row, at places `active` of the layout.
+    number : (n,) number of each sample's block of `block_seconds`, counted over all runs.
+    draws : (D, n) simulated noise of the row.
     """
 
     run: int
@@ -123,13 +132,13 @@ class Block:
 
 @dataclass(frozen=True)
 class RunProducts:
-    """Sums of products of one run's columns, its z sensor zeros first.
+    """Sums of products of one run's columns, the columns of its z sensor zeros first.
 
     Attributes
     ----------
     zeros : z, the number of its sensor zeros.
-    inside : (folds, z + w, z + w) of the samples inside each fold.
-    noise : row → (z + w, D) with the row's simulated noise.
+    inside : (folds, z + w, z + w) products over the samples inside each fold.
+    noise : row → (z + w, D) products with the row's simulated noise.
     """
 
     zeros: int
@@ -138,7 +147,7 @@ class RunProducts:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], z: int, w: int, draws: int) -> RunProducts:
-        """Of a run's samples."""
+        """Products of a run's samples: of `z` zeros and `w` columns, with `draws` simulated runs."""
         inside = np.zeros((SELECTION.folds, z + w, z + w))
         noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
         for block in blocks:
@@ -152,12 +161,12 @@ class RunProducts:
 
     @cached_property
     def whole(self) -> Array:
-        """(z + w, z + w) of all samples."""
+        """(z + w, z + w) products over all samples."""
         return self.inside.sum(axis=0)
 
     @cached_property
     def eliminated(self) -> tuple[Array, Array]:
-        """(z, w) regression of each column on the zeros, and (w, w) products of what it leaves."""
+        """(z, w) regression of each column on the zeros, and (w, w) products of its remainders."""
         return without_zeros(self.whole, self.zeros)
 
     def fold(self, fold: int) -> tuple[Array, Array]:
@@ -166,42 +175,75 @@ class RunProducts:
         return outside, at_zeros(self.inside[fold], gain)
 
     def remaining(self, products: Array) -> Array:
-        """(w, D) products of what the zeros leave of the columns, from those of all columns (z + w, D)."""
+        """(w, D) products of the columns less their regression on the zeros, from those of all columns (z + w, D)."""
         return products[self.zeros :] - self.eliminated[0].T @ products[: self.zeros]
 
     def with_drawn_zeros(self, drawn: Array) -> Array:
-        """(w, D) products of what the columns leave with zeros (z, D) of simulated runs."""
+        """(w, D) products of the columns, less their regression on the zeros, with simulated zeros (z, D)."""
         z, whole = self.zeros, self.whole
         return whole[z:, :z] @ drawn - self.eliminated[0].T @ (whole[:z, :z] @ drawn)
 
     @property
     def noise_zeros(self) -> Array:
-        """(z, D) zeros that simulated noise gives."""
+        """(z, D) regression of the simulated noise on the zeros."""
         z = self.zeros
         pushed = np.sum([products[:z] for products in self.noise.values()], axis=0)
         return np.asarray(np.linalg.solve(self.whole[:z, :z] + np.eye(z), pushed), float)
 
 
+@dataclass
+class _Sums:
+    """Sums over the runs added so far; attributes as in `CrossProducts`."""
+
+    total: Array
+    train: Array
+    test: Array
+    null: dict[Row, Array]
+    null_sheet: Array
+
+    @classmethod
+    def zero(cls, w: int, rows: Iterable[Row], draws: int) -> _Sums:
+        """The sums over no run, of `w` columns and `draws` simulated runs."""
+        train, test = np.zeros((2, SELECTION.folds, w, w))
+        return cls(np.zeros((w, w)), train, test, {row: np.zeros((w, draws)) for row in rows}, np.zeros((w, draws)))
+
+    def add(self, products: RunProducts) -> None:
+        """Add the products of a run: of all its samples, of its folds, and with its simulated noise."""
+        self.total += products.eliminated[1]
+        for fold in range(SELECTION.folds):
+            outside, inside = products.fold(fold)
+            self.train[fold] += outside
+            self.test[fold] += inside
+        for row, noise in products.noise.items():
+            self.null[row] += products.remaining(noise)
+
+    def add_sheet(self, products: Iterable[Array]) -> None:
+        """Add products (w, D) with errors of the sensors that are drawn for a run."""
+        for part in products:
+            self.null_sheet += part
+
+
 @dataclass(frozen=True)
 class CrossProducts:
-    """Sums of products of the columns of `layout`, every run's zeros eliminated.
+    """Sums of products of the columns of `layout` over all runs, every run's zeros eliminated.
 
     Attributes
     ----------
-    turn : (p, p) matrix from parameters of the model's orthonormal columns to its own.
-    known : (p, p) normal matrix of what is known of the model's parameters beforehand, for the orthonormal columns.
+    layout : order of the w columns.
+    turn : (p, p) matrix T; the model's columns times T are nearly orthonormal and stand in place of them.
+    prior : (p, p) normal matrix of the priors of the model's parameters, for the orthonormal columns.
     blocks : the samples, run by run.
     total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
         zeros found outside.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
-    prior_stiffening : factor by which the zeros' priors are stiffer than the sensor sheet says.
+    prior_stiffening : 1 σ of the sensor sheet ÷ 1 σ of the zeros' priors.
     zero_gains : for each run (z, w) regression of each column on its zeros.
-    noise_zeros : for each run (z, D) the same of its simulated noise.
+    noise_zeros : for each run (z, D) regression of its simulated noise on its zeros.
     """
 
     layout: Layout
     turn: Array
-    known: Array
+    prior: Array
     blocks: tuple[Block, ...]
     total: Array
     train: Array
@@ -217,47 +259,31 @@ class CrossProducts:
         cls, fitted: Fit, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float],
         rng: np.random.Generator,
     ) -> CrossProducts:  # fmt: skip
-        """Go once over the samples.
+        """Cross products of all columns of a fit, from one pass over the samples of its runs.
 
         Parameters
         ----------
         fitted : the model, on its runs.
         floor : weights and simulated noise.
-        prior_stiffening : factor by which the zeros' priors are stiffer than the sensor sheet says.
-        drifts : 1 σ of the sensor faults that are another in each run, by key.
+        prior_stiffening : 1 σ of the sensor sheet ÷ 1 σ of the zeros' priors.
+        drifts : key → 1 σ of the sensor faults whose size is another in each run.
         rng : for simulated zeros and drifts.
         """
-        turn, w, draws = fitted.orthonormaliser(floor.sigma), layout.width, floor.count
-        total, null_sheet = np.zeros((w, w)), np.zeros((w, draws))
-        train, test = np.zeros((2, SELECTION.folds, w, w))
-        null = {row: np.zeros((w, draws)) for row in floor.sigma}
+        turn, draws = fitted.orthonormaliser(floor.sigma), floor.count
+        sums = _Sums.zero(layout.width, floor.sigma, draws)
         blocks: list[Block] = []
         zero_gains: list[Array] = []
         noise_zeros: list[Array] = []
-        first = 0
-        for run in range(len(fitted.runs)):
-            priors = fitted.zeros[run][1] / prior_stiffening
-            mine = list(_blocks(fitted, floor, layout, turn, run, priors, first))
-            first = 1 + max((int(b.number.max()) for b in mine), default=first)
-            products = RunProducts.of(mine, len(priors), w, draws)
-            gain, remainder = products.eliminated
-            total += remainder
-            for fold in range(SELECTION.folds):
-                outside, inside = products.fold(fold)
-                train[fold] += outside
-                test[fold] += inside
-            for row, noise in products.noise.items():
-                null[row] += products.remaining(noise)
-            # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
-            null_sheet += products.with_drawn_zeros(prior_stiffening * rng.standard_normal((len(priors), draws)))
-            for place, drift in layout.of_keys(drifts):
-                null_sheet += remainder[:, place] @ (drift * rng.standard_normal((1, draws)))
-            blocks += mine
-            zero_gains.append(gain)
+        for of_run, z in _blocks_by_run(fitted, floor, layout, turn, prior_stiffening):
+            products = RunProducts.of(of_run, z, layout.width, draws)
+            sums.add(products)
+            sums.add_sheet(_sheet_draws(products, layout, prior_stiffening, drifts, draws, rng))
+            blocks += of_run
+            zero_gains.append(products.eliminated[0])
             noise_zeros.append(products.noise_zeros)
         return cls(
-            layout, turn, _known(fitted, turn), tuple(blocks), total, train, test, null, null_sheet, prior_stiffening,
-            tuple(zero_gains), tuple(noise_zeros),
+            layout, turn, _model_prior(fitted, turn), tuple(blocks), sums.total, sums.train, sums.test, sums.null,
+            sums.null_sheet, prior_stiffening, tuple(zero_gains), tuple(noise_zeros),
         )  # fmt: skip
 
     @property
@@ -266,33 +292,56 @@ class CrossProducts:
         return 1 + max(int(block.number.max()) for block in self.blocks)
 
     def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """(n, k) of each block: columns · coefficients (w, k), less their regression on the run's zeros."""
+        """For each block (n, k) columns · coefficients (w, k), less their regression on the run's zeros."""
         for block in self.blocks:
             nuisance = self.zero_gains[block.run] @ coefficients
             yield block, block.columns @ coefficients[block.active] - block.zeros @ nuisance
 
     def noise_series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """(n, D) of each block: its noise plus columns · coefficients (w, D), less the regression on its zeros."""
+        """For each block (n, D) noise plus columns · coefficients (w, D), less the regression on the run's zeros."""
         for block, moved in self.series(coefficients):
             yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
 
 
-def _known(fitted: Fit, turn: Array) -> Array:
-    """(p, p) normal matrix of what is known of a model's parameters beforehand, for its orthonormal columns.
+def _sheet_draws(
+    products: RunProducts, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], draws: int,
+    rng: np.random.Generator,
+) -> Iterator[Array]:  # fmt: skip
+    """(w, D) products of a run's columns with simulated zeros of its sensors, then with each simulated drift."""
+    # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
+    yield products.with_drawn_zeros(prior_stiffening * rng.standard_normal((products.zeros, draws)))
+    for place, drift in layout.of_keys(drifts):
+        yield products.eliminated[1][:, place] @ (drift * rng.standard_normal((1, draws)))
 
-    Known equations are centred on the fit. One that the fit has left far behind (a late laser moves a wheel's moment by
-    twelve σ) is as wide as that, else a candidate would be praised for leading it back.
+
+def _model_prior(fitted: Fit, turn: Array) -> Array:
+    """(p, p) normal matrix of the priors of a model's parameters, for its orthonormal columns.
+
+    The priors are centred on the fit. Where the fit is many σ away from a prior (a late laser moves a wheel's moment by
+    twelve), the prior is widened to that distance: else a candidate would gain by moving the parameter back.
     """
-    beforehand = fitted.equations.known
-    beyond = np.hypot(1.0, beforehand @ fitted.solution)
-    known = (beforehand / beyond[:, None]) @ turn
-    return known.T @ known
+    equations = fitted.equations.known
+    widening = np.hypot(1.0, equations @ fitted.solution)
+    prior = (equations / widening[:, None]) @ turn
+    return prior.T @ prior
+
+
+def _blocks_by_run(
+    fitted: Fit, floor: NoiseFloor, layout: Layout, turn: Array, prior_stiffening: float
+) -> Iterator[tuple[list[Block], int]]:
+    """For each run its samples and the number of its sensor zeros; blocks are numbered on from run to run."""
+    first = 0
+    for run in range(len(fitted.runs)):
+        priors = fitted.zeros[run][1] / prior_stiffening
+        blocks = list(_blocks(fitted, floor, layout, turn, run, priors, first))
+        first = 1 + max((int(block.number.max()) for block in blocks), default=first)
+        yield blocks, len(priors)
 
 
 def _blocks(
     fitted: Fit, floor: NoiseFloor, layout: Layout, turn: Array, run: int, priors: Array, first: int
 ) -> Iterator[Block]:
-    """One run's samples; `first` is the number of its first block."""
+    """Weighted samples of one run, row by row; `first` is the number of its first block."""
     filters = fitted.runs[run].recording.filters
     seen: dict[Row, int] = {}
 
@@ -317,9 +366,9 @@ def _blocks(
 def columns_of(
     fitted: Fit, layout: Layout, piece: Piece, sigma: Mapping[Row, float], noisy: Piece | None = None
 ) -> Iterator[tuple[Row, tuple[Array, NDArray[np.intp]]]]:
-    """For each row of a piece, weighted columns (n, a), the measured side last, and their places in the layout.
+    """Weighted columns (n, a) of each row of a piece, the measured side last, and their places in the layout.
 
-    `noisy` : the same piece with more noise, whose columns are wanted instead.
+    `noisy` : the piece with simulated noise, from which the columns are computed instead.
     """
     p, keep, run = layout.model, fitted.base.independent, (noisy or piece).prepared
     tried = [(trial.place, one) for trial in layout.trials if (one := trial.effect.as_physics) is not None]
@@ -352,12 +401,12 @@ def at_zeros(normal: Array, gain: Array) -> Array:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """A fit, and the latencies of the runs at which its columns are linearised.
+    """Fit with the latencies at which its columns are linearised.
 
     Attributes
     ----------
     fitted, floor : fit and noise floor.
-    latencies : entry of the sheet → latency that was removed from the runs [s]; empty for runs as recorded.
+    latencies : entry of the sheet → latency removed from the runs [s]; empty for runs as recorded.
     sums : cross products of the columns of model and sensor sheet.
     """
 
@@ -368,18 +417,18 @@ class Linearisation:
 
     @classmethod
     def of(cls, fitted: Fit, floor: NoiseFloor) -> Linearisation:
-        """At the latencies of the rig file: runs as they were recorded."""
+        """Linearisation at the latencies of the rig file: runs as recorded."""
         return cls(fitted, floor, {}, sheet_products(fitted, floor))
 
     @cached_property
     def latency_tolerances(self) -> dict[SheetEntry, float]:
-        """Latencies among the sheet's entries → tolerance [s]."""
+        """Tolerances of latencies: entry of the sheet → [s]."""
         rig = self.fitted.runs[0].recording.rig
         return {e: rig.tolerance(e[1], "latency") for e in self.sums.layout.sheet if e[0] == "latency"}
 
     @cached_property
     def prior_side(self) -> Array:
-        """(model and sheet,) means of the priors, in tolerances: the rig file's latencies, from those removed."""
+        """(model + sheet,) means of the priors in tolerances: latencies of the rig file less those removed."""
         off = [
             -self.latencies[e] / self.latency_tolerances[e] if e in self.latencies else 0.0
             for e in self.sums.layout.sheet
@@ -391,13 +440,13 @@ class Linearisation:
         """Angular frequency of the fit's cut-off [rad/s]."""
         return self.fitted.omega
 
-    def known(self, prior_side: Array) -> tuple[NDArray[np.intp], Array, Array]:
-        """Places of the columns of model and sheet that act; normal matrix and right side of what is known of them."""
+    def nuisance_prior(self, prior_side: Array) -> tuple[NDArray[np.intp], Array, Array]:
+        """Places (a,) of the model's and sheet's columns that act; normal matrix and right side of their priors."""
         sums, layout = self.sums, self.sums.layout
         places = np.arange(layout.right)
         nuisance = places[np.diag(sums.total)[places] > 0.0]
         prior = np.eye(layout.right)
-        prior[: layout.model, : layout.model] = sums.known
+        prior[: layout.model, : layout.model] = sums.prior
         return nuisance, prior[np.ix_(nuisance, nuisance)], prior_side[nuisance]
 
 
@@ -409,14 +458,14 @@ def sheet_products(fitted: Fit, floor: NoiseFloor) -> CrossProducts:
 
 @dataclass(frozen=True)
 class CandidateColumns:
-    """Columns of candidates beside those of model and sensor sheet, as cross products.
+    """Cross products of the columns of candidates, of a model and of the sensor sheet, with the priors.
 
     Attributes
     ----------
     linearisation : the fit and its floor, at the latencies removed from the runs.
     effects : candidates that can be computed on these runs; those of the model are passed over.
     unmeasured : key → what a run lacks for a candidate that cannot be computed.
-    sums : of products of all columns.
+    sums : cross products of all columns.
     sheet : place → name of the columns that stand for the sensor sheet's tolerances; `sigma` one tolerance, in the
         column's own unit.
     nuisance : (a,) places of the columns of model and sheet that act: their parameters are nuisance to every test.
@@ -444,7 +493,7 @@ class CandidateColumns:
         prior_stiffening: float,
         progress: Progress = silent,
     ) -> CandidateColumns:
-        """Go once over the samples; `seed` of simulated zeros and tolerances; priors are stiffened."""
+        """Columns of these candidates; `seed` of simulated zeros and tolerances; priors with σ ÷ `prior_stiffening`."""
         fitted, floor = linearisation.fitted, linearisation.floor
         fresh = [effect for effect in candidates if effect.key not in fitted.model]
         unmeasured = {e.key: lack for e in fresh if (lack := _unmeasured(fitted, e))}
@@ -467,7 +516,7 @@ class CandidateColumns:
                 sheet[trial.place.start], sigma[trial.place.start] = key, bounds[key]
         there = [place for place in sheet if sums.total[place, place] > 0.0]
         one = np.array([sigma[place] for place in there])
-        prior = scipy.linalg.block_diag(sums.known, np.diag((prior_stiffening / one) ** 2))
+        prior = scipy.linalg.block_diag(sums.prior, np.diag((prior_stiffening / one) ** 2))
         nuisance = np.concatenate([np.arange(layout.model), there]).astype(np.intp)
         known = np.zeros(layout.width)
         known[: len(linearisation.prior_side)] = linearisation.prior_side
@@ -477,12 +526,12 @@ class CandidateColumns:
 
 
 def _unmeasured(fitted: Fit, effect: Effect) -> Unmeasured | None:
-    """What the first run lacks that lacks something for an effect."""
+    """Channels that an effect needs and a run lacks, of the first such run; None without any."""
     return next((lack for run in fitted.runs if (lack := run.lacks(effect))), None)
 
 
 def solved(G: Array, sides: Array) -> Array:
-    """G⁻¹ · sides; by eigenvalues; directions that columns share (two laws that are one on these runs) count once."""
+    """Pseudo-inverse of G times `sides`: linearly dependent columns (two laws equal on these runs) count once."""
     scale = np.sqrt(np.diag(G))
     scale = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(G / np.outer(scale, scale))

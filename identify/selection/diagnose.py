@@ -1,7 +1,7 @@
-"""Which physical effect is missing: every candidate tried on top of the fitted model, and ranked honestly.
+"""Diagnosis of a fitted model: which effect is missing, from a ranking of all candidates.
 
-Rows are weighted by the simulated noise floor, frozen for all candidates and versions. What the model, each run's
-sensor zeros and the sensor sheet's tolerances can explain is nuisance, removed from every candidate first (partial
+Rows are weighted by the simulated noise floor, the same for all candidates and versions. Parameters of the model,
+sensor zeros of each run and tolerances of the sensor sheet are nuisance, removed from every candidate first (partial
 regression). The rank is the gain in blocked cross-validation; a candidate is proposed only when its score passes the
 max-score statistic of simulated runs that lack nothing (parametric bootstrap), and the gain matters in newtons.
 """
@@ -45,19 +45,19 @@ class Screening:
 
     Attributes
     ----------
-    space : the candidates beside the fit.
-    now : lack of fit of the model beside the sensor tolerances.
-    ranked : those that can be tested, best first; `untestable` the others.
+    space : score tests of the candidates.
+    now : lack of fit of the model with the sensor tolerances.
+    ranked : candidates that can be tested, best first; `untestable` the others.
     best : the first that passes every bar, or None.
-    together : the best set of up to three.
+    together : keys of the up to three candidates that together explain most.
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set takes away.
-    sheet : sensor tolerances that the runs need beside the best, or beside none.
-    tolerance_exceeded : whether their test fails, the best takes away less, and nothing else calls the cause unlisted.
-    not_constant : the best run by run, if it would have to be another law in each and the rows do not already call the
-        cause unlisted; else None.
-    unlisted : whether what is above the floor, fails the tolerance test or is inconstant has a cause that no candidate
-        stands for.
+    sheet : sensor tolerances that the runs need with the best in the model, or with none.
+    tolerance_exceeded : whether the tolerance test fails, the best explains less than the tolerances, and no other test
+        makes the cause unlisted.
+    not_constant : Chow test of the best where it rejects constant parameters; None elsewhere, and where the cause is
+        unlisted already.
+    unlisted : whether the misfit, the failed tolerance test or the inconstant law has a cause that no candidate is.
     """
 
     space: ScoreTests
@@ -80,7 +80,7 @@ class Screening:
 
 
 def screen(space: ScoreTests, progress: Progress) -> Screening:
-    """Screening of all candidates: ranks, what the best explain together, and whether that is enough."""
+    """Screening of all candidates: their ranks, and whether the best of them explain the misfit."""
     now = space.residual_beside([])
     progress(Step(Stage.SCORE_TESTS))
     all_tried = space.family_wise(space.try_all())
@@ -108,7 +108,7 @@ def screen(space: ScoreTests, progress: Progress) -> Screening:
 
 
 def _ranked(space: ScoreTests, tested: Sequence[Candidate]) -> list[Candidate]:
-    """The candidates that can be tested, judged and with their ties: the strongest first, what chance does last."""
+    """Testable candidates with answers and ties: the strongest first, those explained by chance last."""
     effects = space.effects
     ranked = sorted(tested, key=lambda c: (c.p > SELECTION.significance, -strength(c)))
     standing_out = {c.key for c in ranked if is_significant(c, effects[c.key])}
@@ -118,9 +118,9 @@ def _ranked(space: ScoreTests, tested: Sequence[Candidate]) -> list[Candidate]:
 def _explained(
     space: ScoreTests, now: LackOfFit, best: Candidate | None, chosen: Sequence[Candidate], progress: Progress
 ) -> tuple[float, float, bool]:
-    """Excess of the rows that fail, the part that the best set explains, and whether that calls the cause unlisted.
+    """Excess of the rows that fail, the part that the best set explains, and whether the cause is unlisted for it.
 
-    `chosen` are the candidates of the best set.
+    `chosen` : candidates of the best set.
     """
     # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
     own = [row for row in now.above if best and row in best.rows] or now.above
@@ -146,11 +146,11 @@ def _explained(
 
 
 def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: Candidate, progress: Progress) -> bool:
-    """Whether the best set leaves too much of the excess, and that is no noise, the noise through the best included."""
+    """Whether too much of the excess remains with the best set, beyond noise and the noise through the best effect."""
     remainder, most = after.excess(now.above), SELECTION.unexplained_share * now.excess(now.above)
     if after.family > SELECTION.significance or remainder <= most or not excess_is_coloured(after):
         return False
-    effect = space.tried[best.key].trial.effect.as_physics
+    effect = space.best_tests[best.key].trial.effect.as_physics
     if effect is None:
         return True
     progress(Step(Stage.REGRESSOR_NOISE_OF_EFFECT, subject=best.key))
@@ -162,7 +162,7 @@ def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: C
 
 
 def strength(c: Candidate) -> float:
-    """Weighted squares a candidate explains: a latency's gain ignores other clocks' tolerances, its drop does not."""
+    """Weighted squares that a candidate explains: its gain, at most its drop, which counts other clocks' tolerances."""
     return min(c.total_gain, c.drop)
 
 
@@ -178,15 +178,15 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Grounds:
-    """What a verdict rests on, beside the numbers of the diagnosis itself.
+    """Grounds of a verdict, in addition to the numbers of the diagnosis.
 
     Attributes
     ----------
     strongest : the strongest candidate that passes every bar, whatever the verdict; None where none does.
-    ratios : row → residual ÷ floor beside the sensor sheet's tolerances.
-    tolerances : how much of them the runs need beside the strongest.
-    tolerance_exceeded : whether the tolerance test fails, and makes the cause unlisted.
-    not_constant : the strongest run by run, where it would have to be another law in each.
+    ratios : row → residual ÷ floor with the sensor sheet's tolerances in the model.
+    tolerances : sensor tolerances that the runs need with the strongest in the model.
+    tolerance_exceeded : whether the tolerance test fails and makes the cause unlisted.
+    not_constant : Chow test of the strongest where it rejects constant parameters; None elsewhere.
     """
 
     strongest: Candidate | None
@@ -198,7 +198,7 @@ class Grounds:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What is missing in a model; `lacet.services.render.verdicts` has its sentences.
+    """Diagnosis of a model: what is missing in it; `lacet.services.render.verdicts` has it in sentences.
 
     Attributes
     ----------
@@ -209,11 +209,12 @@ class Diagnosis:
     excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
         best set of up to three candidates takes away.
     draws : number of noise-floor simulations behind p.
-    noise_ratio : row → noise ÷ sheet, judged by what all candidates together leave; 1 where the sheet holds.
+    noise_ratio : row → noise ÷ noise by the sensor sheet, from the residual with all candidates in the model; at
+        least 1.
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
-    noise : in the columns at the first screening, for that of the next ranking.
-    grounds : what the verdict rests on.
+    noise : noise in the columns at the first screening, for the next ranking.
+    grounds : grounds of the verdict.
     effects : key → effect of every candidate that can be computed.
     formulas : for an unlisted cause, laws that part of the residual follows, best first.
     """
@@ -243,10 +244,10 @@ def diagnose(
     fitted: Fit, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0, noise: RegressorNoise | None = None,
     progress: Progress = silent,
 ) -> Diagnosis:  # fmt: skip
-    """Rank `candidates` on top of a fitted model, on the runs it was fitted to.
+    """Diagnosis of a fitted model on the runs it was fitted to: `candidates` ranked, and the verdict.
 
-    `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns, as an earlier ranking
-    of the same candidates found it, spares finding it again. `progress` receives each step.
+    `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns from an earlier ranking
+    of the same candidates saves time; without it, it is computed. `progress` receives each step.
     """
     progress(Step(Stage.SENSOR_TOLERANCES))
     found, seen = _screened(Linearisation.of(fitted, floor), candidates, seed, noise, progress)
@@ -258,7 +259,7 @@ def diagnose(
         best = refined(seen.space, best)
         best = replace(best, reason=judged(best, seen.effects[best.key]).reason)
         ranked = [best if c.key == best.key else c for c in ranked]
-    ranked = [_open(c, best) for c in ranked]
+    ranked = [_with_final_answer(c, best) for c in ranked]
     ratios, formulas = _ratios(fitted, floor), list[Formula]()
     if seen.unlisted:
         progress(Step(Stage.SYMBOLIC_LAWS))
@@ -279,7 +280,7 @@ def _screened(
     noise: RegressorNoise | None,
     progress: Progress,
 ) -> tuple[RegressorNoise, Screening]:
-    """Noise in the columns of the first screening, and the last screening: re-linearised where that may matter."""
+    """Noise in the columns of the first screening, and the last screening, repeated where linearisation may matter."""
     columns = relinearised_columns(linearisation, candidates, seed, progress)
     seen = screen(ScoreTests(columns, noise, progress), progress)
     found = seen.space.noise
@@ -295,10 +296,10 @@ def _screened(
 
 
 def _in_doubt(seen: Screening) -> bool:
-    """Whether a re-linearised screening may change the answer, where rows fail by little or not at all.
+    """Whether a re-linearised screening may change the answer: only where rows fail by little or not at all.
 
-    For an unlisted cause latencies and floor may be to blame. What is proposed was compared with simulated runs as loud
-    as this one, so that a floor somewhat low has not made it; latencies may have.
+    An apparently unlisted cause may be due to latencies or to a noise floor that is too low. A proposed effect may be
+    due to latencies only: it was compared with simulated runs that are as noisy as these.
     """
     now = seen.now
     # Sensors louder than their sheet lift all rows; a cause has a colour.
@@ -313,7 +314,7 @@ def _in_doubt(seen: Screening) -> bool:
 
 
 def _second_order_squares(space: ScoreTests) -> float:
-    """Weighted squares of the latencies' second order: about (ω τ / 2)² of those of their first-order columns."""
+    """Weighted squares of the latencies' second-order terms: about (ω τ / 2)² of those of first order."""
     layout, omega = space.layout, space.linearisation.omega
     found = dict(zip(space.regression.nuisance.tolist(), space.regression.gain[:, layout.right].tolist(), strict=True))
     places = [layout.model + layout.sheet.index(entry) for entry in space.linearisation.latency_tolerances]
@@ -323,7 +324,7 @@ def _second_order_squares(space: ScoreTests) -> float:
 
 
 def _relinearised(space: ScoreTests, progress: Progress) -> Linearisation:
-    """The runs linearised anew also at latencies that first-order columns describe, but not to a part of the noise."""
+    """Runs re-linearised down to `settled_phase`, where they were not for the first screening."""
     return (
         space.linearisation
         if space.linearisation.latencies
@@ -332,22 +333,22 @@ def _relinearised(space: ScoreTests, progress: Progress) -> Linearisation:
 
 
 def _with_floor_at_tolerances(space: ScoreTests, progress: Progress) -> Linearisation:
-    """The noise floor at the parameters that the sensor tolerances give: that of the fit may be another."""
+    """Linearisation with the noise floor at the parameters estimated with sensor tolerances in place of the fit's."""
     progress(Step(Stage.FLOOR_AT_TOLERANCES))
     floor = space.floor.redrawn(space.fitted, space.tolerated_parameters)
     return replace(space.linearisation, floor=floor, sums=sheet_products(space.fitted, floor))
 
 
 def fault_may_leave_more(seen: Screening) -> bool:
-    """Whether rows fail for a cause that is not listed, and the best is a sensor fault, whose column is coarse."""
+    """Whether rows fail for an unlisted cause and the best is a sensor fault, whose first-order column is inexact."""
     rows_fail = seen.unlisted and not seen.tolerance_exceeded and seen.not_constant is None
     return rows_fail and seen.best is not None and seen.effects[seen.best.key].as_fault is not None
 
 
 def explained_with_fault(seen: Screening, beside: Screening) -> Screening:
-    """A screening judged anew, once its best was removed from the runs and `beside` is the screening of those.
+    """A screening corrected by `beside`, the screening of the runs with its best, a sensor fault, removed.
 
-    The fault alone, or with the best set beside it, must explain as much as is asked of any set.
+    The cause is listed where the fault, alone or with the best set of `beside`, explains as much as any set must.
     """
     assert seen.best is not None
     before = seen.space.residual_without_tolerance(seen.best.key)
@@ -361,7 +362,7 @@ def explained_with_fault(seen: Screening, beside: Screening) -> Screening:
 
 
 def _as_fitted(fault: Candidate, fitted: Fit) -> Candidate:
-    """The fault with the size that the fit found, at which it was removed."""
+    """A sensor fault as candidate, with size and interval from the fit by which it was removed."""
     (at,) = (i for i, name in enumerate(fitted.model.names) if name.startswith(f"{fault.key}."))
     wide = np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at])
     return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
@@ -376,8 +377,8 @@ def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[Row, float]:
     return out
 
 
-def _open(c: Candidate, best: Candidate | None) -> Candidate:
-    """A candidate with its final answer: missing only if it is the one proposed or tied with it, else undecided."""
+def _with_final_answer(c: Candidate, best: Candidate | None) -> Candidate:
+    """The candidate with its answer by the verdict: missing for the proposed effect and those tied with it."""
     tied = c.key in dict(best.ties) if best else False
     if c.answer is Answer.MISSING and not tied and not (best and c.key == best.key):
         pending = Pending.UNTIL_BEST_IS_ADDED if best else Pending.NOT_ENOUGH
@@ -389,6 +390,6 @@ def _open(c: Candidate, best: Candidate | None) -> Candidate:
 
 
 def _worst(ratios: Mapping[Row, float]) -> list[Row]:
-    """Rows whose squares above the floor are a share of the worst row's, beside no tolerance."""
+    """Rows whose squares above the floor are at least `worst_rows_share` of the worst row's."""
     half = SELECTION.worst_rows_share * (max(ratios.values()) ** 2 - 1.0)
     return [row for row, ratio in ratios.items() if ratio > 1.0 and ratio**2 - 1.0 >= half]

@@ -1,4 +1,4 @@
-"""Effects that together take most off the residual, found one after the other; which are tied; their constants."""
+"""Forward selection of the effects that together explain most, ties of candidates, and refinement of constants."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from lacet.identify.selection.settings import SELECTION
 
 
 def select_forward(known: PartialRegression, places: Mapping[str, slice], faults: Collection[str]) -> list[str]:
-    """Up to three by name, of columns at `places`, that together take away most; at most one of the sensor `faults`.
+    """Names of up to three effects, with columns at `places`, that together lower the squares most.
 
-    Several gains set free together would scale the measurement away with whatever is in it.
+    At most one of the sensor `faults` is chosen: several free gains could together scale the measurement to zero.
     """
     remainder, right = known.reduced_noisy, known.sums.layout.right
     remainder[:, right] = known.reduced[:, right]
@@ -44,10 +44,10 @@ def _drop(remainder: Array, place: slice, right: int, least: Array) -> float:
 
 
 def with_ties(ranked: Sequence[Candidate], space: ScoreTests, standing_out: Collection[str]) -> list[Candidate]:
-    """Each candidate that could be missing, with those `standing_out` that could be in its place.
+    """The candidates with ties: each missing one with those `standing_out` that could be missing in its place.
 
-    Their block losses do not differ from its own, or they are one law on these runs. A law that acts on many rows may
-    take too little of each to be proposed, and still be the one that is missing.
+    Two candidates are tied when their losses do not differ block by block, or when their columns are nearly the same on
+    these runs. A law that acts on many rows may explain too little of each to be proposed, and still be missing.
     """
     rivals = [c for c in ranked if c.key in standing_out]
     out: list[Candidate] = []
@@ -64,7 +64,7 @@ def with_ties(ranked: Sequence[Candidate], space: ScoreTests, standing_out: Coll
 
 
 def same_losses(a: Array, b: Array) -> bool:
-    """Whether two candidates' falls, block by block, do not differ."""
+    """Whether the falls of two candidates do not differ significantly, block by block (Wilcoxon test)."""
     difference = a - b
     active = np.abs(difference) > SELECTION.same_loss * float(np.max(np.abs(a) + np.abs(b)))
     if np.count_nonzero(active) < SELECTION.least_tied_blocks:
@@ -73,9 +73,9 @@ def same_losses(a: Array, b: Array) -> bool:
 
 
 def refined(space: ScoreTests, c: Candidate) -> Candidate:
-    """A candidate with the shape constants that fit best between those of its grid, and the values that go with them.
+    """The candidate with shape constants refined between the values of its grid, and its parameters for them.
 
-    p and gain stay those of the grid, which the simulated runs were searched over too.
+    p and gain remain those of the grid, over which the simulated runs were searched as well.
     """
     if not c.shape or not c.tested:
         return c
@@ -108,7 +108,7 @@ def _neighbours(values: tuple[float, ...], at: float) -> tuple[float, float]:
 def _falls(
     space: ScoreTests, effect: Effect, shapes: list[dict[str, float]]
 ) -> tuple[list[float], list[tuple[tuple[float, ...], tuple[float, ...]]]]:
-    """For each set of shape constants the fall of the weighted squares, and parameters with half their intervals."""
+    """Fall of the weighted squares for each set of shape constants, and parameters with half of their intervals."""
     inside, trials = space.beside([replace(effect, shape=shape) for shape in shapes], draws=False)
     none = np.zeros((inside.sums.layout.width, 1))
     # A gap that is never passed leaves nothing to compare.
@@ -120,7 +120,7 @@ def _falls(
 
 
 def best_set(space: ScoreTests, keys: Sequence[str]) -> list[str]:
-    """Up to three candidates, at their best shapes, that together take away most; at most one sensor fault."""
-    tried = {key: space.tried[key].trial for key in keys}
+    """Keys of up to three candidates, at their best shapes, that together explain most; at most one sensor fault."""
+    tried = {key: space.best_tests[key].trial for key in keys}
     faults = [key for key, trial in tried.items() if trial.fault]
     return select_forward(space.regression, {key: trial.place for key, trial in tried.items()}, faults)

@@ -1,4 +1,4 @@
-"""Lack of fit: residuals by row against those of simulated runs that are treated alike."""
+"""Lack of fit: residuals by row compared with those of simulated runs."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from lacet.identify.validation.whiteness import whiteness
 
 @dataclass(frozen=True)
 class LackOfFit:
-    """Residual beside a set of columns, compared with simulated runs.
+    """Residual after regression on a set of columns, compared with simulated runs after the same regression.
 
     Attributes
     ----------
-    ratios : row → RMS ÷ that of simulated runs treated alike.
-    squares : row → weighted squares above those of simulated runs.
-    p : row → probability that in a simulated run any row stands as far above; `family` the smallest of them.
-    residual : run and row → (n,) weighted residual; `draws` (D, n) the same of simulated runs.
-    null : row → (D,) weighted squares of simulated runs above their mean.
+    ratios : row → RMS ÷ RMS of simulated runs.
+    squares : row → weighted squares less the mean of simulated runs.
+    p : row → probability that any row of a simulated run is as far above its mean; `family` the smallest of them.
+    residual : run and row → (n,) weighted residual; `draws` (D, n) those of simulated runs.
+    null : row → (D,) weighted squares of simulated runs less their mean.
     """
 
     ratios: dict[Row, float]
@@ -41,7 +41,7 @@ class LackOfFit:
 
     @classmethod
     def of(cls, residual: dict[tuple[int, Row], Array], draws: dict[tuple[int, Row], Array]) -> LackOfFit:
-        """A residual, by run and row (n,), compared with simulated ones (D, n)."""
+        """The comparison of a residual, by run and row (n,), with simulated ones (D, n)."""
         runs: dict[Row, list[tuple[int, Row]]] = {}
         for key in residual:
             runs.setdefault(key[1], []).append(key)
@@ -67,12 +67,12 @@ class LackOfFit:
         )
 
     def chance(self, rows: Sequence[Row]) -> float:
-        """Probability that some rows together stand as far above in a simulated run."""
+        """Probability that the sum of squares of these rows is as large in a simulated run."""
         drawn = np.sum([self.null[row] for row in rows], axis=0)
         return (1 + int(np.count_nonzero(drawn >= self.excess(rows)))) / (1 + drawn.size)
 
     def excess(self, rows: Iterable[Row]) -> float:
-        """Weighted squares above those of simulated runs, over some rows."""
+        """Weighted squares of these rows less the mean of simulated runs."""
         return sum(self.squares[row] for row in rows)
 
     @property
@@ -88,10 +88,10 @@ class LackOfFit:
 def residual_after(
     sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
 ) -> LackOfFit:
-    """The residual after the columns at `nuisance`.
+    """Lack of fit after regression on the columns at `nuisance`.
 
-    `prior` (a, a) and `prior_side` (a,) are normal matrix and right side of what is known of their parameters;
-    `total` (w, w) the products of the columns of `sums`, without the noise in them as far as it is known.
+    `prior` (a, a) and `prior_side` (a,) are normal matrix and right side of the priors of their parameters; `total`
+    (w, w) the products of the columns of `sums`, less the noise in them where it is known.
     """
     own, drawn = _remainders(sums, total, nuisance, prior, prior_side)
     residual: dict[tuple[int, Row], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
@@ -109,7 +109,7 @@ def residual_after(
 def _remainders(
     sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
 ) -> tuple[Array, Array]:
-    """Coefficients of `residual_after`, (w, 1) for `CrossProducts.series` and (w, D) for `noise_series`."""
+    """Coefficients for the residual: (w, 1) for `CrossProducts.series`, and (w, D) for `noise_series`."""
     right, w = sums.layout.right, sums.layout.width
     noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
     sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
@@ -120,11 +120,11 @@ def _remainders(
 
 
 def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[Row, float]:
-    """Row → by how much its noise exceeds the sensor sheet's, from 1 to `most_noise_ratio`.
+    """Noise ÷ noise by the sensor sheet of each row, from 1 to `most_noise_ratio`.
 
-    Everything that the physics of any candidate could explain is explained first, beside the columns at `nuisance`.
-    What remains is noise, or a cause nobody has listed; both make a fall of the same size less remarkable. Sensor
-    faults stay within their tolerances: without them, together, they would scale the measurement away.
+    The residual is that after regression on the columns at `nuisance` and on the physics of all candidates. It is noise
+    or due to an unlisted cause; both make a fall of a given size less significant. Sensor faults are restricted to
+    their tolerances: together and without bounds they could scale the measurement itself to zero.
     """
     there = set(nuisance.tolist())
     fresh = {
@@ -140,7 +140,7 @@ def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, 
 def with_columns(
     nuisance: NDArray[np.intp], prior: Array, prior_side: Array, fresh: Mapping[int, float]
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """Places, normal matrix and right side of what is known beforehand, with further columns of 1 σ by place."""
+    """Places, normal matrix and right side of priors, with further columns added: `fresh` place → 1 σ of its prior."""
     places = np.concatenate([nuisance, list(fresh)]).astype(np.intp)
     both = scipy.linalg.block_diag(prior, np.diag([sigma**-2.0 for sigma in fresh.values()]))
     return places, both, np.concatenate([prior_side, np.zeros(len(fresh))])
@@ -152,7 +152,7 @@ def residual_beside(
     added: Sequence[Effect] = (),
     grid: Mapping[str, slice] | None = None,
 ) -> LackOfFit:
-    """The residual after model, zeros, sensor sheet and some effects, beside simulated runs treated alike."""
+    """Lack of fit after regression on model, zeros, sensor sheet and `added` effects; `grid` as in `beside`."""
     if not added:
         return residual_after(known.sums, known.total, known.nuisance, known.prior, known.prior_side)
     inside, trials = beside(columns, known, added, grid or {})
@@ -167,27 +167,27 @@ def residual_beside(
 
 
 def residual_without_tolerance(known: PartialRegression, own: NDArray[np.intp]) -> LackOfFit:
-    """The residual after model, zeros and sensor sheet, without tolerances at positions `own` of a fault."""
+    """Lack of fit after regression on model, zeros and sensor sheet, without the tolerances at positions `own`."""
     kept = np.setdiff1d(np.arange(len(known.nuisance)), own)
     prior = known.prior[np.ix_(kept, kept)]
     return residual_after(known.sums, known.total, known.nuisance[kept], prior, known.prior_side[kept])
 
 
 def prior_stiffening(linearisation: Linearisation) -> float:
-    """Factor for the priors of nuisance parameters: residual ÷ floor over all rows beside the tolerances, at least 1.
+    """1 σ of the sensor sheet ÷ 1 σ of the nuisance parameters' priors: residual ÷ floor over all rows, at least 1.
 
-    Next to a misfit of many floors a prior of one σ is no bound at all: zeros and gains would absorb the missing
+    With a misfit of many floors the priors by the sheet have no influence: zeros and gains would absorb the missing
     effect. The factor is 1 when nothing is missing.
     """
     sums = linearisation.sums
-    ratios = residual_after(sums, sums.total, *linearisation.known(linearisation.prior_side)).ratios
+    ratios = residual_after(sums, sums.total, *linearisation.nuisance_prior(linearisation.prior_side)).ratios
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
 def excess_is_coloured(remainder: LackOfFit) -> bool:
-    """Whether what is above the floor has another colour than the noise; noisier sensors do not change it.
+    """Whether the spectrum of the excess above the floor differs from that of the noise, at any level of the noise.
 
-    The noise's level is read from the quietest bands of each row's spectrum: most of the excess must stand above it.
+    The level of the noise is that of the quietest bands of each row's spectrum: most of the excess must be above it.
     """
     smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
     for key, residual in remainder.residual.items():

@@ -1,4 +1,4 @@
-"""Partial regression (Frisch, Waugh and Lovell) from cross products: columns less what nuisance parameters explain.
+"""Partial regression (Frisch, Waugh and Lovell) of columns on nuisance columns, from their cross products.
 
 Source: M. C. Lovell, Seasonal adjustment of economic time series, Journal of the American Statistical Association 58
 (1963); noise in the columns: W. A. Fuller, Measurement Error Models (1987).
@@ -24,24 +24,24 @@ from lacet.identify.selection.settings import SELECTION
 class PartialRegression:
     """Cross products of all columns after regression on the nuisance columns, with Gaussian priors (ridge).
 
-    Noise in the nuisance columns would make what they explain too small, and noise they share with the residual is no
-    explanation: the cross products are corrected for both first (errors in variables).
+    Noise in the nuisance columns makes their regression coefficients too small, and noise that they share with the
+    residual correlates with it: the cross products are corrected for both first (errors in variables).
 
     Parameters
     ----------
-    sums : products of all columns.
+    sums : cross products of all columns.
     nuisance : (a,) places of the nuisance columns.
-    prior : (a, a) normal matrix of what is known of their parameters.
-    noise : (w, w) what noise adds to the sums, but to the residual's own square.
-    prior_side : (a,) right side that goes with `prior`, where the means of the priors are not zero.
+    prior : (a, a) normal matrix of their priors.
+    noise : (w, w) expected products of the noise in the columns; 0 for the residual's square.
+    prior_side : (a,) right side of the priors; None for means of zero.
 
     Attributes
     ----------
-    column_noise : that noise, less where a direction of the nuisance columns is mostly noise.
-    total : (w, w) products without it.
+    column_noise : (w, w) the noise as corrected for, limited where a direction of the nuisance columns is mostly noise.
+    total : (w, w) cross products less that noise.
     gain : (a, w) regression of each column on the nuisance columns.
-    reduced : (w, w) reduced normal matrix: products of what the nuisance parameters do not explain, without noise.
-    noise : (w, w) products of the noise in the reduced columns.
+    reduced : (w, w) reduced normal matrix: products of the remainders of the columns, less noise.
+    noise : (w, w) expected products of the noise in the remainders.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class PartialRegression:
 
     @cached_property
     def reduced_noisy(self) -> Array:
-        """(w, w) reduced normal matrix with the noise in it."""
+        """(w, w) reduced normal matrix without the correction for noise."""
         return self.reduced + self.noise
 
     @cached_property
@@ -81,7 +81,7 @@ class PartialRegression:
 
     @cached_property
     def folds(self) -> list[tuple[Array, Array]]:
-        """For each fold, `reduced` of the samples outside it, and the products inside at the gain found outside."""
+        """For each fold (w, w) `reduced` of the samples outside, and products inside with the gain found outside."""
         return [
             (remainder, at_gain(inside, self.nuisance, gain))
             for (_, gain, remainder), inside in zip(self.outside, self.inside, strict=True)
@@ -104,13 +104,13 @@ class PartialRegression:
         return total
 
     def scores(self, place: slice, null: Array) -> tuple[float, Array]:
-        """Fall of the weighted squares on all data, and (D,) that in simulated runs with products `null` (w, D)."""
+        """Fall of the weighted squares on all data by the columns at `place`, and (D,) with simulated `null` (w, D)."""
         G, score = self.reduced_noisy[place, place], self.reduced[place, self.sums.layout.right]
         drawn = null[place] - self.gain[:, place].T @ null[self.nuisance]
         return float(score @ _solved(G, score)), np.einsum("kd,kd->d", drawn, _solved(G, drawn))
 
     def values(self, place: slice) -> tuple[Array, Array]:
-        """Parameters of the columns at `place` when they are added, and 1 σ as if residuals were independent."""
+        """Estimates of the parameters of the columns at `place`, and their 1 σ for independent residuals."""
         G, sound = self.reduced_noisy[place, place], self.reduced[place, place]
         score = self.reduced[place, self.sums.layout.right]
         if np.any(np.linalg.eigvalsh(sound) <= 0.0):
@@ -124,13 +124,13 @@ class PartialRegression:
         return np.diag(self.reduced_noisy)[place] / np.where(whole > 0.0, whole, 1.0)
 
     def noisy_part(self, place: slice) -> float:
-        """Largest part of a direction of the reduced columns that is noise in them."""
+        """Largest share of noise in the energy of a direction of the reduced columns at `place`."""
         root = np.linalg.cholesky(self.reduced_noisy[place, place])
         half = np.linalg.solve(root, self.noise[place, place])
         return float(np.linalg.eigvalsh(np.linalg.solve(root, half.T))[-1])
 
     def coefficients(self, places: Array) -> Array:
-        """(w, k) coefficients, for `CrossProducts.series`, of combinations `places` (w, k) less their nuisance part."""
+        """(w, k) coefficients for `CrossProducts.series` of combinations `places` (w, k), less their regression."""
         out = places.copy()
         out[self.nuisance] -= self.gain @ places
         return out
@@ -138,14 +138,14 @@ class PartialRegression:
 
 @dataclass(frozen=True)
 class BlockGains:
-    """Falls of the weighted squares of m effects, each added by itself at the size found.
+    """Falls of the weighted squares, block by block, by m effects, each added alone at its estimated size.
 
     Attributes
     ----------
     blocks : (B, m) fall in each block of the cross-validation, all rows together.
-    before : row → (m,) squares of the residual that an effect is to lower; `taken` those that it takes away.
-    counts : row → number of its samples.
-    whole : squares of the residual.
+    before : row → (m,) sum of squares of the residual before the effect is added; `taken` its fall.
+    counts : row → number of samples.
+    whole : sum of squares of the residual.
     """
 
     blocks: Array
@@ -156,13 +156,13 @@ class BlockGains:
 
     @classmethod
     def of(cls, sums: CrossProducts, effects: Array, before: Array) -> BlockGains:
-        """Go once over the samples.
+        """The falls by m effects, from one pass over the samples.
 
         Parameters
         ----------
-        effects : (w, m + 1) coefficients of the columns, as `CrossProducts.series` takes them: of each effect at the
-            size found, and of the residual.
-        before : (w, m) of the residual that each effect is to lower: without a sensor fault's own tolerance.
+        effects : (w, m + 1) coefficients for `CrossProducts.series`: of each effect at its estimated size, and of the
+            residual.
+        before : (w, m) coefficients of the residual before each effect: for a sensor fault without its own tolerance.
         """
         m, rows = before.shape[1], sums.null.keys()
         blocks = np.zeros((sums.block_count, m))
@@ -180,7 +180,7 @@ class BlockGains:
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:
-    """`noise` that leaves something of every direction of the nuisance columns: it is drawn, and not known exactly."""
+    """(w, w) `noise` limited to a share of every direction of the nuisance columns, as it is an estimate from draws."""
     inside = np.ix_(nuisance, nuisance)
     B = total[inside] + prior
     values, vectors = scipy.linalg.eigh(noise[inside], B)
@@ -208,9 +208,9 @@ def _solved(G: Array, right: Array) -> Array:
 def beside(
     columns: CandidateColumns, before: PartialRegression, effects: Sequence[Effect], grid: Mapping[str, slice] | None
 ) -> tuple[PartialRegression, tuple[Trial, ...]]:
-    """Partial regression of some effects at their present shapes, on the nuisance columns of `before`.
+    """Partial regression of effects at their present shapes on the nuisance columns of `before`, and their trials.
 
-    `grid` : key → place among `columns` of an effect's best shape, whose noise it has; None without simulated runs.
+    `grid` : key → place among `columns` of the effect's best shape, whose noise is used; None without simulated runs.
     """
     fitted, floor, old_layout = columns.linearisation.fitted, columns.linearisation.floor, columns.sums.layout
     own = {trial.place.start: trial.effect for trial in old_layout.trials}

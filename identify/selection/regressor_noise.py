@@ -1,13 +1,13 @@
-"""Noise in the columns themselves: what it adds to the sums that a ranking is made of, and through a law to be added.
+"""Noise in the columns: its contribution to the cross products of a ranking, and to the residual through a new law.
 
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
 the same draw subtracted leave the products of errors and the mean shift of bent laws, as in
 `regression.corrected_scores` for the fit. It depends on the motion and hardly on the noise of a run, so it is found
-once and kept with the noise floor.
+once and stored with the noise floor.
 
-The noise floor is that of the model as it is. A large friction changes its sign with the noise of the travel rate: once
-it is added the rows are noisier, and what it leaves must be compared with that.
+The noise floor is that of the present model. A large friction changes its sign with the noise of the travel rate: with
+it in the model the rows are noisier, and the remaining residual must be compared with that noise.
 """
 
 from __future__ import annotations
@@ -34,14 +34,13 @@ _Products = dict[Row, tuple[NDArray[np.intp], Array]]
 
 @dataclass(frozen=True)
 class RegressorNoise:
-    """Products of the noise in the columns, by row: the errors-in-variables correction of the cross products.
+    """Expected products of the noise in the columns: the errors-in-variables correction of the cross products.
 
     Attributes
     ----------
-    labels : what the columns are: noise found for others is of no use.
-    totals : row → (w, w) what it adds to the products of the columns, the model's as they are, every run's zeros
-        eliminated.
-    sigma : row → σ they are weighted by.
+    labels : descriptions of the columns, by which stored noise is recognised as valid.
+    totals : row → (w, w) products of the noise, for the model's original columns, every run's zeros eliminated.
+    sigma : row → σ of the weights in them [N or N·m].
     """
 
     labels: tuple[str, ...]
@@ -53,16 +52,16 @@ class RegressorNoise:
         cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int = SELECTION.noise_pairs,
         progress: Progress = silent,
     ) -> RegressorNoise:  # fmt: skip
-        """Draw it, weighted by the rows' `sigma`; `progress` receives how many draws are done."""
+        """Noise of all runs from simulated draws, weighted by the rows' `sigma`; `progress` receives the draws done."""
         totals = {row: np.zeros((sums.layout.width,) * 2) for row in sigma}
-        chosen, share = _chosen(fitted)
+        chosen, share = _pieces_drawn(fitted)
         done, total = itertools.count(1), pairs * sum(len(pieces) for pieces in chosen.values())
 
         def drawn() -> None:
             progress(Step(Stage.REGRESSOR_NOISE, next(done), total))
 
         for run, pieces in chosen.items():
-            for row, products in _of_run(fitted, sums, sigma, run, pieces, pairs, drawn).items():
+            for row, products in _run_products(fitted, sums, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
         return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
@@ -70,17 +69,17 @@ class RegressorNoise:
     def of_run(
         cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, pairs: int
     ) -> RegressorNoise:
-        """What one run's noise alone adds."""
+        """Noise of one run."""
         pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
-        totals = _of_run(fitted, sums, sigma, run, pieces, pairs, lambda: None)
+        totals = _run_products(fitted, sums, sigma, run, pieces, pairs, lambda: None)
         return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
 
-    def fits(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
-        """Whether it is of these columns and rows: what another run or an earlier lacet left may be of others."""
+    def matches(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
+        """Whether it was computed for these columns and rows: stored noise may be that of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
 
     def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
-        """(w, w) for the columns of `sums`, rows so many times as noisy as their sheet; 0 for the residual's own."""
+        """(w, w) products of the noise in the columns of `sums`, rows `noise_ratio` times as noisy."""
         turn = np.eye(sums.layout.width)
         turn[: sums.layout.model, : sums.layout.model] = sums.turn
         scaled = {row: noise_ratio[row] * self.sigma[row] / sigma[row] for row in noise_ratio if row in self.totals}
@@ -89,7 +88,7 @@ class RegressorNoise:
         return out
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """All of it as plain arrays, for keeping: of each row the columns that noise is in."""
+        """The noise as plain arrays for storage: for each row the columns that contain noise."""
         out: dict[str, NDArray[Any]] = {"labels": np.array(self.labels)}
         for row, total in self.totals.items():
             there = np.flatnonzero(np.any(total, axis=0))
@@ -103,7 +102,7 @@ class RegressorNoise:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> RegressorNoise:
-        """What `arrays` gave."""
+        """The noise from stored arrays, the inverse of `arrays`."""
         totals: dict[Row, Array] = {}
         sigma: dict[Row, float] = {}
         for row in [Row.parse(name.partition("|")[2]) for name in arrays if name.startswith("total|")]:
@@ -114,12 +113,12 @@ class RegressorNoise:
 
 
 def regressor_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
-    """What the columns are."""
+    """Descriptions of the columns of model and layout."""
     return (*fitted.columns, *layout.labels)
 
 
-def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
-    """Run → numbers of the pieces drawn for, about `noise_seconds` of data in all; and their share of all data."""
+def _pieces_drawn(fitted: Fit) -> tuple[dict[int, list[int]], float]:
+    """Pieces for the draws: run → their numbers, about `noise_seconds` in all; and their share of all samples."""
     counts = {
         (run, k): samples
         for run in range(len(fitted.runs))
@@ -133,11 +132,11 @@ def _chosen(fitted: Fit) -> tuple[dict[int, list[int]], float]:
     return chosen, sum(counts[place] for place in nuisance) / sum(counts.values())
 
 
-def _of_run(
+def _run_products(
     fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, chosen: Sequence[int], pairs: int,
     drawn: Callable[[], None],
 ) -> dict[Row, Array]:  # fmt: skip
-    """Row → (w, w) products of noise in the chosen pieces of one run, its zeros eliminated."""
+    """Row → (w, w) products of the noise in the `chosen` pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
     side = np.concatenate([priors / sums.prior_stiffening, np.ones(w)])
@@ -148,7 +147,7 @@ def _of_run(
     whole: dict[Row, Array] = {}
 
     def of_piece(piece: Piece) -> _Products:
-        return _of_piece(fitted, layout, sigma, piece, pairs, drawn)
+        return _piece_products(fitted, layout, sigma, piece, pairs, drawn)
 
     # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
     picked = itertools.compress(fitted.assembly.pieces_of(run), (k in chosen for k in itertools.count()))
@@ -159,10 +158,10 @@ def _of_run(
     return {row: at_zeros(side[:, None] * products * side, further) for row, products in whole.items()}
 
 
-def _of_piece(
+def _piece_products(
     fitted: Fit, layout: Layout, sigma: Mapping[Row, float], piece: Piece, pairs: int, drawn: Callable[[], None]
 ) -> _Products:
-    """Row → places (a,) of the columns that are not empty and their products (a, a), zeros first, the residual last."""
+    """Noise in a piece: row → places (a,) of the columns that act and products (a, a), zeros first, residual last."""
     values = fitted.zeros[piece.run][2]
     z, p = len(values), layout.model
     clean = dict(columns_of(fitted, layout, piece, sigma))
@@ -199,9 +198,9 @@ def _samples(piece: Piece) -> int:
 def noise_through_effect(
     fitted: Fit, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float], effect: Effect, values: Array
 ) -> dict[Row, float]:
-    """Row → weighted squares, over all runs, that noise adds through an effect with parameters `values` [SI].
+    """Weighted squares that noise adds to the residual through an effect with parameters `values` [SI], by row.
 
-    `sigma` are the rows' weights, `noise_ratio` by how much their noise exceeds the sheet's.
+    `sigma` : row → σ of the weights; `noise_ratio` : row → noise ÷ noise by the sensor sheet.
     """
     out = dict.fromkeys(sigma, 0.0)
 
@@ -215,7 +214,7 @@ def noise_through_effect(
 
 
 def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Array) -> dict[Row, float]:
-    """Row → squares that noise adds to a piece's residual beside a law, less those beside the model alone."""
+    """Row → rise of the sum of squares of a piece's residual by noise, with a law less without it."""
     physics, theta, law, run = fitted.model.physics, fitted.physics, effect.as_physics, piece.prepared
     if law is None:
         raise ValueError(f"{effect.key} is a sensor fault: noise goes through the laws of physics")

@@ -1,16 +1,16 @@
-"""Re-linearisation: latencies and faults removed from the runs themselves, where first-order columns are too coarse.
+"""Re-linearisation: latencies and faults removed from the runs, where first-order columns are too inexact.
 
-A latency's column is the rate of what is measured: right as long as ω τ is small up to the fit's cut-off. Beyond, the
-second order of a late instrument (half of ω² τ² of every signal) looks like another effect. So latencies that the
-runs show within the sensor tolerances are removed from the runs, and the columns stand for what remains. Their priors
-still stand at the rig file's latencies.
+A latency's column is the rate of the signal: valid as long as ω τ is small up to the fit's cut-off. Beyond, the second
+order of a late instrument (half of ω² τ² of every signal) resembles another effect. So latencies that the runs show
+within the sensor tolerances are removed from the runs, and the columns stand for the remaining ones. The means of
+their priors are still the rig file's latencies.
 
 Where a model lacks an effect of many floors, latencies move by many tolerances to make up for some of it. Runs are
-linearised anew only where one stays far off beside the effects that together explain most.
+linearised again only where one stays far off with the effects in the model that together explain most.
 
-A fault's column is of first order, too, and knows nothing of other effects. A hub laser's scale of 3 % moves its zero
-by 9 mm: for linear springs that is a zero, but a cubic spring beside it gets another stiffness. Of a scale of 9 % a
-part goes into the others' tolerances. Both make a cause look unlisted until the fault is removed as it is.
+A fault's column is of first order, too, and does not include other effects. A hub laser's scale of 3 % moves its zero
+by 9 mm: with linear springs that is a zero, but a cubic spring in the model gets another stiffness. Of a scale of 9 % a
+part goes into the others' tolerances. In both cases a cause seems unlisted until the fault is removed from the runs.
 """
 
 from __future__ import annotations
@@ -33,32 +33,35 @@ from lacet.identify.selection.settings import SELECTION
 
 
 def remaining_latencies(linearisation: Linearisation, latencies: Array) -> Array:
-    """(l,) latencies that the runs still show when so much was removed from them; both in tolerances.
+    """(l,) latencies that remain in runs from which `latencies` (l,) were removed, both in tolerances.
 
-    The priors' means are the rig file's latencies.
+    The means of the priors are the rig file's latencies.
     """
     sums, layout = linearisation.sums, linearisation.sums.layout
     ours = [layout.model + layout.sheet.index(entry) for entry in linearisation.latency_tolerances]
     prior_side = np.zeros(layout.right)
     prior_side[ours] = -latencies
-    nuisance, prior, known = linearisation.known(prior_side)
+    nuisance, prior, prior_side = linearisation.nuisance_prior(prior_side)
     out = np.zeros(layout.right)
-    right = sums.total[nuisance, layout.right] + known
+    right = sums.total[nuisance, layout.right] + prior_side
     out[nuisance] = solved(sums.total[np.ix_(nuisance, nuisance)] + prior, right[:, None])[:, 0]
     return out[ours]
 
 
 def relinearise(
-    recorded: Linearisation, progress: Progress = silent, straight: float = SELECTION.first_order_phase
+    recorded: Linearisation, progress: Progress = silent, largest_phase: float = SELECTION.first_order_phase
 ) -> Linearisation:
-    """Linearise anew at the latencies found, where ω τ of one is beyond `straight` [rad], until steps are small."""
+    """The runs linearised at their latencies, iterated until steps are small; as recorded below `largest_phase` [rad].
+
+    `largest_phase` : ω τ at the fit's cut-off up to which no latency is removed.
+    """
     entries, first = list(recorded.latency_tolerances), recorded.fitted
     if not entries:
         return recorded
     tolerances, now = np.array(list(recorded.latency_tolerances.values())), recorded
 
     def step_at(steps_made: int, latencies: Array) -> Array:
-        """Latencies that the runs without these still show [s]."""
+        """Latencies that remain in the runs with these removed [s]."""
         nonlocal now
         if steps_made:
             removed = dict(zip(entries, latencies.tolist(), strict=True))
@@ -68,7 +71,7 @@ def relinearise(
         return remaining_latencies(now, latencies / tolerances) * tolerances
 
     screening_rule = first.latency_rule(
-        SELECTION.most_relinearisations, SELECTION.most_phase_of_step, SELECTION.settled_phase, first_close=straight
+        SELECTION.most_relinearisations, SELECTION.most_phase_of_step, SELECTION.settled_phase, largest_phase
     )
     latencies = screening_rule.relinearised(step_at, np.zeros(len(entries))).values
     if now is recorded:
@@ -86,7 +89,7 @@ def _by_channel(latencies: Mapping[SheetEntry, float]) -> dict[str, float]:
 def relinearised_columns(
     recorded: Linearisation, candidates: Sequence[Effect], seed: int, progress: Progress
 ) -> CandidateColumns:
-    """Columns on the runs as recorded, or linearised anew where instruments are late."""
+    """Columns of model, sheet and candidates on the runs as recorded, or re-linearised where instruments are late."""
     columns = CandidateColumns.of(recorded, candidates, seed, prior_stiffening(recorded), progress)
     tolerances = np.array(list(recorded.latency_tolerances.values()))
 
@@ -100,7 +103,7 @@ def relinearised_columns(
 
 
 def _beside_effects(columns: CandidateColumns) -> Array:
-    """(l,) latencies in tolerances, beside up to three shapes of effects that together explain most."""
+    """(l,) latencies in tolerances, estimated with up to three effects in the model that together explain most."""
     known = PartialRegression(columns.sums, columns.nuisance, columns.prior, None, columns.prior_side)
     layout = columns.sums.layout
     tried = {str(n): trial for n, trial in enumerate(layout.trials) if _not_latency(trial)}
@@ -124,7 +127,7 @@ def _not_latency(trial: Trial) -> bool:
 
 
 def without_fault(space: ScoreTests, key: str, progress: Progress) -> Linearisation:
-    """Runs without a sensor fault, of the size that a fit finds; the floor is drawn anew."""
+    """The runs with a sensor fault of estimated size removed, with a new fit and noise floor."""
     progress(Step(Stage.EFFECT_REMOVED, subject=key))
     fitted = space.fitted.with_effect(space.effects[key])
     progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=key))

@@ -1,4 +1,4 @@
-"""Score tests of candidates on top of a fitted model, all rows of all runs weighted by the noise floor."""
+"""Score tests of candidate effects for a fitted model, all rows of all runs weighted by the noise floor."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, Tole
 
 
 class Answer(StrEnum):
-    """Answer to one candidate for what is missing."""
+    """Answer of a ranking to one candidate: whether the model lacks it."""
 
     MISSING = "missing"
     """The one proposed, and those tied with it."""
@@ -41,7 +41,7 @@ class Answer(StrEnum):
 
 
 class Reason(Enum):
-    """Reason of a candidate's answer."""
+    """Reason for a candidate's answer."""
 
     NOT_COMPUTABLE = auto()
     """A run lacks what it needs (`Candidate.lacks`)."""
@@ -75,25 +75,25 @@ class Pending(Enum):
 
 @dataclass(frozen=True)
 class Candidate:
-    """One effect tried on top of the model.
+    """Effect tested as an addition to the model.
 
     Attributes
     ----------
-    key : the effect, with `shape` the constants that fit best.
+    key : key of the effect; `shape` the shape constants that fit best.
     answer : whether it is missing, with its `reason`; `pending` where a tested one is undecided.
-    gain : what it takes away in blocked cross-validation, as part of the weighted residual of its rows, at most 1;
-        `total_gain` the same in weighted squares, of all rows.
-    most : part of the weighted residual of one row that it takes away, in the row where that is most.
-    gain_rms : the residual it takes away, as RMS over its `rows` of one unit [N or N·m].
+    gain : fall of the weighted squares of its rows in blocked cross-validation, as a share, at most 1; `total_gain`
+        the fall of the weighted squares of all rows.
+    most : largest such share in a single row.
+    gain_rms : that fall as RMS of the residual over its `rows` of one unit [N or N·m].
     drop : fall of the weighted sum of squares on all data; `p` family-wise probability of such a fall by chance.
     coverage : effective number of blocks it acts in.
-    size : √λ of the largest plausible effect beside all nuisance parameters.
+    size : √λ of the effect at its largest plausible size, nuisance parameters removed [noise σ].
     absorbed : effects and tolerances that explain its columns where it cannot be tested, largest share first.
-    noise_part : largest part of its columns that is noise, where it cannot be tested for that.
-    lacks : what it needs that a run lacks, where it cannot be computed.
+    noise_part : largest share of noise in its columns, where it cannot be tested for that.
+    lacks : channels that it needs and a run lacks, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
     ties : candidates that cannot be told apart from it on these runs, with their correlation.
-    block_gain : (B,) weighted squares it takes away, block by block.
+    block_gain : (B,) fall of the weighted squares in each block.
 
     Examples
     --------
@@ -132,11 +132,19 @@ class Candidate:
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """Score test of a candidate at its best shape; `null` (D,) the largest fall over its shapes in each simulated run.
+    """Score test of an effect at one set of shape constants.
 
-    `without_tolerance` is there for a sensor fault that the sheet has a tolerance for, and judges it. `gain_test` gives
-    its gain: of a latency without the tolerance of any latency, as runs show how clocks differ and nothing of their
-    common time; `without_tolerance` for others.
+    A sensor fault that has a tolerance in the sensor sheet is tested without it.
+
+    Attributes
+    ----------
+    trial : the effect with its columns.
+    drop : fall of the weighted squares on all data.
+    null : (D,) fall in each simulated run, for the best shape the largest over all shapes.
+    values, spread : (k,) estimates of its parameters [SI], and their 1 σ for independent residuals.
+    without_tolerance : test of a sensor fault without its own tolerance; None for physics and faults that have none.
+    gain_test : test that gives the gain of such a fault: of a latency without the tolerances of all latencies, as runs
+        show differences of clocks and not their common time; of other faults `without_tolerance`.
     """
 
     trial: Trial
@@ -154,22 +162,22 @@ class ScoreTest:
 
 
 class ScoreTests:
-    """Score tests of every candidate beside a fitted model, with model, zeros and sensor tolerances as nuisance.
+    """Score tests of all candidates for a fitted model; model, zeros and sensor tolerances are nuisance parameters.
 
     Parameters
     ----------
-    columns : those of model, sensor sheet and candidates.
-    noise : the noise in them, where it is known already.
+    columns : columns of model, sensor sheet and candidates.
+    noise : noise in the columns; None to compute it.
     progress : receives each step.
 
     Attributes
     ----------
-    columns, noise : as given, or found.
+    columns, noise : the columns, and the noise in them.
     effects : key → effect of the candidates that can be computed.
     regression : partial regression of all columns on those of model, zeros and sensor tolerances.
     without_tolerance : place → test of a sensor fault without its own tolerance, where the sheet has one.
-    null : (w, D) products of all columns with simulated runs that lack nothing.
-    noise_ratio : row → by how much its noise exceeds the sheet's: so much louder are the simulated runs, too.
+    null : (w, D) products of all columns with simulated runs of a complete model.
+    noise_ratio : row → noise ÷ noise by the sensor sheet, at least 1; the simulated runs have this noise.
     """
 
     def __init__(self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent):
@@ -177,7 +185,7 @@ class ScoreTests:
         self.linearisation = columns.linearisation
         self.effects: Mapping[str, Effect] = {effect.key: effect for effect in columns.effects}
         self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
-        if noise is None or not noise.fits(regressor_labels(self.fitted, self.layout), self.floor.sigma):
+        if noise is None or not noise.matches(regressor_labels(self.fitted, self.layout), self.floor.sigma):
             progress(Step(Stage.REGRESSOR_NOISE))
             noise = RegressorNoise.of(self.fitted, self.sums, self.floor.sigma, progress=progress)
         self.noise = noise
@@ -188,7 +196,7 @@ class ScoreTests:
             trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
             for trial in self.layout.trials
             if trial.fault
-            and (own := tolerances_like(self.regression, trial.place.start, self._alike(trial))).size
+            and (own := tolerances_like(self.regression, trial.place.start, self._tolerances_of(trial))).size
             and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         }
         loud = [self.noise_ratio[row] * products for row, products in self.sums.null.items()]
@@ -201,7 +209,7 @@ class ScoreTests:
         cls, linearisation: Linearisation, candidates: Sequence[Effect], seed: int, noise: RegressorNoise | None = None,
         progress: Progress = silent,
     ) -> ScoreTests:  # fmt: skip
-        """Candidates beside a model on runs as they were read."""
+        """Score tests of these candidates at a linearisation of the runs."""
         return cls(
             CandidateColumns.of(linearisation, candidates, seed, prior_stiffening(linearisation), progress),
             noise,
@@ -211,8 +219,8 @@ class ScoreTests:
     # -- one candidate ------------------------------------------------------------------------------------------------
 
     @cached_property
-    def tried(self) -> Mapping[str, ScoreTest]:
-        """Key → test of an effect at its best shape, of those that the model does not explain."""
+    def best_tests(self) -> Mapping[str, ScoreTest]:
+        """Tests of the effects at their best shapes, by key, without effects that the model explains completely."""
         out: dict[str, ScoreTest] = {}
         for key in self.effects:
             tests = [one for one in self._tests if one.key == key]
@@ -224,38 +232,38 @@ class ScoreTests:
         return out
 
     def try_all(self) -> list[Candidate]:
-        """Every candidate: its best shape, whether these runs can show it, and how far the error falls."""
+        """All candidates at their best shapes: whether these runs can show them, and their gains."""
         absent = [
             Candidate(key, {}, Answer.NOT_TESTABLE, Reason.NOT_COMPUTABLE, lacks=lack)
             for key, lack in self.columns.unmeasured.items()
         ]
         there = [
-            self._measured(self.tried[key]) if key in self.tried else self._unseen(effect)
+            self._candidate(self.best_tests[key]) if key in self.best_tests else self._untestable(effect)
             for key, effect in self.effects.items()
         ]
         return self._with_gains([*absent, *there])
 
     @cached_property
     def _tests(self) -> list[ScoreTest]:
-        """Tests of all trials whose columns the nuisance parameters do not explain."""
+        """Tests of all trials, without those whose columns the nuisance parameters explain completely."""
         return [
-            self._try(trial)
+            self._test(trial)
             for trial in self.layout.trials
             if np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         ]
 
     @cached_property
     def _coverage(self) -> Mapping[int, float]:
-        """Place of a test's columns → effective number of blocks it acts in."""
+        """Effective number of blocks in which a trial acts, by the first place of its columns."""
         places = (one.trial.place.start for one in self._tests)
         return dict(zip(places, self._block_energy(self._tests), strict=True))
 
     def _shows(self, one: ScoreTest) -> bool:
-        """Whether these runs could show a trial."""
+        """Whether the trial is large enough, in enough blocks, to be seen in these runs."""
         covered = self._coverage[one.trial.place.start]
         return self._size(one) >= SELECTION.least_size and covered >= SELECTION.least_coverage
 
-    def _try(self, trial: Trial) -> ScoreTest:
+    def _test(self, trial: Trial) -> ScoreTest:
         if (
             without_tolerance := self.without_tolerance.get(trial.place.start)
         ) is not None and without_tolerance.noisy_part < SELECTION.most_noise_in_fault:
@@ -275,8 +283,8 @@ class ScoreTests:
         drop, null = self.regression.scores(trial.place, self.null)
         return ScoreTest(trial, drop, null, *self.regression.values(trial.place))
 
-    def _alike(self, trial: Trial) -> NDArray[np.intp]:
-        """Positions among the nuisance columns of the tolerances that may stand for a fault."""
+    def _tolerances_of(self, trial: Trial) -> NDArray[np.intp]:
+        """Positions among the nuisance columns of the tolerances that may be equivalent to a fault."""
         mine = trial.effect.sheet_entries
         faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
         first, model = self.layout.model + len(self.layout.sheet), self.layout.model
@@ -294,13 +302,14 @@ class ScoreTests:
         latencies = [self.layout.model + i for i, entry in enumerate(self.layout.sheet) if entry[0] == "latency"]
         return np.flatnonzero(np.isin(self.regression.nuisance, latencies))
 
-    def _unseen(self, effect: Effect) -> Candidate:
+    def _untestable(self, effect: Effect) -> Candidate:
+        """Candidate that never acts on these runs or that the model explains completely."""
         places = [trial.place for trial in self.layout.trials if trial.effect.key == effect.key]
         acts = any(np.any(np.diag(self.sums.total)[place]) for place in places)
         return Candidate(effect.key, {}, Answer.NOT_TESTABLE, Reason.IN_THE_MODEL if acts else Reason.NEVER_ACTS)
 
     def _block_energy(self, tried: Sequence[ScoreTest]) -> list[float]:
-        """For each trial, the effective number of blocks it acts in."""
+        """Effective number of blocks (Σe)²/Σe² in which each trial acts."""
         if not tried:
             return []
         parts: list[Array] = []
@@ -322,7 +331,7 @@ class ScoreTests:
         return [float(x) for x in np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)]
 
     def _size(self, one: ScoreTest) -> float:
-        """√λ of the largest plausible size."""
+        """√λ of the effect at its largest plausible size [noise σ]."""
         largest = np.array([q.largest for q in one.trial.effect.parameters])
         energy = (
             np.array([one.without_tolerance.energy])
@@ -331,7 +340,8 @@ class ScoreTests:
         )
         return float(np.sqrt(max(0.0, np.max(energy * largest**2))))
 
-    def _measured(self, one: ScoreTest) -> Candidate:
+    def _candidate(self, one: ScoreTest) -> Candidate:
+        """Candidate with the results of its test, or with the reason why these runs cannot test it."""
         effect, place, size = one.trial.effect, one.trial.place, self._size(one)
         coverage = self._coverage[place.start]
         found = Candidate(
@@ -350,7 +360,7 @@ class ScoreTests:
         return replace(found, total_gain=one.gain_test.fall() if one.gain_test else self.regression.fall(place))
 
     def _absorbed(self, one: ScoreTest) -> tuple[tuple[str, float], ...]:
-        """Shares of a candidate's columns that nuisance parameters explain, by effect and by sensor tolerance."""
+        """Shares of a candidate's columns that effects of the model and sensor tolerances explain, largest first."""
         place, total = one.trial.place, self.sums.total
         k = place.start + int(np.argmax(np.diag(self.regression.reduced)[place]))
         whole = float(total[k, k])
@@ -376,7 +386,7 @@ class ScoreTests:
 
     @cached_property
     def _acting(self) -> dict[Row, NDArray[np.bool_]]:
-        """Row → (w,) whether a column acts on it."""
+        """Which columns act on each row: row → (w,)."""
         out = {row: np.zeros(self.layout.width, bool) for row in self.sums.null}
         for block in self.sums.blocks:
             out[block.row][block.active] = True
@@ -386,7 +396,7 @@ class ScoreTests:
         return tuple(row for row, acting in self._acting.items() if np.any(acting[place]))
 
     def _with_gains(self, found: Sequence[Candidate]) -> list[Candidate]:
-        """Gains by block, and as parts of the residual of the rows acted on."""
+        """The candidates with their gains, by block and as shares of the residual of the rows acted on."""
         tested = [c.key for c in found if c.tested]
         if not tested:
             return list(found)
@@ -398,24 +408,24 @@ class ScoreTests:
         return [self._with_gain(c, gains, place[c.key], more) if c.tested else c for c in found]
 
     def _gain_coefficients(self, tested: Sequence[str]) -> tuple[Array, Array]:
-        """(w, m + 1) of each effect at the size found, then the residual; and (w, m) of the residual it is to lower.
+        """Coefficients for `BlockGains.of`: (w, m + 1) of effects and residual, (w, m) of the residual before.
 
-        That is the residual itself, or for a fault with a tolerance the residual without that tolerance.
+        For a sensor fault with a tolerance the residual before is that without this tolerance.
         """
         m = len(tested)
         places = np.zeros((self.layout.width, m + 1))
         places[self.layout.right, -1] = 1.0
         for i, key in enumerate(tested):
-            places[self.tried[key].trial.place, i] = self.tried[key].values
+            places[self.best_tests[key].trial.place, i] = self.best_tests[key].values
         effects = self.regression.coefficients(places)
         before = np.repeat(effects[:, -1:], m, axis=1)
         for i, key in enumerate(tested):
-            if (gain_test := self.tried[key].gain_test) is not None:
+            if (gain_test := self.best_tests[key].gain_test) is not None:
                 effects[:, i], before[:, i] = (gain_test.coefficients() * np.array([gain_test.value, 1.0])).T
         return effects, before
 
     def _with_gain(self, c: Candidate, gains: BlockGains, i: int, more: float) -> Candidate:
-        """Candidate `i` with its gains; `more` is what the model alone leaves more in cross-validation."""
+        """Candidate `i` with its gains; `more` : squares of the residual in cross-validation less those on all data."""
         here = more + sum(float(gains.before[row][i]) for row in c.rows)
         alike = self.floor.of_one_unit(c.rows)
         scale = float(np.sqrt(np.mean([self.floor.sigma[row] ** 2 for row in alike])))
@@ -427,7 +437,7 @@ class ScoreTests:
 
     @property
     def tolerated_parameters(self) -> Array:
-        """(p,) parameters of the physics that the regression with sensor tolerances gives, beside no candidate."""
+        """(p,) parameters of the physics estimated with sensor tolerances and no candidate."""
         out, model = self.fitted.theta.copy(), self.layout.model
         out[self.fitted.place] += self.sums.turn @ self.regression.gain[:model, self.layout.right]
         return out[: len(self.fitted.physics)]
@@ -436,36 +446,36 @@ class ScoreTests:
 
     @property
     def _grid(self) -> dict[str, slice]:
-        return {key: one.trial.place for key, one in self.tried.items()}
+        return {key: one.trial.place for key, one in self.best_tests.items()}
 
     def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[PartialRegression, tuple[Trial, ...]]:
-        """Columns of some effects at their present shapes, less what model, zeros and sheet explain.
+        """Partial regression of effects at their present shapes on model, zeros and sheet, and their trials.
 
-        `draws` : beside the simulated runs, too.
+        `draws` : whether noise and simulated runs are included.
         """
         return beside(self.columns, self.regression, effects, self._grid if draws else None)
 
     def residual_beside(self, added: Sequence[Effect]) -> LackOfFit:
-        """Lack of fit beside model, zeros, sensor sheet and some effects."""
+        """Lack of fit with model, zeros, sensor sheet and the `added` effects."""
         return residual_beside(self.columns, self.regression, added, self._grid if added else {})
 
     def residual_without_tolerance(self, key: str) -> LackOfFit:
-        """Lack of fit beside model, zeros and sheet, without a sensor fault's own tolerance."""
-        without_tolerance = self.tried[key].without_tolerance
+        """Lack of fit with model, zeros and sheet, without the own tolerance of the sensor fault `key`."""
+        without_tolerance = self.best_tests[key].without_tolerance
         return residual_without_tolerance(
             self.regression, without_tolerance.own if without_tolerance else np.zeros(0, np.intp)
         )
 
     def tolerance_use(self, key: str = "") -> ToleranceUse:
-        """Sensor tolerances that the runs need beside the candidate `key` at its best shape, or beside none."""
+        """Sensor tolerances that the runs need with candidate `key` at its best shape in the model, or with none."""
         return tolerance_use(self.columns, self.regression, self.null, self._tolerances_found(key))
 
     def _tolerances_found(self, key: str) -> Array:
-        """(a,) nuisance parameters that the residual gives, beside a candidate or none."""
+        """(a,) nuisance parameters estimated from the residual with the candidate `key`, or with none."""
         known, right = self.regression, self.layout.right
         if not key:
             return known.gain[:, right]
-        one = self.tried[key]
+        one = self.best_tests[key]
         if one.without_tolerance is None:
             return known.gain[:, right] - known.gain[:, one.trial.place] @ one.values
         # A fault tested without its tolerance has nothing that stands for it.
@@ -477,12 +487,12 @@ class ScoreTests:
     # -- all of them --------------------------------------------------------------------------------------------------
 
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
-        """Family-wise p of each candidate: its fall against the max-score statistic of every simulated run.
+        """The candidates with family-wise p: their falls compared with the max-score statistic of simulated runs.
 
-        Falls are measured in units of their own mean under the null: beside a misfit, where the sheet's priors are
-        stiffened, a fault whose tolerance moves much would else exceed all physics.
+        Falls are in units of their own mean under the null hypothesis: with a misfit, where the sheet's priors are
+        stiffened, a fault with a wide tolerance would else exceed all physics.
         """
-        tested = [self.tried[c.key] for c in found if c.tested]
+        tested = [self.best_tests[c.key] for c in found if c.tested]
         if not tested:
             return list(found)
         means = {one.key: float(np.mean(one.null)) for one in tested}
@@ -495,8 +505,8 @@ class ScoreTests:
         ]
 
     def correlation(self, a: str, b: str) -> float:
-        """Largest canonical correlation of two candidates beside all nuisance parameters."""
-        first, second = self.tried[a].trial.place, self.tried[b].trial.place
+        """Largest canonical correlation of two candidates, nuisance parameters removed."""
+        first, second = self.best_tests[a].trial.place, self.best_tests[b].trial.place
         # A touch more on the diagonal: of a law's parameters one may be all but another's double on these runs.
         A, B = (
             np.linalg.cholesky(G + SELECTION.correlation_ridge * np.diag(np.diag(G)))
@@ -507,7 +517,7 @@ class ScoreTests:
 
 
 def judged(c: Candidate, effect: Effect) -> Candidate:
-    """A tested candidate as missing or not needed, with the reason."""
+    """A tested candidate with its answer, missing or not needed, and the reason."""
     if c.p > SELECTION.significance:
         return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
     if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
@@ -518,12 +528,12 @@ def judged(c: Candidate, effect: Effect) -> Candidate:
 
 
 def is_significant(c: Candidate, effect: Effect) -> bool:
-    """Whether chance does not do as well and its size is plausible, however little it takes away."""
+    """Whether a candidate is significant and of plausible size, whatever its gain."""
     return c.p <= SELECTION.significance and c.gain > 0.0 and implausible(c, effect) is None
 
 
 def implausible(c: Candidate, effect: Effect) -> int | None:
-    """Place of the first parameter outside what is plausible on any car, by more than its interval; or None."""
+    """Index of the first parameter whose 95 % interval is outside its plausible range; None without any."""
     for k, (q, value, half) in enumerate(zip(effect.parameters, c.values, c.interval, strict=True)):
         if value + half < q.low or value - half > q.high:
             return k

@@ -1,4 +1,4 @@
-"""Every bar of the selection in one place: its meaning, its unit, and where its value comes from.
+"""Thresholds, limits and counts of the selection, each with meaning, unit and source.
 
 Bars whose source is *benchmark* were set on the development trials of the blind benchmark (docs/benchmarks/blind.md),
 each for trials that docs/decisions/ranking.md or docs/decisions/clocks.md describe: they are no constants of nature.
@@ -199,4 +199,4 @@ class SelectionSettings:
 
 
 SELECTION = SelectionSettings()
-"""The bars that are used."""
+"""The settings in use."""

@@ -1,7 +1,7 @@
 """Formulae for a cause that is not in the catalogue: one-line laws of the measured states that the residual follows.
 
-They are tested exactly as candidates are: nuisance parameters removed, gains cross-validated, chance
-taken from the same simulated runs. What is found is a description and no explanation; the engineer writes the effect.
+They are tested exactly as candidates are: nuisance parameters removed, gains cross-validated, p from the same simulated
+runs. Such a law describes the residual and does not explain it; the engineer writes the effect.
 """
 
 from __future__ import annotations
@@ -42,10 +42,14 @@ CHASSIS = (
 
 @dataclass(frozen=True)
 class Formula:
-    """A law that part of the residual follows.
+    """Simple law of the measured states that part of the residual follows.
 
-    `text` : as `lacet effect` takes it; `place` the variant that fits best; `rows` it acts on; `gain` part of their
-    weighted residual it takes away in cross-validation; `gain_rms` the same [N or N·m]; `p` as of a candidate.
+    Attributes
+    ----------
+    text : the law as text for `lacet effect`.
+    place : place of the variant that fits best.
+    rows : rows it acts on.
+    gain, gain_rms, p : as of a `Candidate`.
     """
 
     text: str
@@ -57,7 +61,7 @@ class Formula:
 
 
 def propose(linearisation: Linearisation, failing: Sequence[Row], seed: int) -> list[Formula]:
-    """The laws that most of the residual of the `failing` rows follows, best first, one for each set of rows."""
+    """Laws that the residual of the `failing` rows follows, largest gain first, one for each set of rows."""
     recording = linearisation.fitted.runs[0].recording
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []

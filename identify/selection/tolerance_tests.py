@@ -1,9 +1,9 @@
-"""Tests of sensor tolerances: a fault without its own, and how much of all of them the runs need.
+"""Tests of sensor tolerances: score test of a sensor fault without its own tolerance, and use of all tolerances.
 
-The sheet's tolerances stand beside the model with priors, a fault's own among them. A fault that the runs show much
-better than its tolerance would be explained by that, at a price that only the prior knows. So the columns that stand
-for it (`own`) are no nuisance here; what is found is then compared with the tolerance. Noise in a fault's column (of a
-late laser half is noise) makes its estimate too small, and is corrected for.
+The sheet's tolerances are nuisance parameters with priors, the tolerance of a tested fault among them. It would explain
+a fault that the runs determine much better than the sheet, against the prior only. So the columns equivalent to the
+fault (`own`) are no nuisance in its test, and its size is then compared with the tolerance. Noise in a fault's column
+(half of that of a late laser is noise) makes its estimate too small, and is corrected for.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from lacet.identify.selection.settings import SELECTION
 
 
 class FaultWithoutTolerance:
-    """Score test of one sensor fault without its own tolerance, beside all other nuisance parameters.
+    """Score test of one sensor fault without its own tolerance, all other nuisance parameters removed.
 
     Parameters
     ----------
     space : partial regression on all nuisance parameters, the fault's own tolerance among them.
-    place : of the fault's column.
-    own : positions in `space.nuisance` of the columns that stand for it.
+    place : place of the fault's column.
+    own : positions in `space.nuisance` of the tolerances equivalent to the fault.
     """
 
     def __init__(self, space: PartialRegression, place: int, own: NDArray[np.intp]):
@@ -44,40 +44,40 @@ class FaultWithoutTolerance:
 
     @property
     def energy(self) -> float:
-        """Of the column [1/unit²], without that of its noise."""
+        """Energy of the fault's column, nuisance removed, less that of its noise [1/unit²]."""
         return float(self._products[0, 0])
 
     @property
     def noisy_part(self) -> float:
-        """Part of the column's energy that is noise."""
+        """Share of noise in the energy of the fault's column."""
         return self.noise / (self.energy + self.noise) if self.energy > 0.0 else 1.0
 
     @property
     def value(self) -> float:
-        """The fault's size."""
+        """Estimate of the fault's size [unit of its parameter]."""
         return float(self._products[0, 1]) / self.energy
 
     @property
     def spread(self) -> float:
-        """1 σ of it, as if residuals were independent."""
+        """1 σ of the estimate for independent residuals."""
         return float(np.sqrt(self.energy + self.noise)) / self.energy
 
     @property
     def drop(self) -> float:
-        """Fall of the weighted squares when the fault is added, without its own tolerance.
+        """Fall of the weighted squares by the fault without its own tolerance.
 
-        What `correction_doubt` of the shift by noise could explain is not counted.
+        The estimate is first reduced by `correction_doubt` times its correction for noise.
         """
         sure = max(0.0, abs(self.value) - SELECTION.correction_doubt * abs(self._shift) / self.energy)
         return sure**2 * self.energy
 
     def null(self, null: Array) -> Array:
-        """(D,) `drop` in simulated runs with products `null` (w, D)."""
+        """(D,) falls of the weighted squares in simulated runs with products `null` (w, D)."""
         score = null[self.place] - self._gain[:, 0] @ null[self.space.nuisance]
         return score**2 / self.energy
 
     def fall(self) -> float:
-        """The same in blocked cross-validation."""
+        """Fall of the weighted squares by the fault in blocked cross-validation."""
         columns, nuisance, total = self._columns, self.space.nuisance, 0.0
         for (inverse, gain, remainder), inside in zip(self.space.outside, self.space.inside, strict=True):
             gain, train = self._downdated(inverse, gain, remainder)
@@ -89,7 +89,7 @@ class FaultWithoutTolerance:
         return total
 
     def coefficients(self) -> Array:
-        """(w, 2) for `CrossProducts.series`: one unit of the fault, and the residual, without its own tolerance."""
+        """(w, 2) coefficients for `CrossProducts.series`, own tolerance removed: fault per unit, residual."""
         out = np.zeros((self.space.sums.layout.width, 2))
         out[self._columns] = self._turn
         out[self.space.nuisance] -= self._gain
@@ -103,9 +103,10 @@ class FaultWithoutTolerance:
 def downdated(
     inverse: Array, gain: Array, remainder: Array, columns: NDArray[np.intp], own: NDArray[np.intp]
 ) -> tuple[Array, Array]:
-    """Gain (a, m) and products (m, m) of some columns when the columns at positions `own` are no nuisance.
+    """Partial regression of m columns without the nuisance columns at `own`: gain (a, m) and products (m, m).
 
-    `inverse`, `gain`, `left` are of the regression on all nuisance columns, as `PartialRegression` has them.
+    It is downdated from `inverse`, `gain` and `remainder` (`reduced` of `PartialRegression`), those with all nuisance
+    columns.
     """
     gain = gain[:, columns]
     tolerance_use = gain[own]
@@ -116,7 +117,7 @@ def downdated(
 
 
 def tolerances_like(space: PartialRegression, place: int, alike: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Positions in `space.nuisance`, among those `alike`, of the columns that a fault's column is made of."""
+    """Positions in `space.nuisance`, among `alike`, of the tolerances of which a fault's column is a combination."""
     if not alike.size:
         return alike
     total, places = space.sums.total, space.nuisance[alike]
@@ -130,13 +131,13 @@ def tolerances_like(space: PartialRegression, place: int, alike: NDArray[np.intp
 
 @dataclass(frozen=True)
 class ToleranceUse:
-    """Sensor tolerances that the runs need, in units of the sheet, beside those that simulated runs need.
+    """Sensor tolerances that the runs need, in units of the sheet, compared with those of simulated runs.
 
     Attributes
     ----------
-    sizes : entry of the sheet → how many of its tolerances these runs would have it off.
-    squares : sum of their squares. Latencies are not in it: clocks are judged by themselves.
-    null : (D,) the same in simulated runs that lack nothing, their tolerances drawn.
+    sizes : entry of the sheet → its estimated error ÷ its tolerance.
+    squares : sum of their squares without those of latencies, for which there are tests of their own.
+    null : (D,) that sum in simulated runs of a complete model, their errors drawn from the tolerances.
     """
 
     sizes: Mapping[str, float]
@@ -145,19 +146,19 @@ class ToleranceUse:
 
     @property
     def excess(self) -> float:
-        """Squares beyond those of simulated runs."""
+        """`squares` less their mean in simulated runs."""
         return self.squares - float(np.mean(self.null))
 
     @property
     def tolerance_exceeded(self) -> bool:
-        """Whether such a sheet is not to be believed: more than in any simulated run, and than twice their mean."""
+        """Whether the sheet is rejected: `squares` above those of all simulated runs, and well above their mean."""
         return self.squares > max(
             float(np.max(self.null)), SELECTION.tolerance_squares_ratio * float(np.mean(self.null))
         )
 
 
 def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs: Array, found: Array) -> ToleranceUse:
-    """Tolerances that the runs need where the nuisance parameters are `found` (a,); `null_runs` (w, D) simulated."""
+    """The tolerances for nuisance parameters `found` (a,); `null_runs` (w, D) products with simulated runs."""
     layout, linearisation = columns.sums.layout, columns.linearisation
     drawn = known.inverse @ null_runs[known.nuisance]
     sizes: dict[str, float] = {}

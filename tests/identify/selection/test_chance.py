@@ -23,7 +23,7 @@ def test_the_best_of_every_simulated_run_has_a_rank_of_its_own(space: ScoreTests
     """Put in the place of the measured run, D simulated ones have least p of 2/(D + 1), 3/(D + 1) … 1: uniform."""
     least = []
     for draw in range(DRAWS):
-        drops = [replace(c, drop=float(space.tried[c.key].null[draw])) for c in found]
+        drops = [replace(c, drop=float(space.best_tests[c.key].null[draw])) for c in found]
         least.append(min(c.p for c in space.family_wise(drops)))
     np.testing.assert_allclose(np.sort(least), np.arange(2, DRAWS + 2) / (DRAWS + 1))
 
@@ -54,7 +54,11 @@ def test_noise_twice_as_loud_as_the_sheet_is_no_effect(fitted: Fit, floor: Noise
     assert min(c.p for c in found.candidates) > SELECTION.significance
     noisy = ScoreTests.of(Linearisation.of(loud, floor), CANDIDATES, 0, space.noise)
     assert not excess_is_coloured(noisy.residual_beside([]))
-    growth = [np.mean(noisy.tried[c.key].null) / np.mean(space.tried[c.key].null) for c in space.try_all() if c.tested]
+    growth = [
+        np.mean(noisy.best_tests[c.key].null) / np.mean(space.best_tests[c.key].null)
+        for c in space.try_all()
+        if c.tested
+    ]
     assert 3.0 < np.median(growth) < 5.0  # simulated runs are as loud
     assert "noisier than their sheet" in says(found)
 

@@ -60,11 +60,11 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     other = candidates["anti_roll_bar.front"]
     said = chow_test(same, candidates[key], [other])
     assert said
-    tried, w = same.tried[key], same.layout.width
+    tried, w = same.best_tests[key], same.layout.width
     own = tried.without_tolerance.own if tried.without_tolerance else np.zeros(0, int)
     kept = np.setdiff1d(np.arange(len(same.regression.nuisance)), own)
     prior = same.regression.prior[np.ix_(kept, kept)]
-    bar = same.tried[other.key].trial.place
+    bar = same.best_tests[other.key].trial.place
     shared = np.r_[same.regression.nuisance[kept], bar]
     sigma = [q.prior for q in KNOWN[other.key].parameters]
     shared_prior = scipy.linalg.block_diag(prior, np.diag([s**-2.0 for s in sigma]))

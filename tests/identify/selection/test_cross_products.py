@@ -187,7 +187,7 @@ def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: Sc
     left = dense.solve(right)[2]
     columns: dict[str, Array] = {}
     for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl"):
-        c, trial = found[key], space.tried[key].trial
+        c, trial = found[key], space.best_tests[key].trial
         column = dense.solve(dense.column(trial.effect)[:, 0], drawn=True)[2]
         columns[key] = column
         moved = c.values[0] * column
@@ -205,7 +205,7 @@ def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: Sc
     assert np.sum(bar.block_gain) == pytest.approx(bar.drop, rel=0.05)
     assert space.correlation("anti_roll_bar.front", "anti_roll_bar.front") == pytest.approx(1.0)
     A, P = dense.base[0], dense.prior
-    wide = [np.concatenate([dense.column(space.tried[k].trial.effect)[:, 0], np.zeros(len(P))]) for k in columns]
+    wide = [np.concatenate([dense.column(space.best_tests[k].trial.effect)[:, 0], np.zeros(len(P))]) for k in columns]
     big = np.concatenate([A, P])
     lengths = np.linalg.norm(big, axis=0)
     Q = np.linalg.svd(big[:, lengths > 0] / lengths[lengths > 0], full_matrices=False)

@@ -163,7 +163,7 @@ def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: Noi
 
 def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: ScoreTests):
     """A shape of the grid beside others is what it was alone: value, σ and all."""
-    tried = [one for one in space.tried.values() if not one.trial.fault]
+    tried = [one for one in space.best_tests.values() if not one.trial.fault]
     inside, trials = space.beside([one.trial.effect for one in tried])
     noisy = 0
     for one, trial in zip(tried, trials, strict=True):

@@ -161,7 +161,7 @@ def test_noise_of_other_zeros_is_not_used_where_runs_were_read_again(
     low = scaled(floor, 1.0 / 1.12)
     noise = ScoreTests.of(Linearisation.of(fitted, low), TRIED, 0).noise
     other = fit_of(later("sensor_latency.imu", 0.003, 0), fitted)
-    closer = replace(relinearise(Linearisation.of(other, floor), straight=SELECTION.settled_phase), floor=floor)
+    closer = replace(relinearise(Linearisation.of(other, floor), largest_phase=SELECTION.settled_phase), floor=floor)
     assert closer.fitted is not fitted
     monkeypatch.setattr(ranking, "_relinearised", lambda space, progress: closer)
     found = diagnose(fitted, low, TRIED, noise=noise)

@@ -100,7 +100,7 @@ def test_what_takes_more_away_than_it_leaves_is_named(
 def test_beside_a_candidate_it_is_what_all_unknowns_together_make_of_it(space: ScoreTests, found: object, key: str):
     """Normal equations with the candidate's columns among them; a fault's own tolerance is not."""
     del found  # all are tried
-    known, one, right = space.regression, space.tried[key], space.layout.right
+    known, one, right = space.regression, space.best_tests[key], space.layout.right
     own = one.without_tolerance.own if one.without_tolerance else np.zeros(0, int)
     kept = np.setdiff1d(np.arange(len(known.nuisance)), own)
     places = np.concatenate([known.nuisance[kept], np.r_[one.trial.place]])
