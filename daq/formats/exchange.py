@@ -108,10 +108,14 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
         metadata = {}
     if twice := [name for name, n in Counter(table.column_names).items() if n > 1]:
         raise RunError(file, [f"{', '.join(twice)}: more than one column of that name; give each its own"])
+    # Array.to_numpy loads pandas, a second of start-up, and so does a scalar made of a number of Python's.
+    missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
     columns: dict[str, NDArray[np.float64]] = {}
     for name in table.column_names:
         try:
-            columns[name] = table[name].cast(pa.float64()).to_numpy(zero_copy_only=False)
+            filled = table[name].cast(pa.float64()).fill_null(missing)
+            chunks = [np.asarray(np.from_dlpack(chunk), np.float64) for chunk in filled.chunks]
+            columns[name] = chunks[0] if len(chunks) == 1 else np.concatenate([np.zeros(0), *chunks])
         except pa.ArrowException:
             problems.append(f"column '{name}' is not numbers and was left out")
     return columns, metadata, problems
@@ -167,13 +171,14 @@ def _signals(
         return {}, ["fewer than two rows with an increasing time"]
     # Where rows were left out the time has a gap: the samples on both sides are not consecutive.
     jumped = np.where(np.diff(np.flatnonzero(keep), prepend=-1) > 1, np.uint8(Flag.CLOCK), np.uint8(0))
+    stamps, whole = t[keep], bool(np.all(keep))
     grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
     for column, values in table.items():
         if column not in COLUMNS:
             problems.append(f"column '{column}' is not a channel and was left out{nearest(column, COLUMNS)}")
             continue
         channel, component = COLUMNS[column]
-        grouped.setdefault(channel.name, {})[component] = values[keep]
+        grouped.setdefault(channel.name, {})[component] = values if whole else values[keep]
     signals: dict[str, Signal] = {}
     for name, parts in grouped.items():
         channel = CHANNELS[name]
@@ -182,7 +187,7 @@ def _signals(
             problems.append(f"{name} was left out: {', '.join(lacking)} missing")
             continue
         values = np.stack([parts[i] for i in range(channel.width)], axis=1)
-        signals[name] = signal(name, t[keep], values, jumped.copy())
+        signals[name] = signal(name, stamps, values, jumped)
     return signals, [] if signals else ["no column is a channel of the vocabulary (see docs/channels.md)"]
 
 

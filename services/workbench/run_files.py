@@ -73,7 +73,7 @@ class RunFiles:
 
     def __init__(self, cache: SessionCache):
         self._cache, self._lock = cache, threading.Lock()
-        self._file = cache.folder / ".cache" / "runs.json"
+        self._file = cache.folder / ".cache" / "summaries.json"
         self._known: dict[str, dict[str, Any]] = {}
         with suppress(OSError, ValueError):
             self._known = json.loads(self._file.read_text(encoding="utf-8"))
@@ -219,9 +219,12 @@ def summary(path: Path) -> dict[str, Any]:
 def _hash(run: Run) -> str:
     """Digest of a run's samples: equal for two files with the same samples, whatever their names and formats."""
     found = hashlib.sha256()
+    stamps: dict[int, bytes] = {}  # the channels of a table have one array of stamps
     for name, s in sorted(run.signals.items()):
+        if id(s.t) not in stamps:
+            stamps[id(s.t)] = np.ascontiguousarray(s.t - s.t[0] if len(s.t) else s.t).round(7).tobytes()
         found.update(name.encode())
-        found.update(np.ascontiguousarray(s.t - s.t[0] if len(s.t) else s.t).round(7).tobytes())
+        found.update(stamps[id(s.t)])
         found.update(np.ascontiguousarray(s.values, np.float32).tobytes())
     return found.hexdigest()
 

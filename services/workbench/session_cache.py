@@ -41,6 +41,8 @@ PREVIEWS = 50
 """Number of one-step updates kept for each version."""
 VERSIONS = 8
 """Number of versions whose series are kept in memory."""
+RANKINGS = 1
+"""Number of rankings, each with the noise in all candidates' columns, held in memory; others are on disk."""
 
 Stamp = tuple[tuple[str, int, int], ...]
 """State of the files that a result was computed from: path, time of change [ns] and size of each."""
@@ -169,7 +171,7 @@ class SessionCache:
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Cache a ranking, on which the recommendation of the next run is based."""
-        _keep(self._diagnosed, number, (stamp_of(study), diagnosis))
+        _keep(self._diagnosed, number, (stamp_of(study), diagnosis), RANKINGS)
 
     # -- cached results -----------------------------------------------------------------------------------------------
 
@@ -233,8 +235,8 @@ def one_stamp(file: Path) -> tuple[str, int, int]:
     return str(file), found.st_mtime_ns, found.st_size
 
 
-def _keep(kept: OrderedDict[int, Any], number: int, value: Any) -> None:
+def _keep(kept: OrderedDict[int, Any], number: int, value: Any, most: int = VERSIONS) -> None:
     kept[number] = value
     kept.move_to_end(number)
-    while len(kept) > VERSIONS:
+    while len(kept) > most:
         kept.popitem(last=False)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,6 +38,9 @@ from lacet.services.workspace.study_cache import StudyCache
 
 MOST_EFFECTS = 10
 """Largest number of effects that a search for missing ones adds."""
+VERSIONS_AT_HAND = 1
+"""Number of versions whose fits, floors and scores a session holds in memory. Those of the others are read from the
+study's cache again, in a tenth of a second; a fit's sensitivities are as large as the motions of all runs."""
 
 
 def fit_run(path: str | Path) -> dict[str, Any]:
@@ -87,9 +91,9 @@ class Session:
         self._study, self._cache = study, StudyCache(study)
         self._loaded: Loaded | None = None
         self._held: tuple[PreparedRun, ...] | None = None
-        self._fits: dict[int, Fit] = {}
-        self._floors: dict[int, NoiseFloor] = {}
-        self._compared: dict[tuple[int, bool], list[Comparison]] = {}
+        self._fits: OrderedDict[int, Fit] = OrderedDict()
+        self._floors: OrderedDict[int, NoiseFloor] = OrderedDict()
+        self._compared: OrderedDict[tuple[int, bool], list[Comparison]] = OrderedDict()
 
     @property
     def study(self) -> Study:
@@ -141,6 +145,7 @@ class Session:
     def fitted(self, version: Version) -> Fit:
         """The fit of a version."""
         if version.number not in self._fits:
+            _make_room(self._fits, VERSIONS_AT_HAND)
             reference = self.reference(version)
             key = self._cache.key("regression", version, reference)
             model, kept = self.study.model(version, reference), self._cache.store.load("fit", key)
@@ -150,6 +155,7 @@ class Session:
                 found = self._fit(version, model)
                 self._cache.store.save("fit", key, fit_record(found))
                 self._fits[version.number] = found
+        self._fits.move_to_end(version.number)
         return self._fits[version.number]
 
     def _fit(self, version: Version, model: Model) -> Fit:
@@ -173,8 +179,10 @@ class Session:
         """A version against the runs used, or held out."""
         place = (version.number, held)
         if place not in self._compared:
+            _make_room(self._compared, 2 * VERSIONS_AT_HAND)
             key = self._key_with(version, held, SCORE_DRAWS)
             self._compared[place] = self._cache.kept("compared", key, lambda: self._compare(version, held))
+        self._compared.move_to_end(place)
         return self._compared[place]
 
     def _compare(self, version: Version, held: bool) -> list[Comparison]:
@@ -247,6 +255,7 @@ class Session:
     def floor(self, version: Version, progress: Progress | None = None) -> NoiseFloor:
         """The noise floor of a version's fit on the runs used, in single precision."""
         if version.number not in self._floors:
+            _make_room(self._floors, VERSIONS_AT_HAND)
             key = self._cache.key("validation", version, self.reference(version), self.study.draws)
 
             def simulated() -> tuple[dict[Row, NDArray[np.float32]], ...]:
@@ -256,6 +265,7 @@ class Session:
             single = self._cache.kept("floor", key, simulated)
             draws = tuple({row: a.astype(float) for row, a in part.items()} for part in single)
             self._floors[version.number] = NoiseFloor.of(draws)
+        self._floors.move_to_end(version.number)
         return self._floors[version.number]
 
     def failure(
@@ -335,7 +345,8 @@ class Session:
         """Let go of what was computed for a version's number."""
         for values in (self._fits, self._floors):
             values.pop(number, None)
-        self._compared = {key: parts for key, parts in self._compared.items() if key[0] != number}
+        for held in (False, True):
+            self._compared.pop((number, held), None)
 
     def add_missing(
         self, most: int = MOST_EFFECTS,
@@ -379,3 +390,9 @@ class Session:
         if key not in version.effects:
             raise UsageError(f"{key} was not added to version {version.number}")
         return self.record({k: s for k, s in version.effects.items() if k != key}, f"removed {key}")
+
+
+def _make_room(values: OrderedDict[Any, Any], most: int) -> None:
+    """Let go of the values not used for longest, so that one more makes at most `most`."""
+    while len(values) >= most:
+        values.popitem(last=False)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -273,3 +275,12 @@ def test_files_that_a_table_names_are_looked_for_beside_it(tmp_path: Path) -> No
     run = read_table(file)
     assert Path(run.rig).samefile(tmp_path / "rig.toml")
     assert run.vehicle == named["vehicle"]
+
+
+def test_a_table_is_read_without_pandas():
+    """It takes a second to load, which the first listing of runs would wait for."""
+    code = (
+        "import sys; from pathlib import Path; from lacet.daq.formats.exchange import read_table; "
+        f"read_table(Path({str(CAR / 'sine.parquet')!r})); sys.exit('pandas' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], cwd=HOME, check=False).returncode == 0

@@ -21,7 +21,7 @@ from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import Session
+from lacet.services.workspace.session import VERSIONS_AT_HAND, Session
 from lacet.services.workspace.study import Study, Version
 from lacet.services.workspace.study_cache import StudyCache
 from tests.identify import cars
@@ -213,3 +213,15 @@ def test_an_effect_of_the_user_in_the_model_is_in_its_key_with_its_law(folder: P
     assert [a == b for a, b in zip(keys(folder, version), before, strict=True)] == [True, True, False]
     own_effect("mine = suspension: c * travel**5\n")(folder)
     assert not set(keys(folder, version)) & set(before)
+
+
+def test_a_session_holds_few_versions_and_reads_the_others_again(folder: Path, calls: dict[str, int]):
+    session = Session(Study.open(folder))
+    version = session.study.version()
+    versions = [replace(version, number=number) for number in range(1, 5)]
+    first = [session.fitted(one).theta for one in versions]
+    assert calls["fit"] == 1
+    assert len(session._fits) == VERSIONS_AT_HAND
+    for one, theta in zip(versions, first, strict=True):
+        np.testing.assert_array_equal(session.fitted(one).theta, theta)
+    assert calls["fit"] == 1, "read, not fitted again"
