@@ -92,7 +92,8 @@ catalogue: .venv/.dev
 
 lock: .venv/.uv
 	@$(COMPILE) --group build pyproject.toml -o requirements/run.txt
-	@$(COMPILE) --group build --group dev --extra sim --extra consistency -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) --group build --group dev --extra sim --extra consistency --extra campaign -c requirements/run.txt pyproject.toml -o requirements/dev.txt
+	@$(COMPILE) --group build --extra campaign -c requirements/dev.txt pyproject.toml -o requirements/campaign.txt
 	@$(COMPILE) requirements/schema.in -o requirements/schema.txt
 	@if grep -n -i -E 'https?:|file:|index-url|find-links' requirements/*.txt; then \
 		echo 'lock: an address got into the files above; see the settings of uv on this machine'; exit 1; fi

@@ -156,7 +156,7 @@ def reported() -> set[str]:
     base = reference(False)
     whole = whole_vehicle(base, cars.reference_car()[0])
     assert whole is not None
-    return {e.name for e in estimates(base) if e.identifiable} | {
+    return {e.name for e in estimates(base, runs=base.runs) if e.identifiable} | {
         name for name, sure in zip(NAMES, whole.determined, strict=True) if sure
     }
 

@@ -24,6 +24,8 @@ class ServiceStage(Enum):
     BODY_CONSISTENCY = auto()
     CONSISTENT_FIT = auto()
     CANDIDATES = auto()
+    # Campaign
+    CAMPAIGN_PASS = auto()
     # Planning
     PRESENT_INFORMATION = auto()
     SIMULATING_RUN = auto()

@@ -16,7 +16,7 @@ from lacet.identify.car.car_tree import WHEEL, car_chain
 from lacet.identify.effects.base import with_places
 from lacet.identify.multibody.rigid_body import REVOLUTION, move_parameters
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.wls import Fit
+from lacet.identify.regression.sums.linear_fit import FittedModel
 
 NAMES = ("mass", "cog.x", "cog.y", "cog.z", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", "m", "m", "m", *("kg·m²",) * 6)
@@ -38,7 +38,7 @@ class WholeVehicle:
     determined: tuple[bool, ...]
 
 
-def whole_vehicle(fitted: Fit, vehicle: Vehicle) -> WholeVehicle | None:
+def whole_vehicle(fitted: FittedModel, vehicle: Vehicle) -> WholeVehicle | None:
     """Whole-vehicle values of a fit; None when the model has no chassis."""
     names = list(fitted.model.names)
     if "M6" not in names:
@@ -68,7 +68,7 @@ def _length(vehicle: Vehicle) -> float:
     return float(np.ptp(x))
 
 
-def summation(fitted: Fit, vehicle: Vehicle) -> Array:
+def summation(fitted: FittedModel, vehicle: Vehicle) -> Array:
     """(10, p): map from the model's parameters to those of all bodies as one, about the body origin."""
     out = np.zeros((10, len(fitted.theta)))
     for effect, place in with_places(fitted.model.physics):

@@ -15,7 +15,7 @@ from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
 
 KEPT = 900.0
@@ -104,16 +104,17 @@ class Assembly:
     zeros : whether each run has sensor zeros as parameters.
     shared : responses from other runs of the same motions, none of them in pieces; None to compute them.
     seeds : number of each run in the seeds of its noise draws; by default its index.
+    payload : 1 σ of the runs' payloads; each run then has its own, beside its zeros; None for no payloads.
     """
 
     def __init__(
         self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
         runs: Sequence[PreparedRun], at: Array | None, zeros: bool, shared: MotionResponses | None = None,
-        seeds: Sequence[int] = (),
+        seeds: Sequence[int] = (), payload: PayloadSpread | None = None,
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
         self.runs, self.at, self.zeros = tuple(runs), at, zeros
-        self.shared = shared
+        self.shared, self.payload = shared, payload
         self.seeds = tuple(seeds) or tuple(range(len(self.runs)))
         self.weights: Mapping[tuple[int, int | None], Mapping[Row, Array]] = {}
         self._cache = _PieceCache()
@@ -214,7 +215,10 @@ class Assembly:
                 matrices[row] = np.column_stack([W, *(found.get(row, np.zeros(len(W))) for found in faults)])
             if self.zeros:
                 zeros = zeros_of(drive, sensitivity, every=not whole)
-                matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
+        if self.payload is not None:
+            zeros = with_payload(zeros, drive, self.payload)
+        if zeros is not None:
+            matrices = {row: np.column_stack([zeros.columns[row], W]) for row, W in matrices.items()}
         instants: dict[Row, NDArray[np.intp]] = {row: (drive.index[row] + drive.offset) // step for row in drive.rows}
         piece = Piece(run, number, self.seeds[run], drive, matrices, drive.measured, instants, zeros, sensitivity, None)
         # Motion and slopes of a part of a long run are many times as large as its equations.

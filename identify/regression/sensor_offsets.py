@@ -1,7 +1,8 @@
 """Sensor zeros: constant offsets of the instruments in each run, known only to the sensor sheet's tolerance.
 
 They are parameters of a run with the sheet's σ as prior: zeros without a prior would absorb drag and cross-talk;
-without zeros half a millimetre of a laser would appear as a hundred newtons of tyre load.
+without zeros half a millimetre of a laser would appear as a hundred newtons of tyre load. A payload of its own
+may stand beside them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.rows import Row
+from lacet.identify.effects.body.payload import Payload
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -57,3 +59,35 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
         if waving:
             table[:, waving] = run.decimated({row: np.stack([series[i][row] for i in waving])})[row].T
     return Zeros(tuple(names), np.asarray(sigma), columns)
+
+
+@dataclass(frozen=True)
+class PayloadSpread:
+    """How payloads differ from run to run: 1 σ about the car that the runs have in common.
+
+    `mass` [kg]; `arms` distance of the payload from the body's origin, along, across, up [m]: σ of a first moment is
+    `mass` times its arm.
+    """
+
+    mass: float
+    arms: tuple[float, float, float] = (1.0, 0.4, 0.5)
+
+    @property
+    def sigma(self) -> Array:
+        """(4,) of the mass [kg] and of its first moments [kg·m]."""
+        return self.mass * np.array([1.0, *self.arms])
+
+
+def with_payload(zeros: Zeros | None, run: PreparedRun, spread: PayloadSpread) -> Zeros:
+    """A run's zeros, and the mass and first moments of its payload beside them."""
+    effect = Payload(run.name)
+    columns = run.columns(effect)
+    count = len(effect.parameters)
+    table: dict[Row, Array] = {}
+    for row in run.rows:
+        own = columns[row].T if row in columns else np.zeros((len(run.index[row]), count))
+        table[row] = own if zeros is None else np.column_stack([zeros.columns[row], own])
+    names = tuple(q.name for q in effect.parameters)
+    if zeros is None:
+        return Zeros(names, spread.sigma, table)
+    return Zeros((*zeros.names, *names), np.concatenate([zeros.sigma, spread.sigma]), table)

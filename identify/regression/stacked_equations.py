@@ -11,7 +11,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import triangle
-from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.sensor_offsets import Zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit
 
 
@@ -41,8 +41,13 @@ class Columns:
     def _zeros_of(self, d: int) -> Zeros:
         """Zeros of run `d` as the fit has them: of the channels its rows depend on, or of all where it is in pieces."""
         run, sensitivity = self.fitted.runs[d], self.fitted.sensitivities[d]
-        found = zeros_of(run, sensitivity)
-        return found if found.names == self.fitted.zeros[d][0] else zeros_of(run, sensitivity, every=True)
+        payload = self.fitted.options.payload
+        for every in (False, True):
+            found = zeros_of(run, sensitivity, every)
+            found = found if payload is None else with_payload(found, run, payload)
+            if found.names == self.fitted.zeros[d][0]:
+                break
+        return found
 
     def columns(self, d: int, row: Row, drive: PreparedRun) -> Array:
         """(n, q) weighted columns of a row of run `d`; columns of parameters are computed on `drive`."""

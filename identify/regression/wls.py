@@ -175,8 +175,9 @@ def fit(
     Raises NotIdentifiable when no run has a row, or the model no parameter that acts on one.
     """
     options = options or FitOptions()
-    prepared = PreparedRuns(model, tuple(runs), options.zeros, stored.responses if stored else None, options.seeds)
-    return _of(model, options, solve_runs(model, prepared, options, stored.moments if stored else None, progress))
+    responses, moments = (stored.responses, stored.moments) if stored else (None, None)
+    prepared = PreparedRuns(model, tuple(runs), options.zeros, responses, options.seeds, options.payload)
+    return _of(model, options, solve_runs(model, prepared, options, moments, progress))
 
 
 def _of(model: Model, options: FitOptions, found: LinearSolution[PreparedEquations]) -> Fit:
@@ -209,7 +210,7 @@ def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = N
     """
     options = _weights_free(fitted)
     responses, moments = (stored.responses, stored.moments) if stored else (None, None)
-    prepared = PreparedRuns(fitted.model, tuple(runs), options.zeros, responses, options.seeds)
+    prepared = PreparedRuns(fitted.model, tuple(runs), options.zeros, responses, options.seeds, options.payload)
     found = solve_linear(fitted.model, prepared, options, moments, near=fitted.physics)
     return _of(fitted.model, options, found)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,8 @@ import numpy as np
 from lacet.identify.car.rows import Row, RowAbsence
 from lacet.identify.effects.base import Effect, columns_by_row
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.wls import Fit
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sums.linear_fit import FittedModel
 
 
 @dataclass(frozen=True)
@@ -98,10 +100,10 @@ _WIDE = 0.5
 """Posterior σ ÷ prior σ from which a parameter is not identified: the runs add next to nothing."""
 
 
-def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
-    """The estimates of all parameters of a fit's model, those that are not identified included.
+def estimates(fitted: FittedModel, drawn: Array | None = None, runs: Sequence[PreparedRun] = ()) -> list[Estimate]:
+    """The estimates of all parameters of a fitted model, those that are not identified included.
 
-    `drawn` : (draws, p) from `Fit.bootstrap`.
+    `drawn` : (draws, p) from `Fit.bootstrap`; `runs` : those used, to find rows that all of them lack (`RowsAbsent`).
     """
     out: list[Estimate] = []
     place = {int(i): k for k, i in enumerate(fitted.base.independent)}
@@ -123,7 +125,7 @@ def estimates(fitted: Fit, drawn: Array | None = None) -> list[Estimate]:
             elif 1.96 * sigma[i] > max(abs(value), _natural(fitted, parameter.name)):
                 why = WiderThanValue(1.96 * float(sigma[i]), parameter.unit, shown_by(parameter.name, effect))
         elif i < physics:
-            why = _grouped(fitted, i, effect)
+            why = _grouped(fitted, i, effect, runs)
         out.append(
             Estimate(
                 name=parameter.name,
@@ -146,23 +148,23 @@ def shown_by(name: str, effect: Effect) -> str:
     return effect.parameters_shown_by.get(name, effect.shown_by)
 
 
-def _grouped(fitted: Fit, i: int, effect: Effect) -> Unidentified:
+def _grouped(fitted: FittedModel, i: int, effect: Effect, runs: Sequence[PreparedRun]) -> Unidentified:
     """Reason why a parameter of a group has no value of its own."""
     name = fitted.model.names[i]
     if i in fitted.base.absent:
-        return _rows_absent(fitted, effect) or NoDependence(shown_by(name, effect))
+        return _rows_absent(runs, effect) or NoDependence(shown_by(name, effect))
     column = int(np.flatnonzero(fitted.base.dependent == i)[0])
     holders = [fitted.model.names[int(k)] for k in fitted.base.independent[fitted.base.relations[:, column] != 0.0]]
     return CountedWith(tuple(holders))
 
 
-def _rows_absent(fitted: Fit, effect: Effect) -> RowsAbsent | None:
+def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | None:
     """The reason when every row the effect acts on is absent from every run for a channel, not for the manoeuvre."""
     reasons: dict[Row, RowAbsence | None] = {}
     physics = effect.as_physics
-    if physics is None:
+    if physics is None or not runs:
         return None
-    for run in fitted.runs:
+    for run in runs:
         rows = tuple(columns_by_row(physics, next(run.pieces()).motion))
         if not rows or any(row in run.rows for row in rows):
             return None
@@ -171,7 +173,7 @@ def _rows_absent(fitted: Fit, effect: Effect) -> RowsAbsent | None:
     return RowsAbsent(row, len(reasons) > 1, absence)
 
 
-def _natural(fitted: Fit, name: str) -> float:
+def _natural(fitted: FittedModel, name: str) -> float:
     """Size below which a body's product of inertia or first moment counts as zero."""
     kind, number = name.rstrip("0123456789"), name[len(name.rstrip("0123456789")) :]
     names = fitted.model.names

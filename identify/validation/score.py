@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.regression.sensor_offsets import Zeros, zeros_of
+from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, is_used
@@ -90,18 +91,32 @@ def compare(
     The run may be one that the fit used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
     they belong to the run and not to the car. `knowledge` : that of the fit where it is computed already.
     """
-    used = is_used(fitted, run)
-    run = corrected_run(run, fitted)
-    sensitivity = Sensitivity.of(run.recording, fitted.model.physics, fitted.physics)
+    payload = fitted.options.payload
+    known = None if is_used(fitted, run) else knowledge or Knowledge.of(fitted)
+    return compare_values(fitted.model.physics, fitted.physics, corrected_run(run, fitted), draws, seed, known, payload)
+
+
+def compare_values(
+    effects: Sequence[PhysicalEffect], values: Array, run: PreparedRun, draws: int = SCORE_DRAWS, seed: int = 1,
+    knowledge: Knowledge | None = None, payload: PayloadSpread | None = None,
+) -> Comparison:  # fmt: skip
+    """The prediction of a run, sensor faults removed, by effects with these values (p,) of their parameters.
+
+    `knowledge` : of the values, for a run that they were not fitted to; None for one that they were fitted to.
+    `payload` : how much the runs' payloads differ, where each has its own.
+    """
+    sensitivity = Sensitivity.of(run.recording, effects, values)
     noise = simulate_floor([run], [sensitivity], draws, seed)
     floor = noise.by_run[0]
     zeros = zeros_of(run, sensitivity)
-    plain = {row: run.matrix(fitted.model.physics, row) @ fitted.physics for row in run.rows}
-    values = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
-    modelled: dict[Row, Array] = {row: plain[row] + zeros.columns[row] @ values for row in run.rows}
+    if payload is not None:
+        zeros = with_payload(zeros, run, payload)
+    plain = {row: run.matrix(effects, row) @ values for row in run.rows}
+    offsets = profile_zeros(run, zeros, {row: run.measured[row] - plain[row] for row in run.rows}, floor)
+    modelled: dict[Row, Array] = {row: plain[row] + zeros.columns[row] @ offsets for row in run.rows}
     open_: Mapping[Row, tuple[float, OpenParameters | None]] = {}
-    if not used:
-        open_ = (knowledge or Knowledge.of(fitted)).prediction(fitted.model.physics, run, zeros, floor)
+    if knowledge is not None:
+        open_ = knowledge.prediction(effects, run, zeros, floor)
     step, rate = run.recording.filters.step, run.recording.filters.rate
     scores: dict[Row, RowScore] = {}
     colours: dict[Row, Whiteness] = {}
@@ -114,7 +129,9 @@ def compare(
             colours[row] = colour
     t: dict[Row, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
     seconds = float(run.recording.t[-1] - run.recording.t[0])
-    return Comparison(run.name, t, run.measured, modelled, scores, (zeros, values), used, colours, seconds)
+    return Comparison(
+        run.name, t, run.measured, modelled, scores, (zeros, offsets), knowledge is None, colours, seconds
+    )
 
 
 def _coloured(score: RowScore, colour: Whiteness | None) -> RowScore:

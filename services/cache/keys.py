@@ -126,14 +126,14 @@ def run_digests(study: Path, runs: Iterable[Path]) -> list[str]:
             if isinstance(before, list) and len(kept := cast(list[Any], before)) == 4 and kept[:3] == stamp:
                 entry = kept
             else:
-                entry = found[name] = [*stamp, _content(run)]
+                entry = found[name] = [*stamp, run_digest(run)]
         out.append(entry[3])
     if found:
         _remember(memory, {**known, **found})
     return out
 
 
-def _content(run: Path) -> str:
+def run_digest(run: Path) -> str:
     """Digest of a file, and of the JSON file beside a CSV."""
     digest = hashlib.sha256()
     with run.open("rb") as stream:

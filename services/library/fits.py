@@ -51,7 +51,7 @@ class Fit:
     @cached_property
     def parameters(self) -> tuple[Estimate, ...]:
         """Estimates of all parameters of the model: value, unit, half of the 95 % interval, identifiability."""
-        return tuple(estimates(self.details))
+        return tuple(estimates(self.details, runs=self.details.runs))
 
     def value(self, name: str) -> float:
         """Value of a parameter by name [SI]. Raises KeyError with the nearest match."""

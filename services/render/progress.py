@@ -55,6 +55,7 @@ _FILLED: dict[AnyStage, str] = {
     Stage.REGRESSOR_NOISE_OF_EFFECT: "what noise does through {subject}",
     Stage.EFFECT_REMOVED: "the runs read again with {subject} removed",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",
+    ServiceStage.CAMPAIGN_PASS: "{subject}: {done} of {total} runs",
     ServiceStage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",
     ServiceStage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
     ServiceStage.DRIVING: "driving {subject}, {done} %",

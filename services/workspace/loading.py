@@ -125,7 +125,7 @@ def load(
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
-            run, drive = _drive(run, car, sensors if rig else find_rig(run, rig), filters, warnings)
+            run, drive = prepare_run(run, car, sensors if rig else find_rig(run, rig), filters, warnings)
             runs.append(run)
             drives.append(drive)
         except (RunError, NotIdentifiable) as error:
@@ -139,9 +139,13 @@ def load(
     return Loaded(car, sensors, tuple(drives), tuple(warnings), tuple(runs))
 
 
-def _drive(
+def prepare_run(
     run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]
 ) -> tuple[Run, PreparedRun]:
+    """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
+
+    Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
+    """
     drive = PreparedRun.of(run, vehicle, rig, filters)
     warnings += [f"{run.name}: {plausibility.sentence(doubt)}" for doubt in doubtful_channels(drive)]
     moved = exchanged_wheels(drive)

@@ -86,7 +86,8 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     by_name: dict[str, Estimate] = {}
     if asked.loaded is not None:
         progress(ServiceStep(ServiceStage.FITTING))
-        by_name = {e.name: e for e in estimates(fit(asked.model, asked.loaded.prepared))}
+        fitted = fit(asked.model, asked.loaded.prepared)
+        by_name = {e.name: e for e in estimates(fitted, runs=fitted.runs)}
     tree = car_tree(asked.vehicle)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]
     return {

@@ -10,11 +10,12 @@ from lacet.daq.formats.result import plain
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.consistent_fit import Consistency, ConsistentFit
 from lacet.identify.properties.derived import damper_curves, derived_values, ranges
-from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
+from lacet.identify.properties.whole_vehicle import NAMES, UNITS, WholeVehicle, whole_vehicle
+from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Candidate
-from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
@@ -31,7 +32,7 @@ def fit_result(
 ) -> dict[str, Any]:  # fmt: skip
     """A fit as plain data (``docs/json.md``, ``identify``); `drawn` as `Fit.bootstrap` gives it."""
     knowledge = knowledge or Knowledge.of(fitted)
-    found = estimates(fitted, drawn)
+    found = estimates(fitted, drawn, fitted.runs)
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
     for run in fitted.runs:
@@ -41,34 +42,7 @@ def fit_result(
             "vehicle": loaded.vehicle.name,
             "rig": loaded.rig.name,
             "wheel_reference": loaded.reference,
-            "effects": [effect.key for effect in fitted.model.effects],
-            "parameters": [
-                {
-                    "name": e.name,
-                    "effect": e.effect,
-                    "value": e.value,
-                    "unit": e.unit,
-                    "interval95": [e.value - e.half, e.value + e.half],
-                    "half95": e.half,
-                    "half95_sheet": e.half_sheet,
-                    "half95_bootstrap": e.half_bootstrap,
-                    "sxr_percent": e.sxr,
-                    "group": e.group,
-                }
-                for e in found
-                if e.identifiable
-            ],
-            "not_identifiable": [
-                {"name": e.name, "effect": e.effect, "why": unidentified(e.why)} for e in found if not e.identifiable
-            ],
-            "whole_vehicle": None
-            if whole is None
-            else [
-                {"name": n, "value": v, "unit": u, "half95": h, "half95_sheet": s, "identifiable": d}
-                for n, v, u, h, s, d in zip(
-                    NAMES, whole.values, UNITS, whole.interval, whole.interval_sheet, whole.determined, strict=True
-                )
-            ],
+            **parameter_results(fitted, found, whole),
             "derived": [
                 {
                     "name": d.name,
@@ -94,6 +68,40 @@ def fit_result(
             "warnings": list(loaded.warnings),
         }
     )
+
+
+def parameter_results(fitted: FittedModel, found: Sequence[Estimate], whole: WholeVehicle | None) -> dict[str, Any]:
+    """The effects of a fitted model, its parameters and the whole vehicle's values as plain data."""
+    return {
+        "effects": [effect.key for effect in fitted.model.effects],
+        "parameters": [
+            {
+                "name": e.name,
+                "effect": e.effect,
+                "value": e.value,
+                "unit": e.unit,
+                "interval95": [e.value - e.half, e.value + e.half],
+                "half95": e.half,
+                "half95_sheet": e.half_sheet,
+                "half95_bootstrap": e.half_bootstrap,
+                "sxr_percent": e.sxr,
+                "group": e.group,
+            }
+            for e in found
+            if e.identifiable
+        ],
+        "not_identifiable": [
+            {"name": e.name, "effect": e.effect, "why": unidentified(e.why)} for e in found if not e.identifiable
+        ],
+        "whole_vehicle": None
+        if whole is None
+        else [
+            {"name": n, "value": v, "unit": u, "half95": h, "half95_sheet": s, "identifiable": d}
+            for n, v, u, h, s, d in zip(
+                NAMES, whole.values, UNITS, whole.interval, whole.interval_sheet, whole.determined, strict=True
+            )
+        ],
+    }
 
 
 def scores(comparisons: Sequence[Comparison]) -> dict[str, dict[str, Any]]:

@@ -32,7 +32,10 @@ def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[Prepare
     removed, base, options = values["removed"], values["base"], values["options"]
     if model.faults:
         runs = [without_faults(run, model.faults, removed) for run in runs]
-    assembly = Assembly(model.physics, base.independent, model.faults, runs, at, options.zeros, seeds=options.seeds)
+    assembly = Assembly(
+        model.physics, base.independent, model.faults, runs, at, options.zeros, seeds=options.seeds,
+        payload=options.payload,
+    )  # fmt: skip
     return Fit(model=model, runs=tuple(runs), assembly=assembly.weighted(weights), **values)
 
 

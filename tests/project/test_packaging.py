@@ -12,7 +12,7 @@ import pytest
 
 from tests.support.places import HOME
 
-LOCKS = ("uv.txt", "run.txt", "dev.txt", "schema.txt")
+LOCKS = ("uv.txt", "run.txt", "dev.txt", "campaign.txt", "schema.txt")
 PROJECT = tomllib.loads((HOME / "pyproject.toml").read_text(encoding="utf-8"))
 
 
@@ -53,8 +53,16 @@ def test_what_runs_has_the_same_version_in_tests():
     assert {name: dev.get(name) for name in run} == run
 
 
+def test_a_campaign_runs_on_what_runs_and_dask():
+    run, dev, campaign = pins("run.txt"), pins("dev.txt"), pins("campaign.txt")
+    assert wanted(PROJECT["project"]["optional-dependencies"]["campaign"]) <= set(campaign) - set(run)
+    assert {name: campaign.get(name) for name in run} == run
+    assert {name: dev.get(name) for name in campaign} == campaign
+
+
 def test_what_runs_is_light():
-    assert not {"mujoco", "cvxpy", "pytest", "pyright", "pre-commit"} & set(pins("run.txt"))
+    heavy = {"mujoco", "cvxpy", "distributed", "bokeh", "pytest", "pyright", "pre-commit"}
+    assert not heavy & set(pins("run.txt"))
 
 
 def test_the_wheel_holds_one_package():

@@ -1,4 +1,4 @@
-"""`docker-compose.yml` as the compose client would read it, without an engine."""
+"""The compose files as the compose client would read them, without an engine."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import yaml
 from tests.support.places import HOME
 
 
-def compose_file(environment: dict[str, str] | None = None) -> dict[str, Any]:
-    """The file with ``${NAME:-default}`` replaced as compose does (and ``$$`` for a dollar)."""
+def compose_file(environment: dict[str, str] | None = None, name: str = "docker-compose.yml") -> dict[str, Any]:
+    """A file with ``${NAME:-default}`` replaced as compose does (and ``$$`` for a dollar)."""
     given = environment or {}
 
     def value(match: re.Match[str]) -> str:
@@ -20,7 +20,7 @@ def compose_file(environment: dict[str, str] | None = None) -> dict[str, Any]:
             return "$"
         return given.get(match[1]) or match[2] or ""
 
-    text = (HOME / "docker-compose.yml").read_text(encoding="utf-8")
+    text = (HOME / name).read_text(encoding="utf-8")
     return yaml.safe_load(re.sub(r"\$\$|\$\{(\w+)(?::-([^}]*))?\}", value, text))
 
 

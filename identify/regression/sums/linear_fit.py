@@ -30,6 +30,7 @@ from lacet.identify.regression.qr_accumulation import (
     scaled_triangle,
     triangle,
 )
+from lacet.identify.regression.sensor_offsets import PayloadSpread
 from lacet.identify.regression.uncertainty import Spread, at_least
 
 _HUBER_TURNS = 6
@@ -47,6 +48,7 @@ class FitOptions:
     robust : let seconds with a residual far beyond their row's usual one count less (Huber).
     draws : pairs of noise draws behind `unbias`.
     seeds : number of each run in the seeds of those draws; by default its place among the runs.
+    payload : how much the runs' payloads differ; each run then has its own, which is eliminated as its zeros are.
     """
 
     weights: Mapping[Row, float] | None = None
@@ -55,6 +57,7 @@ class FitOptions:
     robust: bool = False
     draws: int = NOISE_DRAWS
     seeds: tuple[int, ...] = ()
+    payload: PayloadSpread | None = None
 
 
 class LinearisedRuns(Protocol):

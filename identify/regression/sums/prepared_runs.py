@@ -14,11 +14,12 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step
 from lacet.identify.regression.assembly import Assembly, MotionResponses
 from lacet.identify.regression.corrected_scores import NoiseMoments
-from lacet.identify.regression.huber import huber_weights
+from lacet.identify.regression.huber import SecondSizes, usual_sizes
 from lacet.identify.regression.identifiability import refuse_not_finite
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations
+from lacet.identify.regression.sensor_offsets import PayloadSpread
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.signals.reconstruct import Recording
 
@@ -34,6 +35,7 @@ class PreparedRuns:
     zeros : whether each run has its sensor zeros.
     shared : responses of the residual from a fit to the same motions; None to compute them.
     seeds : number of each run in the seeds of its noise draws; by default its place.
+    payload : how much the runs' payloads differ, where each has its own.
     """
 
     model: Model
@@ -41,6 +43,7 @@ class PreparedRuns:
     zeros: bool = True
     shared: MotionResponses | None = None
     seeds: tuple[int, ...] = ()
+    payload: PayloadSpread | None = None
 
     def columns(self) -> RunEquations | None:
         """Equations of all runs in every parameter of the physics, without zeros; None where no run has a row."""
@@ -58,7 +61,15 @@ class PreparedRuns:
     ) -> PreparedEquations:
         """Equations with sensitivities; parameters as in `RunSums.linearised`."""
         assembly = Assembly(
-            self.model.physics, keep, self.model.faults, self.runs, at, self.zeros, self.shared, self.seeds
+            self.model.physics,
+            keep,
+            self.model.faults,
+            self.runs,
+            at,
+            self.zeros,
+            self.shared,
+            self.seeds,
+            self.payload,
         )
         return PreparedEquations(assembly, Equations(accumulate(assembly), known, rows))
 
@@ -76,7 +87,16 @@ class PreparedEquations:
 
     def reweighted(self, x: Array, sigma: Mapping[Row, float]) -> PreparedEquations:
         """The same with robust weights of the samples from the residual at `x`."""
-        assembly = self.assembly.weighted(huber_weights(self.assembly, self.equations, x, sigma))
+        found = self.second_sizes(x, sigma)
+        return self.with_weights(found, usual_sizes(found.by_row()))
+
+    def second_sizes(self, x: Array, sigma: Mapping[Row, float]) -> SecondSizes:
+        """RMS of the residual at `x`, second by second."""
+        return SecondSizes.of(self.assembly, self.equations, x, sigma)
+
+    def with_weights(self, found: SecondSizes, usual: Mapping[Row, float]) -> PreparedEquations:
+        """The same with robust weights from these sizes, where `usual` are the rows' median seconds over all runs."""
+        assembly = self.assembly.weighted(found.weights(usual))
         return PreparedEquations(assembly, replace(self.equations, runs=accumulate(assembly)))
 
     def noise_moments(self, sigma: Mapping[Row, float], draws: int, progress: Progress) -> NoiseMoments:

@@ -55,7 +55,7 @@ def errors(result: Fit, reference: str) -> dict[str, float]:
     kinds = ("spring", "damper", "offset", "tyre_stiffness", "outboard_mass")
     return {
         e.name: abs(e.value / true[e.name] - 1.0)
-        for e in estimates(result)
+        for e in estimates(result, runs=result.runs)
         if e.identifiable and e.name.split(".")[0] in kinds
     }
 

@@ -77,13 +77,13 @@ def test_a_change_of_the_sources_drops_what_it_concerns_and_nothing_else(sources
 
 def test_a_run_is_read_once_and_known_by_its_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[Path] = []
-    content = keys._content
+    content = keys.run_digest
 
     def counted(run: Path) -> str:
         read.append(run)
         return content(run)
 
-    monkeypatch.setattr(keys, "_content", counted)
+    monkeypatch.setattr(keys, "run_digest", counted)
     study, one, other = tmp_path / "study", tmp_path / "one.parquet", tmp_path / "other.parquet"
     study.mkdir()
     one.write_bytes(b"abc")

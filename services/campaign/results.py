@@ -1,0 +1,44 @@
+"""Results of a campaign as plain data (``docs/json.md``, ``campaign``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lacet.daq.formats.result import plain
+from lacet.identify.properties.whole_vehicle import whole_vehicle
+from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.score import pooled_ratio, row_ratios
+from lacet.services.campaign.cluster import Cluster
+from lacet.services.campaign.fitting import CampaignFit
+from lacet.services.workspace.results import parameter_results
+
+
+def campaign_result(found: CampaignFit, cluster: Cluster) -> dict[str, Any]:
+    """A campaign's fit as plain data: what `lacet identify` says of the car, and of each run its scores."""
+    campaign, fitted = found.campaign, found.fitted
+    return plain(
+        {
+            "vehicle": campaign.vehicle.name,
+            "rig": campaign.runs[0].rig_name,
+            "wheel_reference": campaign.settings.wheel_reference,
+            "seconds": campaign.seconds,
+            **parameter_results(fitted, estimates(fitted), whole_vehicle(fitted, campaign.vehicle)),
+            "base_rank": fitted.base.rank,
+            "singular_gap": fitted.base.gap,
+            "sigma": dict(fitted.sigma),
+            "samples": dict(found.counts),
+            "rows": {"used": found.scores},
+            "row_ratios": row_ratios(found.scores),
+            "overall": pooled_ratio(found.scores),
+            "runs": [
+                {"run": run.reference.name, "place": run.reference.place, "digest": run.reference.digest,
+                 "seconds": run.seconds, "overall": pooled_ratio({"": found.scores[run.reference.name]})}
+                for run in campaign.runs
+            ],
+            "broken": dict(campaign.broken),
+            "passes": cluster.passes,
+            "passes_over_sums": cluster.sums,
+            "workers_lost": cluster.deaths,
+            "warnings": list(campaign.warnings),
+        }
+    )  # fmt: skip
