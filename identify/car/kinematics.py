@@ -6,8 +6,6 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import RunError
@@ -26,9 +24,10 @@ from lacet.identify.car.car_tree import (
     kingpin_pitch,
     orientation,
 )
-from lacet.identify.car.motion import BrakingLeftOut, CornerMotion, FlatRoad, GroundLaserOffset, Motion
-from lacet.identify.car.road import ABOVE, Road, RoadPlane
-from lacet.identify.car.rows import PRESSURE, RELEASED, Absence, Row, RowAbsence, Torque, available, needs
+from lacet.identify.car.measured_rows import MeasuredRows
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.road import Road, RoadPlane
+from lacet.identify.car.rows import Row, Torque
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -45,37 +44,37 @@ def reconstruct(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = 
     return build_motion(bring_together(run, vehicle, rig, filters or Filters()))
 
 
-def build_motion(recording: Recording, still: Motion | None = None, moved: Collection[str] = CORNERS) -> Motion:
+def build_motion(
+    recording: Recording, still: Motion | None = None, moved: Collection[str] = CORNERS,
+    measured: MeasuredRows | None = None,
+) -> Motion:  # fmt: skip
     """The motion of a recording: each sample depends on the same sample of the signals only.
 
     Parameters
     ----------
     still : a motion that differs by channels of the corners `moved` alone, ground lasers apart: other corners are its.
+    measured : the rows that the recording measures, where they are known already.
     """
     grid, signals, vehicle, rig = recording.t, recording.signals, recording.vehicle, recording.rig
-    values, reference = signals.value, recording.reference
+    values, measured = signals.value, measured or MeasuredRows.of(recording)
     n = grid.size
     body = _body_motion(signals, rig, n)
     attitude = body_attitude(values, rig)
     road = Road(signals, rig, vehicle, n)
     plane = road.plane(attitude, body.omega)
     q, qd, qdd = (np.zeros((_CAR.chain.n, n)) for _ in range(3))
-    grounds = () if plane.flat else road.grounds
-    rows, left_out = available(values, vehicle, reference, recording.brakes, grounds)
     geometry = {c: _geometry(vehicle.corners[c], signals, road, q, qd, qdd) for c in CORNERS if c in moved}
     wheels = [WHEEL[c] for c in geometry]
     frames = _CAR.chain.propagate(q, qd, qdd, start=CHASSIS, base=_into_frame6(body), wanted=wheels)
     corners = dict(still.corners) if still else {}
-    corners |= {c: _corner(vehicle.corners[c], part, frames, road, plane, rows, rig) for c, part in geometry.items()}
-    masks, braking = _masks(recording, rows, grounds)
-    why = RowAbsence(Absence.BRAKES_ALWAYS, (PRESSURE,))
-    left_out |= {row: why for row, torque in rows.items() if torque.released and not np.any(masks[row])}
-    extra = (FlatRoad(),) if plane.flat else _beside_the_wheels(road.ahead)
+    corners |= {
+        c: _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, rig) for c, part in geometry.items()
+    }
     return Motion(
-        name=recording.run, t=grid, filters=recording.filters, reference=reference, body=body,
+        name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
-        rows=tuple(rows), left_out=left_out, usable=masks, channels=frozenset(values),
-        notes=(*recording.notes, *extra, *braking), ahead=road.ahead,
+        rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable, channels=frozenset(values),
+        notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
     )  # fmt: skip
 
 
@@ -120,10 +119,6 @@ def _corner(
     )
 
 
-def _beside_the_wheels(ahead: float) -> tuple[GroundLaserOffset, ...]:
-    return (GroundLaserOffset(ahead),) if abs(ahead) > ABOVE else ()
-
-
 def _torques(
     c: str, part: _Branch, spin_axis: Array, rows: Mapping[Row, Torque], values: Mapping[str, Array]
 ) -> tuple[Array, Array, Array]:
@@ -141,30 +136,6 @@ def _torques(
     turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
     work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))
     return turned, work, torque(in_spin.shaft) - torque(in_spin.brake)
-
-
-def _masks(
-    recording: Recording, rows: Mapping[Row, Torque], grounds: tuple[str, ...]
-) -> tuple[dict[Row, NDArray[np.bool_]], tuple[BrakingLeftOut, ...]]:
-    """Usable samples of each row, row → (N,), and the durations left out because the brakes act."""
-    t, edge = recording.t, recording.filters.edge
-    inside = (t - t[0] >= edge) & (t[-1] - t >= edge)
-    released = np.ones(t.size, bool)
-    if any(torque.released for torque in rows.values()):
-        # The filters spread a braking over their edge.
-        applied = recording.signals.value[PRESSURE][0] > RELEASED
-        released = maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
-    masks: dict[Row, NDArray[np.bool_]] = {}
-    for row, torque in rows.items():
-        mask = inside & released if torque.released else inside.copy()
-        for channel in (*needs(row, recording.reference, grounds, recording.vehicle), *torque.channels):
-            mask &= recording.usable.get(channel, True)
-        masks[row] = mask
-    cut = [row for row, torque in rows.items() if torque.released]
-    if np.all(released):
-        return masks, ()
-    seconds = float(np.count_nonzero(inside & ~released)) / recording.filters.rate
-    return masks, (BrakingLeftOut(seconds, tuple(cut), PRESSURE, RELEASED),)
 
 
 def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:

@@ -19,14 +19,10 @@ ABOVE = 0.005
 
 @dataclass(frozen=True)
 class RoadPlane:
-    """Plane of the road under the car: unit `normal` (3, N) in body axes, its `rate` [1/s], and whether it is `flat`.
-
-    It is flat where fewer than three lasers measure the ground: the normal is then that of a level road.
-    """
+    """Plane of the road under the car: unit `normal` (3, N) in body axes, and its `rate` [1/s]."""
 
     normal: Array
     rate: Array
-    flat: bool
 
 
 class Road:
@@ -48,6 +44,11 @@ class Road:
         every = [float(self.mount[c][0] - self.vehicle.corners[c].position[0]) for c in self.grounds]
         return max(every, key=abs, default=0.0)
 
+    @property
+    def flat(self) -> bool:
+        """Whether fewer than three lasers measure the ground, so that the road counts as level."""
+        return len(self.grounds) < 3
+
     def centre_z(self, c: str) -> tuple[Array, Array, Array]:
         """Wheel-centre height in body axes [m] and its derivatives, (N,); at design height where it is not measured."""
         hub, rate, accel = self.signals.scalar(f"laser.{c}.hub", self.n)
@@ -66,7 +67,7 @@ class Road:
 
         `attitude`, `omega` : of the body, for a flat road where there are fewer than three lasers.
         """
-        if len(self.grounds) >= 3:
+        if not self.flat:
             xy = np.array([[1.0, self.mount[c][0], self.mount[c][1]] for c in self.grounds])
             z = np.stack([self.point(c)[2] for c in self.grounds])
             z_rate = -np.stack([self.signals.scalar(f"laser.{c}.ground", self.n)[1] for c in self.grounds])
@@ -74,12 +75,12 @@ class Road:
             up = np.concatenate([-fit @ z, np.ones((1, self.n))])
             size = np.linalg.norm(up, axis=0)
             normal, swing = up / size, np.concatenate([-fit @ z_rate, np.zeros((1, self.n))]) / size
-            return RoadPlane(normal, swing - normal * dot(normal, swing), flat=False)
+            return RoadPlane(normal, swing - normal * dot(normal, swing))
         normal = unit(2) * np.ones(self.n)
         if attitude is not None:
             roll, pitch, _ = attitude
             normal = turn(0, -roll, turn(1, -pitch, normal))
-        return RoadPlane(normal, cross(normal, omega), flat=True)
+        return RoadPlane(normal, cross(normal, omega))
 
     def height(self, c: str, plane: RoadPlane, centre: Array, velocity: Array) -> tuple[Array, Array]:
         """(N,) height of a wheel centre above the road along its normal [m], and its rate [m/s].

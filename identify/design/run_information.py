@@ -25,7 +25,7 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
 from lacet.identify.regression.uncertainty import at_least, clustered_scores, hac
 from lacet.identify.regression.wls import Fit
-from lacet.identify.validation.noise_floor import simulate_floor
+from lacet.identify.validation.noise_floor import floor_of
 
 NOISE_DRAWS = 8
 """Draws of the channels' noise behind a run's scores: half-widths are then uncertain by some per cent."""
@@ -187,7 +187,7 @@ def residual_excess(fitted: Fit, draws: int = NOISE_DRAWS, seed: int = 0) -> dic
     """
     if not fitted.sensitivities:
         return {}
-    floor = simulate_floor(fitted.runs, fitted.sensitivities, draws, seed).sigma
+    floor = floor_of(fitted, draws, seed).sigma
     return {row: max(1.0, fitted.sigma[row] / floor[row]) for row in fitted.sigma if floor.get(row, 0.0) > 0.0}
 
 

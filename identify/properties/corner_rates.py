@@ -119,7 +119,7 @@ def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array,
     p = len(effect.parameters)
     normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
     f0 = np.zeros((4, p))
-    for run in runs:
+    for run in (piece for whole in runs for piece in whole.pieces()):
         columns = columns_by_row(effect, run.motion)
         zero = {c: np.zeros(1) for c in CORNERS}
         for c, at_rest in suspension_laws(effect, run.motion, zero, zero).items():
@@ -139,7 +139,7 @@ def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, ki
     out = np.zeros((4, 4, len(effect.parameters)))
     counts = np.zeros(4)
     step = _STEP[name]
-    for run in runs:
+    for run in (piece for whole in runs for piece in whole.pieces()):
         motion = run.motion
         acted = [row for row in columns_by_row(effect, motion) if row.kind == kind and row in run.index]
         if not acted:

@@ -13,12 +13,12 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS, Row, RowAbsence
 from lacet.identify.effects.base import SuspensionForce, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
 from lacet.identify.properties.ride_model import ride_values
-from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters
 
@@ -130,7 +130,8 @@ def _not_measured(fitted: Fit, name: str) -> RowMissing | None:
 
 def _missing(fitted: Fit, row: Row) -> RowMissing | None:
     """A row as the reason where it exists in no run, else None."""
-    reasons = [run.motion.left_out[row] for run in fitted.runs if row in run.motion.left_out]
+    found = [run.measured_rows.left_out for run in fitted.runs]
+    reasons = [left_out[row] for left_out in found if row in left_out]
     return RowMissing(row, reasons[0]) if reasons and len(reasons) == len(fitted.runs) else None
 
 
@@ -142,15 +143,15 @@ def damper_curves(fitted: Fit, knowledge: Knowledge, points: int = 41) -> dict[s
         runs = [run for run in fitted.runs if row in run.index]
         if not runs:
             continue
-        low, high = seen(fitted, row, lambda d, c=corner: d.motion.corners[c].rate)
-        travel = float(np.mean(np.concatenate([d.motion.corners[corner].travel[d.index[row]] for d in runs])))
+        low, high = seen(fitted, row, lambda motion, c=corner: motion.corners[c].rate)
+        travel = float(np.mean(np.concatenate([d.kept_motion.corners[corner].travel[d.kept(row)] for d in runs])))
         rate = np.linspace(min(low, 0.0), max(high, 0.0), points)
         laws = np.zeros((points, len(fitted.physics)))
         for effect, part in with_places(fitted.model.physics):
             if isinstance(effect, SuspensionForce):
                 at = {c: np.full(points, travel) for c in CORNERS}
-                moving = suspension_laws(effect, runs[0].motion, at, dict.fromkeys(CORNERS, rate))
-                still = suspension_laws(effect, runs[0].motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
+                moving = suspension_laws(effect, runs[0].kept_motion, at, dict.fromkeys(CORNERS, rate))
+                still = suspension_laws(effect, runs[0].kept_motion, at, dict.fromkeys(CORNERS, np.zeros(points)))
                 if corner in moving:
                     laws[:, part] = (moving[corner] - still[corner]).T
         out[corner] = DamperCurve(rate, laws @ fitted.physics, 1.96 * knowledge.spread(laws), travel)
@@ -175,34 +176,30 @@ def ranges(fitted: Fit) -> list[Range]:
         if not any(row in drive.index for drive in fitted.runs):
             continue
 
-        def series(part: str, c: str = corner) -> Callable[[PreparedRun], Array]:
-            return lambda run: getattr(run.motion.corners[c], part)
+        def series(part: str, c: str = corner) -> Callable[[Motion], Array]:
+            return lambda motion: getattr(motion.corners[c], part)
 
         out.append(Range(f"travel.{corner}", *seen(fitted, row, series("travel")), "m"))
         out.append(Range(f"rate.{corner}", *seen(fitted, row, series("rate")), "m/s"))
-        out.append(Range(f"load.{corner}", *seen(fitted, row, lambda drive, c=corner: _load(drive, c)), "N"))
+        out.append(
+            Range(f"load.{corner}", *seen(fitted, row, lambda motion, c=corner: motion.corners[c].force[2]), "N")
+        )
     if any(CHASSIS_ROWS[0] in drive.index for drive in fitted.runs):
-        if all(drive.motion.velocity is not None for drive in fitted.runs):
+        if all(drive.kept_motion.velocity is not None for drive in fitted.runs):
             out.append(Range("speed", *seen(fitted, CHASSIS_ROWS[0], _speed), "m/s"))
         for k, name in enumerate(("longitudinal", "lateral")):
-            low, high = seen(fitted, CHASSIS_ROWS[0], lambda d, k=k: d.motion.body.accel[k])
+            low, high = seen(fitted, CHASSIS_ROWS[0], lambda motion, k=k: motion.body.accel[k])
             out.append(Range(f"acceleration.{name}", low, high, "m/s²"))
     return out
 
 
-def seen(fitted: Fit, row: Row, pick: Callable[[PreparedRun], Array]) -> tuple[float, float]:
-    """Range of a full-rate series over the samples of a row that entered the fit, all runs together."""
-    values = [pick(run)[run.index[row]] for run in fitted.runs if row in run.index]
+def seen(fitted: Fit, row: Row, pick: Callable[[Motion], Array]) -> tuple[float, float]:
+    """Range of a series of the motion over the samples of a row that entered the fit, all runs together."""
+    values = [pick(run.kept_motion)[run.kept(row)] for run in fitted.runs if row in run.index]
     low, high = np.quantile(np.concatenate(values), _SEEN)
     return float(low), float(high)
 
 
-def _speed(run: PreparedRun) -> Array:
-    velocity = run.motion.velocity
-    assert velocity is not None
-    return np.hypot(velocity[0], velocity[1])
-
-
-def _load(run: PreparedRun, corner: str) -> Array:
-    """Vertical load of a wheel in body axes [N]."""
-    return run.motion.corners[corner].force[2]
+def _speed(motion: Motion) -> Array:
+    assert motion.velocity is not None
+    return np.hypot(motion.velocity[0], motion.velocity[1])

@@ -235,7 +235,7 @@ def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun])
     owners = _owners(model)
     laws = [one for name in members if isinstance(one := owners[name], SuspensionForce)]
     if laws:
-        corners = sorted({c for one in laws for c in one.corners()} & {c for d in runs for c in d.motion.corners})
+        corners = sorted({c for one in laws for c in one.corners()} & {c for d in runs for c in d.kept_motion.corners})
         travel, rate = (_spread(runs, corners, what) for what in ("travel", "rate"))
         return SmallTravel(tuple(corners), travel, rate)
     physics = [owners[name].as_physics for name in members]
@@ -255,4 +255,5 @@ def _weakness(members: Sequence[str], model: Model, runs: Sequence[PreparedRun])
 
 def _spread(runs: Sequence[PreparedRun], corners: Sequence[str], what: str) -> float:
     """Largest standard deviation of a corner's travel or its rate, over corners and runs."""
-    return max(float(np.std(getattr(run.motion.corners[c], what))) for run in runs for c in corners)
+    motions = [run.overview().motion for run in runs]
+    return max(float(np.std(getattr(motion.corners[c], what))) for motion in motions for c in corners)

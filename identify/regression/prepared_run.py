@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect, PhysicalEffect
@@ -25,7 +28,9 @@ from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
 PIECE = 60.0
-"""Longer runs are fitted in pieces of about this length [s]: memory does not grow with their full-rate motion."""
+"""Longer runs are worked on in pieces of about this length [s]: memory does not grow with their full-rate motion."""
+_OVERVIEW = 50.0
+"""Least rate of the overview of a long run [Hz]: above twice the pre-filter's usual cut-off."""
 TOGETHER = 8
 """Number of series that are filtered together."""
 
@@ -77,6 +82,15 @@ class NoisyColumns:
         return NoisyColumns({**self.columns, **further}, self.measured or run.measured)
 
 
+def _joined(parts: Iterable[Mapping[Row, Array]]) -> dict[Row, Array]:
+    """Series (…, n) of rows, those of the pieces of a run one after the other."""
+    found: dict[Row, list[Array]] = {}
+    for part in parts:
+        for row, series in part.items():
+            found.setdefault(row, []).append(series)
+    return {row: np.concatenate(series, axis=-1) for row, series in found.items()}
+
+
 class PreparedRun:
     """A run ready for fitting: the motion of a recording and the columns of effects on it, cached.
 
@@ -85,10 +99,14 @@ class PreparedRun:
     recording : channels on one grid.
     offset : index of its first sample in the run that it is a piece of; 0 for a whole run.
     index : row → indices of the kept samples, where they are known already; None to compute them.
+    is_piece : whether it is a piece of a longer run, which is not divided again.
     """
 
-    def __init__(self, recording: Recording, offset: int = 0, index: Mapping[Row, NDArray[np.intp]] | None = None):
-        self.recording, self.offset, self._index = recording, offset, index
+    def __init__(
+        self, recording: Recording, offset: int = 0, index: Mapping[Row, NDArray[np.intp]] | None = None,
+        is_piece: bool = False,
+    ):  # fmt: skip
+        self.recording, self.offset, self._index, self._is_piece = recording, offset, index, is_piece
         self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
         self._columns: dict[ColumnKey, dict[Row, Array]] = {}
 
@@ -108,8 +126,29 @@ class PreparedRun:
 
     @cached_property
     def motion(self) -> Motion:
-        """The motion and loads at full rate."""
-        return build_motion(self.recording)
+        """The motion and loads at full rate: 0.7 MB a second, so that `kept_motion` serves better where it can."""
+        return build_motion(self.recording, measured=self.measured_rows)
+
+    @cached_property
+    def kept_motion(self) -> Motion:
+        """The motion and loads at the instants `comb` alone, of which `kept` gives a row's."""
+        return build_motion(self.recording.at(self.comb), measured=self.measured_rows.at(self.comb))
+
+    @cached_property
+    def measured_rows(self) -> MeasuredRows:
+        """The rows that the recording measures."""
+        return MeasuredRows.of(self.recording)
+
+    @cached_property
+    def comb(self) -> NDArray[np.intp]:
+        """Indices of the instants that decimation keeps, before what is not usable is left out."""
+        # One comb for the whole run, so that all rows are decimated at the same instants.
+        step = self.recording.filters.step
+        return np.arange(step // 2, self.recording.t.size, step)
+
+    def kept(self, row: Row) -> NDArray[np.intp]:
+        """Places in `comb` of a row's samples."""
+        return self.index[row] // self.recording.filters.step
 
     @property
     def rows(self) -> tuple[Row, ...]:
@@ -121,23 +160,25 @@ class PreparedRun:
         """Row → indices of the samples kept after decimation."""
         if self._index is not None:
             return self._index
-        return {row: kept for row in self.motion.rows if len(kept := self.motion.kept(row))}
+        usable = self.measured_rows.usable
+        kept = {row: self.comb[usable[row][self.comb]] for row in self.measured_rows.torques}
+        return {row: places for row, places in kept.items() if len(places)}
 
     def uncached(self) -> PreparedRun:
         """The run without cached results: motion and columns are computed again when they are needed."""
-        return PreparedRun(self.recording, self.offset, self.index)
+        return PreparedRun(self.recording, self.offset, self.index, self._is_piece)
 
     @cached_property
     def measured(self) -> dict[Row, Array]:
         """Left sides after the parallel filter, at the kept samples: row → (n,)."""
+        if self.is_long:
+            return _joined(part.measured for part in self.pieces())
         return self.decimated({row: self.motion.measured(row) for row in self.rows})
 
     def columns(self, effect: PhysicalEffect) -> dict[Row, Array]:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
-        key = column_key(effect)
-        if key not in self._columns:
-            self._columns[key] = self.decimated(checked_columns(effect, self.motion))
-        return self._columns[key]
+        self.prepare([effect])
+        return self._columns[column_key(effect)]
 
     def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[Row, Array]:
         """Columns of a physical effect, or of a sensor fault by its `sensitivity`: row → (p, n); none without one."""
@@ -193,28 +234,70 @@ class PreparedRun:
         fresh = [(key, effect) for effect in effects if (key := column_key(effect)) not in self._columns]
         if not fresh:
             return
-        done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
+        if self.is_long:
+            # All effects of a piece together, so that its motion is made once.
+            parts = [part.each_column([effect for _, effect in fresh]) for part in self.pieces()]
+            done = [_joined(columns) for columns in zip(*parts, strict=True)]
+        else:
+            done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
         self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
 
-    def pieces(self, seconds: float = PIECE) -> Iterator[PreparedRun]:
-        """Parts of a run longer than 1.5 × `seconds`, whose kept samples are those of the run; else the run itself.
+    def each_column(self, effects: Sequence[PhysicalEffect]) -> list[dict[Row, Array]]:
+        """`columns` of each of the effects."""
+        self.prepare(effects)
+        return [self.columns(effect) for effect in effects]
 
-        Parts overlap by twice the filters' edge at each end, so that filter transients are outside the kept samples.
+    @property
+    def is_long(self) -> bool:
+        """Whether the run is worked on in pieces."""
+        return self._count > 1
+
+    @property
+    def _count(self) -> int:
+        """Number of pieces."""
+        return 1 if self._is_piece else max(1, round(self.recording.t.size / (PIECE * self.recording.filters.rate)))
+
+    def pieces(self) -> Iterator[PreparedRun]:
+        """The run itself, or of a longer one equal pieces of about `PIECE` [s] that together keep just its samples.
+
+        Each piece reaches over its ends by as much as the parallel filter sees. Pieces without a usable sample are
+        left out.
         """
+        for piece, _ in self.every_piece():
+            if piece.index or not self.index:
+                yield piece
+
+    def every_piece(self) -> Iterator[tuple[PreparedRun, slice]]:
+        """The run's pieces without exception, each with the place of its own samples in it."""
         filters, n = self.recording.filters, self.recording.t.size
-        if n <= 1.5 * seconds * filters.rate:
-            yield self
+        if not self.is_long:
+            yield self, slice(0, n)
             return
-        step = filters.step
-        length = int(seconds * filters.rate) // step * step
-        margin = -(-int(2.0 * filters.edge * filters.rate) // step) * step
-        for start in range(0, n, length):
-            first, stop = max(0, start - margin), min(n, start + length + margin)
-            part = self.recording.at(slice(first, stop))
-            place = np.arange(first, stop)
-            own = (place >= start) & (place < start + length)
-            usable = {name: mask & own for name, mask in part.usable.items()}
-            yield PreparedRun(replace(part, usable=usable), offset=first)
+        count, step = self._count, filters.step
+        margin = math.ceil(filters.memory * filters.rate / step) * step
+        for start, end in pairwise([*(n * k // count // step * step for k in range(count)), n]):
+            first = max(0, start - margin)
+            kept = {row: index[(index >= start) & (index < end)] - first for row, index in self.index.items()}
+            index = {row: places for row, places in kept.items() if len(places)}
+            part = self.recording.at(slice(first, end + margin))
+            yield PreparedRun(part, first, index, is_piece=True), slice(start - first, end - first)
+
+    def sensitive_pieces(
+        self, effects: Sequence[PhysicalEffect], values: Array
+    ) -> Iterator[tuple[PreparedRun, Sensitivity]]:
+        """The run's `pieces`, each with its sensitivity at parameter `values`."""
+        for piece in self.pieces():
+            yield piece, Sensitivity.of(piece.recording, effects, values)
+
+    def filtered(self, row: Row, pick: Callable[[Motion], Array]) -> Array:
+        """(…, n): series (…, N) of the motion through the parallel filter, at the samples of a row."""
+        parts = (piece.decimated({row: pick(piece.motion)}) for piece in self.pieces() if row in piece.index)
+        return _joined(parts)[row]
+
+    def overview(self) -> PreparedRun:
+        """The run itself, or of a long one fewer samples, at 50 Hz or more: for checks, phases and ranges."""
+        step = max(1, int(self.recording.filters.rate / _OVERVIEW)) if self.is_long else 1
+        return self if step == 1 else PreparedRun(self.recording.thinned(step), is_piece=True)
 
     def noisy(self, seed: Sequence[int], loads: bool = False) -> Iterator[PreparedRun]:
         """Two copies of this run: with one draw of simulated channel noise added, and with the same draw subtracted.
@@ -229,7 +312,8 @@ class PreparedRun:
         noise = draw_noise(recording, moving, np.random.default_rng(seed))
         for sign in (1, -1):
             moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
-            yield PreparedRun(recording.with_signals(Signals.differentiated(moved, recording.filters.rate)))
+            noisy = recording.with_signals(Signals.differentiated(moved, recording.filters.rate))
+            yield PreparedRun(noisy, self.offset, self.index, self._is_piece)
 
     def noisy_columns(self, effects: Sequence[PhysicalEffect], seed: Sequence[int]) -> Sequence[NoisyColumns]:
         """Columns with a draw of noise added, and with it subtracted, wheel loads without noise; cached by `seed`."""
@@ -241,8 +325,8 @@ class PreparedRun:
         return known
 
     def lacks(self, effect: Effect) -> Unmeasured | None:
-        """Channels that an effect needs and this run lacks; None where the effect can be computed."""
-        needs = effect.lacks(self.motion)
+        """What an effect needs that is not measured in this run; None where it can be computed."""
+        needs = effect.lacks(self.kept_motion)
         return Unmeasured(self.name, needs) if needs else None
 
 

@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.channels import CHANNELS
+from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
@@ -105,21 +106,26 @@ class Sensitivity:
     def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
         """The sensitivity of a run at parameter values θ, by finite differences."""
         every = max(1, round(_COARSE * recording.filters.rate))
-        comb = np.arange(0, recording.t.size, every)
+        # The same instants in a piece of a long run as in the whole.
+        before_it = round((recording.t[0] - recording.start) * recording.filters.rate)
+        comb = np.arange(-before_it % every, recording.t.size, every)
         coarse = recording.at(comb)
+        measured = MeasuredRows.of(coarse)
         active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
-        before = residual(build_motion(coarse), active, theta)
+        before = residual(build_motion(coarse, measured=measured), active, theta)
         slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals)}
         unmoved: dict[int, Motion] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
         for corner, group in _groups(coarse.signals, max(1, min(_COPIES, _SAMPLES // comb.size))):
             steps = [recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order] for channel, _, order in group]
-            copies = _copies(coarse, len(group))
+            every_copy = np.tile(np.arange(comb.size), len(group))
+            copies, rows = coarse.at(every_copy), measured.at(every_copy)
             if corner and len(group) not in unmoved:
-                unmoved[len(group)] = build_motion(copies)
+                unmoved[len(group)] = build_motion(copies, measured=rows)
             changed = _stepped(copies, group, steps)
-            moved = build_motion(changed, unmoved[len(group)], [corner]) if corner else build_motion(changed)
+            still, moving = (unmoved[len(group)], [corner]) if corner else (None, CORNERS)
+            moved = build_motion(changed, still, moving, rows)
             after = residual(moved, active, theta)
             for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
                 part = slice(copy * comb.size, (copy + 1) * comb.size)
@@ -207,11 +213,6 @@ def _groups(signals: Signals, most: int) -> list[tuple[str, list[Input]]]:
         for corner, inputs in by_corner.items()
         for start in range(0, len(inputs), most)
     ]
-
-
-def _copies(recording: Recording, count: int) -> Recording:
-    """A recording of `count` copies of another, end to end."""
-    return recording.at(np.tile(np.arange(recording.t.size), count))
 
 
 def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) -> Recording:

@@ -7,6 +7,7 @@ may stand beside them.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,14 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
         if waving:
             table[:, waving] = run.decimated({row: np.stack([series[i][row] for i in waving])})[row].T
     return Zeros(tuple(names), np.asarray(sigma), columns)
+
+
+def joined_zeros(pieces: Sequence[Zeros]) -> Zeros:
+    """The zeros of a run from those of its pieces, which are alike."""
+    first = pieces[0]
+    rows = dict.fromkeys(row for piece in pieces for row in piece.columns)
+    columns = {row: np.concatenate([p.columns[row] for p in pieces if row in p.columns]) for row in rows}
+    return Zeros(first.names, first.sigma, columns)
 
 
 @dataclass(frozen=True)

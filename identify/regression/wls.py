@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -68,6 +68,12 @@ class Fit(FittedModel):
     def sensitivities(self) -> tuple[Sensitivity, ...]:
         """For each run, the derivatives of its residual by its channels."""
         return self.assembly.sensitivities()
+
+    def sensitive_pieces(self, run: int) -> Iterator[tuple[PreparedRun, Sensitivity]]:
+        """The pieces of a run, each with its sensitivity at the values where the fit was linearised."""
+        for piece in self.assembly.pieces_of(run):
+            assert piece.sensitivity is not None, "fitted without zeros: no sensitivity was taken"
+            yield piece.prepared, piece.sensitivity
 
     @property
     def stored(self) -> Stored:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import correlate1d
-from scipy.signal import butter, sosfilt, sosfilt_zi
+from scipy.signal import butter, sos2zpk, sosfilt, sosfilt_zi
 
 Array = NDArray[np.float64]
 
@@ -54,6 +54,12 @@ class Filters:
     def step(self) -> int:
         """Decimation: every `step`-th sample is kept, just above twice the fit's cut-off."""
         return max(1, math.floor(self.rate / (2.2 * self.fit_cutoff)))
+
+    @property
+    def memory(self) -> float:
+        """Time after which the parallel filter has forgotten a sample but for one part in 10¹² [s]."""
+        slowest = float(np.max(np.abs(sos2zpk(two_pass_sos(self.fit_cutoff, self.rate, self.order))[1])))
+        return math.log(1e-12) / math.log(slowest) / self.rate
 
 
 @cache

@@ -134,6 +134,10 @@ class Recording:
         usable = {name: mask[index] for name, mask in self.usable.items()}
         return replace(self, t=self.t[index], signals=self.signals.at(index), usable=usable)
 
+    def thinned(self, step: int) -> Recording:
+        """Every `step`-th sample, as a recording at a lower rate."""
+        return replace(self.at(slice(None, None, step)), filters=replace(self.filters, rate=self.filters.rate / step))
+
     def with_signals(self, signals: Signals) -> Recording:
         """The recording with these channel values."""
         return replace(self, signals=signals)

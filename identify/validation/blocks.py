@@ -21,7 +21,7 @@ def block_numbers(runs: Sequence[PreparedRun], row: Row) -> NDArray[np.intp]:
     first = 0
     for run in runs:
         if row in run.index:
-            since = run.motion.t[run.index[row]] - run.motion.t[0]
+            since = run.recording.t[run.index[row]] - run.recording.t[0]
             parts.append(first + (since // BLOCK).astype(np.intp))
-        first += int(np.ptp(run.motion.t) // BLOCK) + 1
+        first += int(np.ptp(run.recording.t) // BLOCK) + 1
     return np.concatenate(parts)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -66,31 +66,35 @@ class NoiseFloor:
         return replace(self, draws=tuple({row: a[:0] for row, a in part.items()} for part in self.draws))
 
 
-def simulate_floor(
-    runs: Sequence[PreparedRun], sensitivities: Sequence[Sensitivity], draws: int, seed: int = 0,
-    progress: Progress = silent,
-) -> NoiseFloor:  # fmt: skip
-    """The noise floor of runs from the sensitivities of their residuals to the channels, `draws` times drawn."""
+PiecesOfRun = Iterable[tuple[PreparedRun, Sensitivity]]
+"""The pieces of a run, each with the sensitivity of its residual to the channels."""
+
+
+def simulate_floor(runs: Sequence[PiecesOfRun], draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
+    """The noise floor of runs, `draws` times drawn; each piece of a long run has draws of its own."""
     out: list[dict[Row, Array]] = []
-    done, total = 0, draws * len(runs)
-    for number, (run, sensitivity) in enumerate(zip(runs, sensitivities, strict=True)):
-        rng = np.random.default_rng([seed, number])
-        parts: dict[Row, list[Array]] = {row: [] for row in run.rows}
-        for _ in range(draws):
-            for row, series in run.decimated(sensitivity.noise(rng)).items():
-                parts[row].append(series)
-            done += 1
-            progress(Step(Stage.NOISE_FLOOR, done, total))
-        out.append({row: np.stack(series) for row, series in parts.items()})
+    for number, run in enumerate(runs):
+        found: dict[Row, list[Array]] = {}
+        for place, (piece, sensitivity) in enumerate(run):
+            rng = np.random.default_rng([seed, number, place] if place else [seed, number])
+            parts: dict[Row, list[Array]] = {row: [] for row in piece.rows}
+            for done in range(draws):
+                for row, series in piece.decimated(sensitivity.noise(rng)).items():
+                    parts[row].append(series)
+                if not place:
+                    progress(Step(Stage.NOISE_FLOOR, number * draws + done + 1, len(runs) * draws))
+            for row, series in parts.items():
+                found.setdefault(row, []).append(np.stack(series))
+        out.append({row: np.concatenate(series, axis=1) for row, series in found.items()})
     return NoiseFloor.of(out)
 
 
 def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit's runs at other values `physics` (p,) of its physics' parameters."""
-    sensitivities = [Sensitivity.of(run.recording, fitted.model.physics, physics) for run in fitted.runs]
-    return simulate_floor(fitted.runs, sensitivities, draws, seed, progress)
+    runs = [run.sensitive_pieces(fitted.model.physics, physics) for run in fitted.runs]
+    return simulate_floor(runs, draws, seed, progress)
 
 
 def floor_of(fitted: Fit, draws: int = DEFAULT_DRAWS, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit on its own runs."""
-    return simulate_floor(fitted.runs, fitted.sensitivities, draws, seed, progress)
+    return simulate_floor([fitted.sensitive_pieces(run) for run in range(len(fitted.runs))], draws, seed, progress)

@@ -165,10 +165,10 @@ def _rows_absent(runs: Sequence[PreparedRun], effect: Effect) -> RowsAbsent | No
     if physics is None or not runs:
         return None
     for run in runs:
-        rows = tuple(columns_by_row(physics, next(run.pieces()).motion))
+        rows = tuple(columns_by_row(physics, run.kept_motion))
         if not rows or any(row in run.rows for row in rows):
             return None
-        reasons |= {row: run.motion.left_out.get(row) for row in rows}
+        reasons |= {row: run.measured_rows.left_out.get(row) for row in rows}
     row, absence = next(iter(reasons.items()))
     return RowsAbsent(row, len(reasons) > 1, absence)
 

@@ -105,6 +105,7 @@ def doubtful_channels(run: PreparedRun) -> list[Doubt]:
     Checks that compare channels run only where each channel by itself passes, so that a fault is not reported twice.
     Source: the conventions of ``docs/channels.md``.
     """
+    run = run.overview()
     for checks in _CHECKS:
         found = [doubt for check in checks for doubt in check(run)]
         if found:
@@ -118,6 +119,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     A tyre's load follows its own deflection closely, whatever the car and the manoeuvre; where the loads of two wheels
     fit each other's deflections much better than their own, their wires were exchanged.
     """
+    run = run.overview()
     motion = run.motion
     rows = [row for row in TYRE_ROWS if row in run.rows]
     corners = [row.place for row in rows]

@@ -20,7 +20,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.score import Comparison
 from lacet.identify.validation.smooth_regressors import FOLDS, ColumnMaker, Columns, best, blocked_losses
-from lacet.identify.validation.states import ClearStates, filtered, states_of
+from lacet.identify.validation.states import ClearStates, filtered_states, states_of
 
 BIN = 0.5
 """Length of a time bin of the map [s]."""
@@ -186,7 +186,7 @@ def followed_states(
             parts.append(1.0 - best(losses).sum(axis=0) / losses[0].sum(axis=0))
         largest = np.max([part[1:] for part in parts], axis=0)
         rms = float(np.sqrt(np.mean(residual**2)))
-        states = states_of(fitted.runs[having[0]].motion, row)
+        states = states_of(fitted.runs[having[0]].kept_motion, row)
         found = [
             Follows(
                 name, states[name].unit, states[name].near, float(part[0]),
@@ -232,7 +232,7 @@ def against_states(
     With `clear`, the dependence that the model absorbed is added again where the state has little enough noise.
     """
     having = [i for i, run in enumerate(runs) if row in run.index and row in residual[i]]
-    each = [states_of(runs[i].motion, row) for i in having]
+    each = [states_of(runs[i].kept_motion, row) for i in having]
     if not each:
         return {}
     shared = [name for name in each[0] if all(name in other for other in each)]
@@ -240,11 +240,11 @@ def against_states(
     blocks = block_numbers([runs[i] for i in having], row)
     clean = clear.names(row) if clear else ()
     columns = ColumnMaker(clear, history=False).columns(row, clean) if clear and clean else None
+    wanted = shared if names is None else [name for name in names if name in shared]
+    series = [filtered_states(runs[i], row, wanted) for i in having]
     out: dict[str, Against] = {}
-    for name in shared if names is None else [name for name in names if name in shared]:
-        values = np.concatenate(
-            [filtered(runs[i], row, states[name].series) for i, states in zip(having, each, strict=True)]
-        )
+    for name in wanted:
+        values = np.concatenate([found[name] for found in series])
         shown = measured if columns is None or name not in clean else _put_back(measured, columns, clean.index(name))
         mean = conditional_mean(values, shown, blocks, name, each[0][name].unit)
         out[name] = Against(row, row.unit, values, shown, mean, shown is not measured)

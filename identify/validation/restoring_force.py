@@ -19,7 +19,6 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.validation.blocks import block_numbers
-from lacet.identify.validation.states import filtered
 
 LEAST_SAMPLES = 4
 """Number of samples below which a cell is left empty."""
@@ -98,8 +97,7 @@ def _edges(series: Array, cells: int) -> Array:
 
 
 def _moving(run: PreparedRun, row: Row, corner: str) -> Array:
-    own = run.motion.corners[corner]
-    return filtered(run, row, np.stack([own.travel, own.rate]))
+    return run.filtered(row, lambda motion: np.stack([motion.corners[corner].travel, motion.corners[corner].rate]))
 
 
 def _modelled(fitted: Fit, run: PreparedRun, row: Row) -> Array:

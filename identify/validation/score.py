@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,7 +13,7 @@ from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
+from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, joined_zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, is_used
@@ -105,10 +105,16 @@ def compare_values(
     `knowledge` : of the values, for a run that they were not fitted to; None for one that they were fitted to.
     `payload` : how much the runs' payloads differ, where each has its own.
     """
-    sensitivity = Sensitivity.of(run.recording, effects, values)
-    noise = simulate_floor([run], [sensitivity], draws, seed)
-    floor = noise.by_run[0]
-    zeros = zeros_of(run, sensitivity)
+    found: list[Zeros] = []
+
+    def sensitive() -> Iterator[tuple[PreparedRun, Sensitivity]]:
+        """The run's pieces; the zeros of each are found where its sensitivity is at hand."""
+        for piece, sensitivity in run.sensitive_pieces(effects, values):
+            found.append(zeros_of(piece, sensitivity, every=run.is_long))
+            yield piece, sensitivity
+
+    noise = simulate_floor([sensitive()], draws, seed)
+    floor, zeros = noise.by_run[0], joined_zeros(found)
     if payload is not None:
         zeros = with_payload(zeros, run, payload)
     plain = {row: run.matrix(effects, row) @ values for row in run.rows}
@@ -127,7 +133,7 @@ def compare_values(
         scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, None)))
         if colour is not None:
             colours[row] = colour
-    t: dict[Row, Array] = {row: run.motion.t[run.index[row]] for row in run.rows}
+    t: dict[Row, Array] = {row: run.recording.t[run.index[row]] for row in run.rows}
     seconds = float(run.recording.t[-1] - run.recording.t[0])
     return Comparison(
         run.name, t, run.measured, modelled, scores, (zeros, offsets), knowledge is None, colours, seconds

@@ -8,9 +8,10 @@ hidden linear mass, spring or damper can add.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, islice
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,11 @@ MODEL_STATES: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Kind of row → states in which the base model is linear; a fit biases those terms to absorb a missing effect."""
 
+_TOGETHER = 32
+"""So many columns are at full rate at once."""
+
+_T = TypeVar("_T")
+
 
 @dataclass(frozen=True)
 class Columns:
@@ -87,7 +93,7 @@ class ColumnMaker:
         parts: list[Array] = []
         for i, series in zip(having, combs, strict=True):
             run = self.runs[i]
-            parts.append(series[:, run.index[row] // run.recording.filters.step])
+            parts.append(series[:, run.kept(row)])
         stacked = np.asarray(np.concatenate(parts, axis=1).T, float)
         stacked = stacked - stacked.mean(axis=0)
         size = np.sqrt(np.mean(stacked**2, axis=0))
@@ -110,18 +116,24 @@ class ColumnMaker:
         out: list[Array] = []
         for number, i in enumerate(having):
             z = {name: series[number] for name, (_, series) in scaled.items()}
-            of, present = _present(near, z, {name: knots for name, (knots, _) in scaled.items()})
-            series = (
-                np.concatenate([present, _history(z, self.runs[i].recording.filters.rate)]) if self.history else present
-            )
             filters = self.runs[i].recording.filters
-            comb = slice(filters.step // 2, None, filters.step)
-            # In batches: at full rate all columns of a long run would not fit in memory.
-            parts = [
-                zero_phase_of(part, filters)[:, comb] for part in np.array_split(series, max(1, len(series) // 32))
-            ]
-            out.append(np.concatenate(parts))
+            functions = _present(near, z, {name: knots for name, (knots, _) in scaled.items()})
+            of, present = [], []
+            for batch in _batches(functions):
+                of += [number for number, _ in batch]
+                present.append(zero_phase_of(np.stack([series for _, series in batch]), filters)[:, self.runs[i].comb])
+            if self.history:
+                history = _batches(_history(z, filters.rate))
+                present += [zero_phase_of(np.stack(batch), filters)[:, self.runs[i].comb] for batch in history]
+            out.append(np.concatenate(present))
         return np.asarray(of, np.intp), out, len(of)
+
+
+def _batches(series: Iterable[_T]) -> Iterator[list[_T]]:
+    """Some at a time: at full rate all columns of a long run would not fit in memory."""
+    remaining = iter(series)
+    while batch := list(islice(remaining, _TOGETHER)):
+        yield batch
 
 
 def _scaled(states: Sequence[State]) -> tuple[Array, list[Array]]:
@@ -137,32 +149,28 @@ def _scaled(states: Sequence[State]) -> tuple[Array, list[Array]]:
 
 def _present(
     states: Mapping[str, State], z: Mapping[str, Array], knots: Mapping[str, Array]
-) -> tuple[list[int], Array]:
-    """Smooth functions (m, N), and the index of the state of each."""
-    of: list[int] = []
-    out: list[Array] = []
+) -> Iterator[tuple[int, Array]]:
+    """Smooth functions (N,), each with the index of its state, −1 for a product."""
     for number, (name, x) in enumerate(z.items()):
-        hats = [np.interp(x, knots[name], line) for line in np.eye(knots[name].size)] if knots[name].size > 2 else []
+        yield number, x
+        if knots[name].size > 2:
+            for line in np.eye(knots[name].size):
+                yield number, np.asarray(np.interp(x, knots[name], line), float)
         if states[name].velocity:
-            hats.append(np.tanh(x / (SOFT * (float(np.sqrt(np.mean(x**2))) or 1.0))))
-        out += [x, *hats]
-        of += [number] * (1 + len(hats))
+            yield number, np.tanh(x / (SOFT * (float(np.sqrt(np.mean(x**2))) or 1.0)))
     paired = [name for name in _PAIRED if name in z]
     for a, b in combinations_with_replacement(paired, 2):
-        out.append(z[a] * z[b])
-        of.append(-1)
-    return of, np.stack(out)
+        yield -1, z[a] * z[b]
 
 
-def _history(z: Mapping[str, Array], rate: float) -> Array:
-    """Lagged and resonating states (h, N), in equilibrium at the run's first value."""
-    out: list[Array] = []
+def _history(z: Mapping[str, Array], rate: float) -> Iterator[Array]:
+    """Lagged and resonating states (N,), in equilibrium at the run's first value."""
     for name in (name for name in _DRIVING if name in z):
         x = z[name]
         for tau in LAGS:
             keep = float(np.exp(-1.0 / (tau * rate)))
             b, a = [1.0 - keep], [1.0, -keep]
-            out.append(np.asarray(lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0], float))
+            yield np.asarray(lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0], float)
         for frequency in RESONATORS:
             w = 2.0 * np.pi * frequency
             decay, turn = np.exp(-DAMPING * w / rate), w * np.sqrt(1.0 - DAMPING**2) / rate
@@ -170,8 +178,8 @@ def _history(z: Mapping[str, Array], rate: float) -> Array:
             level = np.array([1.0 - decay * np.cos(turn), decay * np.sin(turn)])
             moved = x - x[0]
             # In phase with the run, and a quarter of a period later.
-            out += [np.asarray(lfilter(b, a, moved), float) for b in ([level[0], 0.0], [0.0, level[1]])]
-    return np.stack(out) if out else np.zeros((0, next(iter(z.values())).size))
+            for b in ([level[0], 0.0], [0.0, level[1]]):
+                yield np.asarray(lfilter(b, a, moved), float)
 
 
 def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:

@@ -65,11 +65,14 @@ def across(corner: str) -> str:
 
 def states_of(motion: Motion, row: Row) -> dict[str, State]:
     """The states that belong to a row, nearest first, by name; without those that are constant or not measured."""
-    if row.corner is None:
-        found = _body(motion)
-    else:
-        found = [*_corner(motion, row.corner, row.kind), *_body_seen_at_a_corner(motion)]
+    found = _every_state(motion, row)
     return {s.name: s for s in found if np.all(np.isfinite(s.series)) and np.ptp(s.series) > 0.0}
+
+
+def _every_state(motion: Motion, row: Row) -> list[State]:
+    if row.corner is None:
+        return _body(motion)
+    return [*_corner(motion, row.corner, row.kind), *_body_seen_at_a_corner(motion)]
 
 
 def _corner(motion: Motion, corner: str, kind: str) -> list[State]:
@@ -131,6 +134,16 @@ def filtered(run: PreparedRun, row: Row, series: Array) -> Array:
     return run.decimated({row: series})[row]
 
 
+def filtered_states(run: PreparedRun, row: Row, names: Sequence[str]) -> dict[str, Array]:
+    """Name → (n,) states of a row through the parallel filter, at the samples of the row's residual."""
+
+    def pick(motion: Motion) -> Array:
+        found = {state.name: state.series for state in _every_state(motion, row)}
+        return np.stack([found[name] for name in names])
+
+    return dict(zip(names, run.filtered(row, pick), strict=True)) if names else {}
+
+
 class ClearStates:
     """States with little noise that the residuals of some runs are tested against, with noise added to them.
 
@@ -144,8 +157,8 @@ class ClearStates:
     """
 
     def __init__(self, runs: Sequence[PreparedRun], seed: int = 0):
-        self.runs = tuple(runs)
-        self._noisy = [_with_noise(run.recording, [seed, 11, i]) for i, run in enumerate(self.runs)]
+        self.runs, self._seed = tuple(runs), seed
+        self._noisy: dict[int, Motion] = {}
         self._known: dict[tuple[int, str], dict[str, tuple[State, Array]]] = {}
 
     def names(self, row: Row) -> tuple[str, ...]:
@@ -178,15 +191,40 @@ class ClearStates:
         """States of a row and one draw of their noise, low-pass filtered as the fit is."""
         key = run, "chassis" if row.kind == "chassis" else row
         if key not in self._known:
-            drive = self.runs[run]
-            before, after = states_of(drive.motion, row), states_of(self._noisy[run], row)
+            # At full rate: of a long run only those of the row asked for last.
+            self._known = {k: states for k, states in self._known.items() if not self.runs[k[0]].is_long or k[0] != run}
+            self._known[key] = self._made(run, row)
+        return self._known[key]
+
+    def _made(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
+        parts: list[dict[str, tuple[State, Array]]] = []
+        for number, (piece, own) in enumerate(self.runs[run].every_piece()):
+            before, after = states_of(piece.motion, row), states_of(self._with_noise(run, number, piece), row)
             shared = [name for name in before if name in after]
             if not shared:
                 return {}
             moved = np.stack([after[name].series - before[name].series for name in shared])
-            noise = zero_phase_of(moved, drive.recording.filters)
-            self._known[key] = {name: (before[name], own) for name, own in zip(shared, noise, strict=True)}
-        return self._known[key]
+            noise = zero_phase_of(moved, piece.recording.filters)[:, own]
+            cut = {name: replace(before[name], series=before[name].series[own]) for name in shared}
+            parts.append({name: (cut[name], one) for name, one in zip(shared, noise, strict=True)})
+        if len(parts) == 1:
+            return parts[0]
+        return {name: _end_to_end([part[name] for part in parts]) for name in parts[0] if all(name in p for p in parts)}
+
+    def _with_noise(self, run: int, number: int, piece: PreparedRun) -> Motion:
+        """The motion of a piece of a run with one more draw of the sensor sheet's noise; kept for a whole run."""
+        if run in self._noisy:
+            return self._noisy[run]
+        motion = _with_noise(piece.recording, [self._seed, 11, run, *([number] if number else [])])
+        if not self.runs[run].is_long:
+            self._noisy[run] = motion
+        return motion
+
+
+def _end_to_end(parts: Sequence[tuple[State, Array]]) -> tuple[State, Array]:
+    """A state and its noise over a whole run, from its pieces."""
+    series, noise = (np.concatenate(found) for found in zip(*((s.series, own) for s, own in parts), strict=True))
+    return replace(parts[0][0], series=series), noise
 
 
 def _with_noise(recording: Recording, seed: Sequence[int]) -> Motion:

@@ -162,9 +162,9 @@ def prepare_run(
         }
         run = replace(run, signals=kept)
         drive = PreparedRun.of(run, vehicle, rig, filters)
-    warnings += [f"{run.name}: {note}" for note in run_notes(drive.motion.notes)]
+    warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
     if not drive.rows:
-        found = sorted({row_absence(why) for why in drive.motion.left_out.values()})
+        found = sorted({row_absence(why) for why in drive.measured_rows.left_out.values()})
         reasons = "; ".join(found) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
     return run, drive

@@ -36,7 +36,7 @@ def fit_result(
     whole = whole_vehicle(fitted, loaded.vehicle)
     left_out: dict[str, str] = {}
     for run in fitted.runs:
-        left_out |= {f"{run.name}: {row}": row_absence(why) for row, why in run.motion.left_out.items()}
+        left_out |= {f"{run.name}: {row}": row_absence(why) for row, why in run.measured_rows.left_out.items()}
     return plain(
         {
             "vehicle": loaded.vehicle.name,

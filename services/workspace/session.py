@@ -226,7 +226,7 @@ class Session:
 
     def _phases(self, held: bool) -> list[Phases]:
         self.progress(ServiceStep(ServiceStage.MANOEUVRE_PHASES))
-        return [phases_of(run.motion) for run in (self.held if held else self.loaded.prepared)]
+        return [phases_of(run.overview().motion) for run in (self.held if held else self.loaded.prepared)]
 
     def pictures(self, version: Version) -> dict[str, bytes]:
         """Pictures of a version against all runs and of its dampers: name → PNG."""

@@ -54,7 +54,7 @@ class PreparedRuns:
 
     def absent_channels(self) -> Collection[str]:
         """Channels that rows of the equations lack in these runs."""
-        return {name for run in self.runs for why in run.motion.left_out.values() for name in why.channels}
+        return {name for run in self.runs for why in run.measured_rows.left_out.values() for name in why.channels}
 
     def linearised(
         self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]

@@ -131,7 +131,7 @@ def whole(rough: Run, model: Model) -> Fit:
 
 def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pieces keep every sample once, and their fit is that of the whole run to a part of its interval."""
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     drive = PreparedRun.of(rough, VEHICLE, RIG)
     assert len(list(drive.pieces())) == 3
     parts = fit(whole.model, [drive])
@@ -149,7 +149,7 @@ def test_a_run_in_pieces_is_the_run(rough: Run, whole: Fit, monkeypatch: pytest.
 def test_pieces_give_the_same_equations(rough: Run, whole: Fit, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without noise correction and zeros, pieces differ from the whole by filter transients alone."""
     together = fit(model, [whole.runs[0]], FitOptions(zeros=False, unbias=False))
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     apart = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(zeros=False, unbias=False))
     sigma = np.sqrt(np.diag(together.covariance))[together.place]
     assert np.max(np.abs(apart.solution - together.solution) / sigma) < 1e-3
@@ -171,7 +171,7 @@ def test_memory_does_not_grow_with_the_length(rough: Run, monkeypatch: pytest.Mo
     Pieces are kept up to a bound, which is lowered here below both runs.
     """
     monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 10.0)
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (6.0,))
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 6.0)
     springs = Model.of(effect for effect in base_model(VEHICLE, "hub") if effect.name != "body")
     peaks, channels = [], []
     for times in (2, 6):
@@ -192,8 +192,8 @@ def test_a_piece_keeps_nothing_that_was_computed_on_it(
 
     Made anew or kept, so that a diagnosis of a long run never holds two pieces' motions.
     """
-    monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 7.0)
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 8.0)
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     assembly = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(unbias=False)).assembly
     held = list(assembly.pieces())
     for piece in held:
@@ -219,7 +219,7 @@ def test_a_piece_keeps_nothing_that_was_computed_on_it(
 def test_only_one_piece_is_whole_at_a_time(rough: Run, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """A piece that is mapped to something small is gone before the next one is made."""
     monkeypatch.setattr("lacet.identify.regression.assembly.KEPT", 0.0)
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     assembly = fit(model, [PreparedRun.of(rough, VEHICLE, RIG)], FitOptions(unbias=False)).assembly
     made, alive = Assembly._make, []
     seen: list[weakref.ref[Piece]] = []
@@ -293,3 +293,36 @@ def test_bootstrap_and_hac_agree_in_size(whole: Fit) -> None:
     assert 0.7 < np.median(ratio) < 1.4
     shift = np.abs(np.mean(drawn, axis=0) - whole.theta)[whole.place]
     assert np.median(shift / hac) < 0.5
+
+
+def test_pieces_have_the_columns_of_the_whole(rough: Run, model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Left sides and columns of a run worked on in pieces are those of the whole, ends included.
+
+    Effects with a memory of their own (hysteresis) may differ by what they remember of the piece's beginning.
+    """
+    effects = [effect for effect in model.physics if effect.instantaneous]
+    whole = PreparedRun.of(rough, VEHICLE, RIG)
+    expected = whole.measured, {row: whole.matrix(effects, row) for row in whole.rows}
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 3.0)
+    parts = PreparedRun.of(rough, VEHICLE, RIG)
+    assert len(list(parts.pieces())) > 3
+    assert parts.rows == whole.rows
+    for row in whole.rows:
+        np.testing.assert_array_equal(parts.index[row], whole.index[row])
+        for one, other in ((parts.measured, expected[0]), ({row: parts.matrix(effects, row)}, expected[1])):
+            np.testing.assert_allclose(one[row], other[row], rtol=0.0, atol=1e-10 * np.max(np.abs(other[row])))
+
+
+def test_a_last_piece_without_a_sample_is_none(rough: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces are of equal length, whatever the run's, and one of flagged samples alone is left out."""
+    run = PreparedRun.of(rough, VEHICLE, RIG)
+    n, rate = run.recording.t.size, run.recording.filters.rate
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", (n - 20) / rate / 3)
+    lengths = [own.stop - own.start for _, own in run.every_piece()]
+    assert len(lengths) == 3
+    assert max(lengths) - min(lengths) < 2 * run.recording.filters.step
+    third = n // 3
+    flagged = {name: mask & (np.arange(n) < 2 * third - 40) for name, mask in run.recording.usable.items()}
+    short = PreparedRun(replace(run.recording, usable=flagged))
+    assert len(list(short.pieces())) == 2
+    assert len(list(short.every_piece())) == 3

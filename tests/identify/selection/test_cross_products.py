@@ -266,7 +266,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
     run = cars.piece("rough", 0.0, 9.0)
     model = Model.of(e for e in KNOWN.values() if e.base)
     whole = silent_of(model, PreparedRun.of(run, VEHICLE, RIG))
-    monkeypatch.setattr(PreparedRun.pieces, "__defaults__", (5.0,))
+    monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     drive = PreparedRun.of(run, VEHICLE, RIG)
     assert len(list(drive.pieces())) == 2
     parts = silent_of(model, drive)

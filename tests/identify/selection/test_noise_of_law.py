@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.cross_products import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.regressor_noise import noise_through_effect
 from lacet.identify.selection.score_tests import ScoreTests
-from lacet.identify.validation.noise_floor import NoiseFloor, simulate_floor
+from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
 
@@ -29,8 +28,8 @@ def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: ScoreTes
     values = np.array([20000.0 if effect.key.startswith("tyre") else 400.0])
     fitted = space.fitted
     physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
-    beside = [Sensitivity.of(drive.recording, physics, theta) for drive in fitted.runs]
-    before, after = (simulate_floor(fitted.runs, one, 199, 0).sigma for one in (fitted.sensitivities, tuple(beside)))
+    before = floor_of(fitted, 199).sigma
+    after = simulate_floor([run.sensitive_pieces(physics, theta) for run in fitted.runs], 199).sigma
     said = noise_through_effect(space.fitted, space.floor.sigma, space.noise_ratio, effect, values)
     counts = dict.fromkeys(said, 0)
     for block in space.sums.blocks:
