@@ -262,14 +262,16 @@ def test_intervals_are_those_of_the_normal_matrix(space: ScoreTests, dense: Dens
 
 
 def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch):
-    """Pieces differ by filter transients and by the slopes of their own comb alone."""
+    """Pieces differ by filter transients and their own slopes, beside the same simulated noise."""
     run = cars.piece("rough", 0.0, 9.0)
     model = Model.of(e for e in KNOWN.values() if e.base)
-    whole = silent_of(model, PreparedRun.of(run, VEHICLE, RIG))
+    at_once = fit(model, [PreparedRun.of(run, VEHICLE, RIG)], FitOptions(unbias=False))
+    noise = floor_of(at_once, DRAWS)
+    whole = silent(at_once, noise, CANDIDATES)
     monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", 5.0)
     drive = PreparedRun.of(run, VEHICLE, RIG)
     assert len(list(drive.pieces())) == 2
-    parts = silent_of(model, drive)
+    parts = silent(fit(model, [drive], FitOptions(unbias=False)), noise, CANDIDATES)
     assert [t.effect for t in parts.layout.trials] == [t.effect for t in whole.layout.trials]
     for a, b in zip(trials(whole), trials(parts), strict=True):
         for measure in ("drop", "fall"):
@@ -284,12 +286,6 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
         for s in (whole, parts)
     ]
     assert order[0] == order[1]
-
-
-def silent_of(model: Model, drive: PreparedRun) -> ScoreTests:
-    """Candidates on one run."""
-    fitted = fit(model, [drive], FitOptions(unbias=False))
-    return silent(fitted, floor_of(fitted, DRAWS), CANDIDATES)
 
 
 def size(space: ScoreTests, place: slice, what: str) -> float:
