@@ -107,7 +107,7 @@ class Sensitivity:
         """The sensitivity of a run at parameter values θ, by finite differences."""
         every = max(1, round(_COARSE * recording.filters.rate))
         # The same instants in a piece of a long run as in the whole.
-        before_it = round((recording.t[0] - recording.start) * recording.filters.rate)
+        before_it = round(float(recording.t[0] - recording.start) * recording.filters.rate)
         comb = np.arange(-before_it % every, recording.t.size, every)
         coarse = recording.at(comb)
         measured = MeasuredRows.of(coarse)

@@ -118,7 +118,8 @@ class ColumnMaker:
             z = {name: series[number] for name, (_, series) in scaled.items()}
             filters = self.runs[i].recording.filters
             functions = _present(near, z, {name: knots for name, (knots, _) in scaled.items()})
-            of, present = [], []
+            of = list[int]()
+            present: list[Array] = []
             for batch in _batches(functions):
                 of += [number for number, _ in batch]
                 present.append(zero_phase_of(np.stack([series for _, series in batch]), filters)[:, self.runs[i].comb])
