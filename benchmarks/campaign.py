@@ -54,7 +54,7 @@ def main() -> None:
         for count in map(int, args.counts.split(",")):
             file = folder / f"measured-{count}.json"
             if not file.exists():
-                words = [sys.executable, __file__, "--one", str(count), "--folder", str(folder)]
+                words = [sys.executable, "-P", __file__, "--one", str(count), "--folder", str(folder)]
                 file.write_text(subprocess.run(words, check=True, capture_output=True, text=True).stdout)
             found[count] = json.loads(file.read_text())
             print(count, found[count], flush=True)
@@ -112,7 +112,9 @@ def page(found: dict[int, dict[str, Any]]) -> str:
         f"Written by `benchmarks/campaign.py`: runs of {SECONDS:g} s (windows of the reference car's tables), the base",
         f"model, {WORKERS} local workers, of which one is killed (SIGKILL) in the middle of pass {PASS_OF_THE_KILL}.",
         "Processor time, user and system; that of the workers has their start in it (NumPy, SciPy and lacet loaded in",
-        "each, once more in the one that replaces the killed one).",
+        "each, once more in the one that replaces the killed one); that of scheduler and client grows with the time on",
+        "the clock, too, because both look after their connections while they wait. Where other programs share the",
+        "processors, processor time is longer as well: in a process by itself the tasks of one run take 1.2 s.",
         "",
         "| runs | used | killed | passes over runs | over sums | workers [s] | a run [s] "
         "| scheduler and client [s] | a run [s] | memory [MB] |",
