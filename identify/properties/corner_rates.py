@@ -6,10 +6,11 @@ that fit its columns best over the motions of the runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
@@ -114,19 +115,30 @@ def _body(effect: PhysicalEffect, chassis: Array, unsprung: Array) -> None:
         unsprung[CORNERS.index(corner), names.index("M")] = 1.0
 
 
+def _samples(
+    runs: Sequence[PreparedRun], effect: PhysicalEffect
+) -> Iterator[tuple[Motion, Mapping[Row, NDArray[np.intp]]]]:
+    """Motions on which an effect's columns can be computed, each with the places of the rows' kept samples."""
+    for run in runs:
+        if effect.instantaneous:
+            yield run.kept_motion, {row: run.kept(row) for row in run.rows}
+        else:
+            yield from ((piece.motion, piece.index) for piece in run.pieces())
+
+
 def _own(runs: tuple[PreparedRun, ...], effect: SuspensionForce) -> tuple[Array, Array, Array]:
     """(4, p) spring and damper that fit an effect best over all samples of the runs, and its force at design height."""
     p = len(effect.parameters)
     normal, right = np.zeros((4, 3, 3)), np.zeros((4, 3, p))
     f0 = np.zeros((4, p))
-    for run in (piece for whole in runs for piece in whole.pieces()):
-        columns = columns_by_row(effect, run.motion)
+    for motion, kept in _samples(runs, effect):
+        columns = columns_by_row(effect, motion)
         zero = {c: np.zeros(1) for c in CORNERS}
-        for c, at_rest in suspension_laws(effect, run.motion, zero, zero).items():
+        for c, at_rest in suspension_laws(effect, motion, zero, zero).items():
             f0[CORNERS.index(c)] = at_rest[:, 0]
         for i, row in enumerate(SUSPENSION_ROWS):
-            if row in columns and row in run.index:
-                at, corner = run.index[row], run.motion.corners[row.place]
+            if row in columns and row in kept:
+                at, corner = kept[row], motion.corners[row.place]
                 basis = np.stack([np.ones(at.size), corner.travel[at], corner.rate[at]])
                 normal[i] += basis @ basis.T
                 right[i] += basis @ columns[row][:, at].T
@@ -139,17 +151,16 @@ def _slopes(runs: tuple[PreparedRun, ...], effect: PhysicalEffect, name: str, ki
     out = np.zeros((4, 4, len(effect.parameters)))
     counts = np.zeros(4)
     step = _STEP[name]
-    for run in (piece for whole in runs for piece in whole.pieces()):
-        motion = run.motion
-        acted = [row for row in columns_by_row(effect, motion) if row.kind == kind and row in run.index]
+    for motion, kept in _samples(runs, effect):
+        acted = [row for row in columns_by_row(effect, motion) if row.kind == kind and row in kept]
         if not acted:
             continue
         for row in acted:
-            counts[CORNERS.index(row.place)] += run.index[row].size
+            counts[CORNERS.index(row.place)] += kept[row].size
         for j, moved in enumerate(CORNERS):
             up, down = (columns_by_row(effect, _moved(motion, moved, name, sign * step)) for sign in (1.0, -1.0))
             for row in acted:
-                difference = (up[row] - down[row])[:, run.index[row]] / (2.0 * step)
+                difference = (up[row] - down[row])[:, kept[row]] / (2.0 * step)
                 out[CORNERS.index(row.place), j] += difference.sum(axis=1)
     return out / np.maximum(counts, 1.0)[:, None, None]
 
