@@ -126,7 +126,8 @@ def held_reference(folder: Path) -> tuple[tuple[Sensitivity, ...], tuple[Mapping
     fitted = reference(folder, ())
     effects, theta = fitted.model.physics, fitted.physics
     sensitivities = tuple(Sensitivity.of(run.recording, effects, theta) for run in found.held)
-    return sensitivities, simulate_floor(found.held, sensitivities, 20, 1).by_run
+    pieces = [[pair] for pair in zip(found.held, sensitivities, strict=True)]
+    return sensitivities, simulate_floor(pieces, 20, 1).by_run
 
 
 @lru_cache(maxsize=8)

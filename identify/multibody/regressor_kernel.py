@@ -21,10 +21,11 @@ MOMENTS, FORCES, FIRST_MOMENTS, JOINT = range(4)
 """Kinds of a run: all ten parameters of each body on a revolute joint, or on a prismatic one, whose inertias are zeros;
 on a prismatic one only the four that give a force, MX MY MZ M; rotor inertia and friction of the joint itself."""
 
-SIGNATURE = (
-    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], int64[:, ::1], float64[:, :, ::1], float64[:, ::1], "
-    "float64[:, ::1], float64[::1], uint64[:, ::1], boolean, float64[:, ::1])"
-)
+_LINE, _TABLE, _TABLES = "float64[::1]", "float64[:, ::1]", "float64[:, :, ::1]"
+_ARGUMENTS = (
+    _TABLE, _TABLE, _TABLE, "int64[:, ::1]", _TABLES, _TABLE, _TABLE, _LINE, "uint64[:, ::1]", "boolean", _TABLE
+)  # fmt: skip
+SIGNATURE = f"void({', '.join(_ARGUMENTS)})"
 
 
 def fill_regressor(

@@ -70,9 +70,13 @@ class Fit(FittedModel):
         return self.assembly.sensitivities()
 
     def sensitive_pieces(self, run: int) -> Iterator[tuple[PreparedRun, Sensitivity]]:
-        """The pieces of a run, each with its sensitivity at the values where the fit was linearised."""
+        """The pieces of a run, each with its sensitivity at the values where the fit was linearised.
+
+        Raises ValueError for a model fitted without zeros.
+        """
         for piece in self.assembly.pieces_of(run):
-            assert piece.sensitivity is not None, "fitted without zeros: no sensitivity was taken"
+            if piece.sensitivity is None:
+                raise ValueError("a model fitted without zeros has no sensitivities")
             yield piece.prepared, piece.sensitivity
 
     @property

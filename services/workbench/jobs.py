@@ -21,16 +21,19 @@ from lacet.daq.errors import LacetError
 from lacet.services.progress import AnyStep
 from lacet.services.render.progress import sentence
 from lacet.services.workbench.events import Events
+from lacet.services.workspace.study import WRITING
 
 PERIOD = 0.1
 """Least time between two progress events of a job [s]."""
+PATIENCE = 0.5
+"""Time that a cancelled job has to end at a report of its progress, before it is interrupted wherever it is [s]."""
 KEPT = 50
 """Number of finished jobs kept."""
 _OF = re.compile(r"(\d+) of (\d+)\b")
 
 
-class Cancelled(Exception):
-    """Exception in a cancelled job, raised where it reports its progress."""
+class Cancelled(BaseException):
+    """Exception in a cancelled job; no handler of a computation's own errors catches it."""
 
 
 @dataclass
@@ -52,6 +55,7 @@ class Job:
     result: Any = None
     seconds: float = 0.0
     stop: threading.Event = field(default_factory=threading.Event, repr=False)
+    ended: threading.Event = field(default_factory=threading.Event, repr=False)
 
     def as_data(self, result: bool = False) -> dict[str, Any]:
         """The job as plain data for the page."""
@@ -108,6 +112,7 @@ class Jobs:
         self._numbers = itertools.count(int(time.time()))
         self._jobs: dict[int, Job] = {}
         self._queue: queue.Queue[Job | None] = queue.Queue()
+        self._ending = threading.Lock()
         self._thread = threading.Thread(target=self._work, name="lacet-jobs", daemon=True)
         self._thread.start()
 
@@ -125,14 +130,23 @@ class Jobs:
         return job
 
     def cancel(self, job: Job) -> None:
-        """Cancel a job: at once while it waits, at its next report of progress while it runs."""
+        """Cancel a job: at once while it waits, within seconds while it runs."""
         job.stop.set()
         if job.state == "waiting":
             job.state, job.text = "cancelled", "cancelled"
+            job.ended.set()
             self._say(job)
-        elif job.state == "running":
+        elif job.state == "running" and job.text != "stopping":
             job.text = "stopping"
             self._say(job)
+            threading.Thread(target=self._interrupt, args=(job,), name="lacet-cancel", daemon=True).start()
+
+    def _interrupt(self, job: Job) -> None:
+        """Raise Cancelled in the thread of a job that reports no progress, but not while it writes a study."""
+        while not job.ended.wait(PATIENCE):
+            with WRITING, self._ending:
+                if job.state == "running":
+                    _raise_in(self._thread, Cancelled)
 
     def get(self, number: int) -> Job | None:
         """A job by its number."""
@@ -171,23 +185,41 @@ class Jobs:
         self._say(job)
         teller = JobProgress(job, self._say)
         try:
-            teller.check()
-            job.result = self.tasks[job.do](job.args, teller)
-            job.state, job.text = "done", "done"
+            state = self._result(job, teller)
+            with self._ending:
+                job.state = state
         except Cancelled:
-            job.state, job.text = "cancelled", "cancelled"
-        except LacetError as error:
-            job.state, job.text, job.error = "failed", "failed", str(error)
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            job.state, job.text, job.error = "failed", "failed", f"{where}{error.strerror or error}"
-        except Exception as error:  # a bug: reported to the page, with traceback on the terminal; the next job runs
-            traceback.print_exc()
-            job.state, job.text = "failed", "failed"
-            job.error = f"an error of lacet itself: {type(error).__name__}: {error}"
+            with self._ending:
+                job.state, job.result, job.error = "cancelled", None, None
+        _raise_in(self._thread, None)  # an interruption that came too late
+        job.text = job.state
+        job.ended.set()
         _give_back()
         job.seconds = time.monotonic() - began
         self._say(job)
+
+    def _result(self, job: Job, teller: JobProgress) -> str:
+        """State in which a job ends. Raises Cancelled."""
+        try:
+            teller.check()
+            job.result = self.tasks[job.do](job.args, teller)
+            return "done"
+        except LacetError as error:
+            job.error = str(error)
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            job.error = f"{where}{error.strerror or error}"
+        except Exception as error:  # a bug: reported to the page, with traceback on the terminal; the next job runs
+            traceback.print_exc()
+            job.error = f"an error of lacet itself: {type(error).__name__}: {error}"
+        return "failed"
+
+
+def _raise_in(thread: threading.Thread, exception: type[BaseException] | None) -> None:
+    """Raise an exception in a thread at its next step in Python; None withdraws one that was not raised yet."""
+    ctypes.pythonapi.PyThreadState_SetAsyncExc(
+        ctypes.c_ulong(thread.ident or 0), None if exception is None else ctypes.py_object(exception)
+    )
 
 
 def _give_back() -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -32,6 +33,8 @@ from lacet.services.workspace.effect_files import own_classes
 
 FORMAT = "lacet-study 1"
 _FILE = "study.json"
+WRITING = threading.Lock()
+"""Held while this process writes a study: whoever interrupts a thread does it outside."""
 
 
 Runs = tuple[tuple[str, ...], tuple[str, ...]]
@@ -250,14 +253,15 @@ class Study:
     def _only_writer(self) -> Generator[None]:
         """Lock against a second writer. Raises UsageError when there is one."""
         lock = self.folder / ".writing"
-        try:
-            lock.touch(exist_ok=False)
-        except FileExistsError:
-            raise UsageError(f"another lacet is writing to {self.folder}; if not, remove {lock}") from None
-        try:
-            yield
-        finally:
-            lock.unlink(missing_ok=True)
+        with WRITING:
+            try:
+                lock.touch(exist_ok=False)
+            except FileExistsError:
+                raise UsageError(f"another lacet is writing to {self.folder}; if not, remove {lock}") from None
+            try:
+                yield
+            finally:
+                lock.unlink(missing_ok=True)
 
     def _save(self) -> None:
         filters = {k: getattr(self.filters, k) for k in ("rate", "pre_cutoff", "fit_cutoff", "order", "edge")}

@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -16,11 +17,16 @@ from lacet.services.cache.keys import ROOMS, run_digests
 from tests.support.places import HOME
 
 ASKED = """
+import os, sys
 from lacet.identify.effects.catalogue import effect_classes
 from lacet.services.cache.keys import key_of
 every = effect_classes()
 model = [every["body"], every["spring"], every["coulomb"]]
-print(key_of("regression", model), key_of("validation", model), key_of("selection", None))
+for line in sys.stdin:
+    if os.fork() == 0:  # nothing that an earlier question left in memory
+        print(key_of("regression", model), key_of("validation", model), key_of("selection", None), flush=True)
+        os._exit(0)
+    os.wait()
 """
 
 
@@ -40,24 +46,36 @@ def sources(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def asked(folder: Path) -> tuple[str, ...]:
-    """Keys of a fit, a floor and a ranking, as a fresh process on these sources makes them."""
-    run = subprocess.run(
-        [sys.executable, "-c", ASKED], cwd=folder, env={**os.environ, "PYTHONPATH": str(folder)},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return tuple(run.stdout.split())
+@pytest.fixture(scope="module")
+def asked(sources: Path) -> Iterator[Callable[[], tuple[str, ...]]]:
+    """Gives the keys of a fit, a floor and a ranking, as a fresh process on these sources makes them."""
+    with subprocess.Popen(
+        [sys.executable, "-c", ASKED], cwd=sources, env={**os.environ, "PYTHONPATH": str(sources)}, text=True,
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+    ) as process:  # fmt: skip
+        assert process.stdin is not None
+        assert process.stdout is not None
+        questions, answers = process.stdin, process.stdout
+
+        def ask() -> tuple[str, ...]:
+            print("keys", file=questions, flush=True)
+            return tuple(answers.readline().split())
+
+        yield ask
+        questions.close()
 
 
-def test_a_change_of_the_sources_drops_what_it_concerns_and_nothing_else(sources: Path) -> None:
-    before = asked(sources)
+def test_a_change_of_the_sources_drops_what_it_concerns_and_nothing_else(
+    sources: Path, asked: Callable[[], tuple[str, ...]]
+) -> None:
+    before = asked()
     assert len(set(before)) == 3
 
     def after(name: str) -> list[bool]:
         file = sources / name
         text = file.read_text(encoding="utf-8")
         file.write_text(text + "\n# a change\n", encoding="utf-8")
-        found = asked(sources)
+        found = asked()
         file.write_text(text, encoding="utf-8")
         return [one == other for one, other in zip(before, found, strict=True)]
 
@@ -72,7 +90,7 @@ def test_a_change_of_the_sources_drops_what_it_concerns_and_nothing_else(sources
     assert after("identify/selection/diagnose.py") == [True, True, False]
     assert after("identify/design/run_ranking.py") == [True, True, True]
     assert after("services/workbench/server.py") == [True, True, True]
-    assert asked(sources) == before
+    assert asked() == before
 
 
 def test_a_run_is_read_once_and_known_by_its_content(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
