@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from lacet.identify.car.rows import Row
 from lacet.identify.validation import score
@@ -107,5 +108,6 @@ def compare(
     for run in runs or fitted.runs:
         if progress:
             progress(f"comparing with {run.name}")
-        found[run.name] = score.compare(fitted.details, run, draws, knowledge=fitted.knowledge if runs else None)
+        with threadpool_limits(1):
+            found[run.name] = score.compare(fitted.details, run, draws, knowledge=fitted.knowledge if runs else None)
     return Comparison(found)

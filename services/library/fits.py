@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
@@ -81,7 +83,8 @@ class Fit:
     def noise_floor(self, draws: int) -> NoiseFloor:
         """The residual that the sensors' noise alone would leave, simulated `draws` times and stored."""
         if draws not in self._floors:
-            self._floors[draws] = floor_of(self.details, draws)
+            with threadpool_limits(1):
+                self._floors[draws] = floor_of(self.details, draws)
         return self._floors[draws]
 
     @cached_property
@@ -185,7 +188,9 @@ def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[s
 
 
 def _fitted(model: Model, runs: Runs, options: wls.FitOptions, progress: Callable[[str], object] | None) -> Fit:
-    details = wls.fit(model, runs.prepared, options, progress=in_words(progress) if progress else silent)
+    # One thread, as on the command line: the same digits, in half the processor time and less time altogether.
+    with threadpool_limits(1):
+        details = wls.fit(model, runs.prepared, options, progress=in_words(progress) if progress else silent)
     return Fit(model, runs, details)
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
+from threadpoolctl import threadpool_limits
+
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.score_tests import Candidate
@@ -104,4 +106,5 @@ def rank(
             progress(text)
 
     say(f"simulating the noise floor, {draws} times")
-    return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, progress=in_words(say)))
+    with threadpool_limits(1):
+        return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, progress=in_words(say)))
