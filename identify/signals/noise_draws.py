@@ -29,7 +29,7 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
     drawn = rng.standard_normal((2, sum(widths), gain.size))
     spectrum = np.sqrt(n / 2.0) * gain * (drawn[0] + 1j * drawn[1])
-    series = irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1)
+    series = np.asarray(irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1), float)
     parts = np.split(series, np.cumsum(widths)[:-1])
     return dict(zip(names, parts, strict=True))
 

@@ -19,7 +19,7 @@ from lacet.identify.effects.catalogue import catalogue
 from tests.identify import cars
 
 pytest.importorskip("mujoco")
-SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=8.0)
+SHORT = Campaign(used=("sinus", "rough"), held=("liftoff",), duration=6.0)
 DRAWS = 39
 
 

@@ -21,7 +21,9 @@ FRICTION = KNOWN["coulomb.front"]
 
 
 @pytest.mark.parametrize(
-    "effect", [KNOWN["tyre_damping.front"], replace(FRICTION, shape={"v0": 0.1})], ids=lambda e: e.key
+    "effect",
+    [KNOWN["tyre_damping.front"], pytest.param(replace(FRICTION, shape={"v0": 0.1}), marks=pytest.mark.slow)],
+    ids=lambda e: e.key,
 )
 def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: ScoreTests, effect):
     """That floor is made by derivatives at the parameters; here the law itself is asked."""

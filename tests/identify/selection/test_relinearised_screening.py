@@ -47,7 +47,9 @@ def unlisted_at_first(monkeypatch: pytest.MonkeyPatch) -> list[ScoreTests]:
     return seen
 
 
-@pytest.mark.parametrize(("factor", "again"), [(1.0, False), (1.0 / 1.12, True), (1.0 / 1.6, True)])
+@pytest.mark.parametrize(
+    ("factor", "again"), [(1.0, False), (1.0 / 1.12, True), pytest.param(1.0 / 1.6, True, marks=pytest.mark.slow)]
+)
 def test_a_floor_that_is_a_little_low_is_simulated_again(
     fitted: Fit, floor: NoiseFloor, factor: float, again: bool, unlisted_at_first: list[ScoreTests],
     monkeypatch: pytest.MonkeyPatch,

@@ -60,7 +60,7 @@ def assert_equal(found: CampaignFit, whole: Fit) -> None:
 
 def test_a_worker_is_killed_and_a_run_is_broken(tmp_path: Path) -> None:
     """The result is that of one process all the same; the broken run and the copy are named."""
-    runs = [str(run) for run in write_short_runs(tmp_path, 3, 4.0)]
+    runs = [str(run) for run in write_short_runs(tmp_path, 2, 4.0)]
     broken, copy = tmp_path / "broken.parquet", tmp_path / "copy.parquet"
     broken.write_bytes(b"PAR1 and nothing else")
     copy.write_bytes(Path(runs[0]).read_bytes())
