@@ -79,7 +79,7 @@ def test_a_study_is_whole_after_its_job_was_interrupted(
 ) -> None:
     """Interrupted at many places, writing leaves no lock, and every version in order."""
     monkeypatch.setattr("lacet.services.workbench.jobs.PATIENCE", 0.003)
-    for k in range(12):
+    for k in range(6):
         started.clear()
         folder = tmp_path / f"study{k}"
         job = jobs.submit("writing", {"name": folder.name})
@@ -107,7 +107,7 @@ def test_a_job_that_ends_while_it_is_interrupted_is_one_or_the_other(
         return "result"
 
     jobs.tasks["brief"] = brief
-    for k in range(200):
+    for k in range(100):
         job = jobs.submit("brief", {"k": k})
         jobs.cancel(job)
         assert job.ended.wait(LONG)
