@@ -40,6 +40,7 @@ from lacet.services.render.figures.ticks import ticks_of
 
 STYLE = f"""
 figure svg {{ display: block; width: 100%; height: auto; background: white; stroke-linejoin: round; }}
+figure > svg:not(.charts) {{ max-height: 80vh; }}
 figure svg text {{ font-family: "DejaVu Sans", Verdana, sans-serif; }}
 svg.charts text {{ font: {FONT:g}px system-ui, sans-serif; fill: #222; }}
 svg.charts .h {{ font-size: {FONT + 3:g}px; }} svg.charts .t {{ font-size: {FONT + 1:g}px; }}
