@@ -126,8 +126,8 @@ def held_reference(folder: Path) -> tuple[tuple[Sensitivity, ...], tuple[Mapping
     fitted = reference(folder, ())
     effects, theta = fitted.model.physics, fitted.physics
     sensitivities = tuple(Sensitivity.of(run.recording, effects, theta) for run in found.held)
-    pieces = [[pair] for pair in zip(found.held, sensitivities, strict=True)]
-    return sensitivities, simulate_floor(pieces, 20, 1).by_run
+    floor = simulate_floor(found.held, lambda run: [(found.held[run], sensitivities[run])], 20, 1)
+    return sensitivities, floor.by_run
 
 
 @lru_cache(maxsize=8)

@@ -158,9 +158,3 @@ class Motion:
         if row.kind == "tyre":
             return dot(corner.force, corner.normal)
         return dot(corner.moment, corner.spin_axis) + corner.torque
-
-    def kept(self, row: Row) -> NDArray[np.intp]:
-        """Indices of the samples of a row that enter the fit, after decimation."""
-        # One decimation grid for the whole run, so that all rows are decimated at the same instants.
-        comb = np.arange(self.filters.step // 2, self.t.size, self.filters.step)
-        return comb[self.usable[row][comb]]

@@ -250,11 +250,11 @@ class PreparedRun:
     @property
     def is_long(self) -> bool:
         """Whether the run is worked on in pieces."""
-        return self._count > 1
+        return self.piece_count > 1
 
     @property
-    def _count(self) -> int:
-        """Number of pieces."""
+    def piece_count(self) -> int:
+        """Number of the pieces it is worked on in; those without a usable sample are passed over."""
         return 1 if self._is_piece else max(1, round(self.recording.t.size / (PIECE * self.recording.filters.rate)))
 
     def pieces(self) -> Iterator[PreparedRun]:
@@ -273,7 +273,7 @@ class PreparedRun:
         if not self.is_long:
             yield self, slice(0, n)
             return
-        count, step = self._count, filters.step
+        count, step = self.piece_count, filters.step
         margin = math.ceil(filters.memory * filters.rate / step) * step
         for start, end in pairwise([*(n * k // count // step * step for k in range(count)), n]):
             first = max(0, start - margin)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,19 +71,25 @@ PiecesOfRun = Iterable[tuple[PreparedRun, Sensitivity]]
 """The pieces of a run, each with the sensitivity of its residual to the channels."""
 
 
-def simulate_floor(runs: Sequence[PiecesOfRun], draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
-    """The noise floor of runs, `draws` times drawn; each piece of a long run has draws of its own."""
+def simulate_floor(
+    runs: Sequence[PreparedRun], pieces: Callable[[int], PiecesOfRun], draws: int, seed: int = 0,
+    progress: Progress = silent,
+) -> NoiseFloor:  # fmt: skip
+    """The noise floor of runs, `draws` times drawn; each piece of a long run has draws of its own.
+
+    `pieces` : gives those of the run of an index.
+    """
     out: list[dict[Row, Array]] = []
-    for number, run in enumerate(runs):
+    done, total = itertools.count(1), draws * sum(run.piece_count for run in runs)
+    for number in range(len(runs)):
         found: dict[Row, list[Array]] = {}
-        for place, (piece, sensitivity) in enumerate(run):
+        for place, (piece, sensitivity) in enumerate(pieces(number)):
             rng = np.random.default_rng([seed, number, place] if place else [seed, number])
             parts: dict[Row, list[Array]] = {row: [] for row in piece.rows}
-            for done in range(draws):
+            for _ in range(draws):
                 for row, series in piece.decimated(sensitivity.noise(rng)).items():
                     parts[row].append(series)
-                if not place:
-                    progress(Step(Stage.NOISE_FLOOR, number * draws + done + 1, len(runs) * draws))
+                progress(Step(Stage.NOISE_FLOOR, next(done), total))
             for row, series in parts.items():
                 found.setdefault(row, []).append(np.stack(series))
         out.append({row: np.concatenate(series, axis=1) for row, series in found.items()})
@@ -91,10 +98,13 @@ def simulate_floor(runs: Sequence[PiecesOfRun], draws: int, seed: int = 0, progr
 
 def floor_at(fitted: Fit, physics: Array, draws: int, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit's runs at other values `physics` (p,) of its physics' parameters."""
-    runs = [run.sensitive_pieces(fitted.model.physics, physics) for run in fitted.runs]
-    return simulate_floor(runs, draws, seed, progress)
+
+    def pieces(run: int) -> PiecesOfRun:
+        return fitted.runs[run].sensitive_pieces(fitted.model.physics, physics)
+
+    return simulate_floor(fitted.runs, pieces, draws, seed, progress)
 
 
 def floor_of(fitted: Fit, draws: int = DEFAULT_DRAWS, seed: int = 0, progress: Progress = silent) -> NoiseFloor:
     """The noise floor of a fit on its own runs."""
-    return simulate_floor([fitted.sensitive_pieces(run) for run in range(len(fitted.runs))], draws, seed, progress)
+    return simulate_floor(fitted.runs, fitted.sensitive_pieces, draws, seed, progress)

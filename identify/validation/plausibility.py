@@ -13,6 +13,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
+from functools import reduce
 from typing import Final
 
 import numpy as np
@@ -125,9 +126,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
     corners = [row.place for row in rows]
     if len(rows) < 2:
         return {}
-    keep = motion.kept(rows[0])
-    for row in rows[1:]:
-        keep = np.intersect1d(keep, motion.kept(row))
+    keep = reduce(np.intersect1d, (run.index[row] for row in rows))
     if keep.size < 30:
         return {}
     loads: list[Array] = list(decimate(np.stack([motion.measured(row) for row in rows]), motion.filters, keep))

@@ -107,13 +107,13 @@ def compare_values(
     """
     found: list[Zeros] = []
 
-    def sensitive() -> Iterator[tuple[PreparedRun, Sensitivity]]:
+    def sensitive(_: int) -> Iterator[tuple[PreparedRun, Sensitivity]]:
         """The run's pieces; the zeros of each are found where its sensitivity is at hand."""
         for piece, sensitivity in run.sensitive_pieces(effects, values):
             found.append(zeros_of(piece, sensitivity, every=run.is_long))
             yield piece, sensitivity
 
-    noise = simulate_floor([sensitive()], draws, seed)
+    noise = simulate_floor([run], sensitive, draws, seed)
     floor, zeros = noise.by_run[0], joined_zeros(found)
     if payload is not None:
         zeros = with_payload(zeros, run, payload)

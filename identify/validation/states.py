@@ -65,8 +65,12 @@ def across(corner: str) -> str:
 
 def states_of(motion: Motion, row: Row) -> dict[str, State]:
     """The states that belong to a row, nearest first, by name; without those that are constant or not measured."""
-    found = _every_state(motion, row)
-    return {s.name: s for s in found if np.all(np.isfinite(s.series)) and np.ptp(s.series) > 0.0}
+    return {state.name: state for state in _every_state(motion, row) if _moves(state.series)}
+
+
+def _moves(series: Array) -> bool:
+    """Whether a series is measured throughout and not constant."""
+    return bool(np.all(np.isfinite(series)) and np.ptp(series) > 0.0)
 
 
 def _every_state(motion: Motion, row: Row) -> list[State]:
@@ -197,19 +201,26 @@ class ClearStates:
         return self._known[key]
 
     def _made(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
-        parts: list[dict[str, tuple[State, Array]]] = []
+        # What stands still in one piece may move in another: the whole run decides.
+        series: dict[str, list[Array]] = {}
+        noise: dict[str, list[Array]] = {}
+        states: dict[str, State] = {}
         for number, (piece, own) in enumerate(self.runs[run].every_piece()):
-            before, after = states_of(piece.motion, row), states_of(self._with_noise(run, number, piece), row)
-            shared = [name for name in before if name in after]
-            if not shared:
-                return {}
-            moved = np.stack([after[name].series - before[name].series for name in shared])
-            noise = zero_phase_of(moved, piece.recording.filters)[:, own]
-            cut = {name: replace(before[name], series=before[name].series[own]) for name in shared}
-            parts.append({name: (cut[name], one) for name, one in zip(shared, noise, strict=True)})
-        if len(parts) == 1:
-            return parts[0]
-        return {name: _end_to_end([part[name] for part in parts]) for name in parts[0] if all(name in p for p in parts)}
+            before = {state.name: state for state in _every_state(piece.motion, row)}
+            after = {state.name: state.series for state in _every_state(self._with_noise(run, number, piece), row)}
+            moved = np.stack([after[name] - state.series for name, state in before.items()])
+            there = np.all(np.isfinite(moved), axis=1)
+            moved[there] = zero_phase_of(moved[there], piece.recording.filters)
+            for (name, state), one in zip(before.items(), moved, strict=True):
+                states[name] = state
+                series.setdefault(name, []).append(state.series[own])
+                noise.setdefault(name, []).append(one[own])
+        whole = {name: (np.concatenate(series[name]), np.concatenate(noise[name])) for name in states}
+        return {
+            name: (replace(states[name], series=values), own)
+            for name, (values, own) in whole.items()
+            if _moves(values) and np.all(np.isfinite(own))
+        }
 
     def _with_noise(self, run: int, number: int, piece: PreparedRun) -> Motion:
         """The motion of a piece of a run with one more draw of the sensor sheet's noise; kept for a whole run."""
@@ -219,12 +230,6 @@ class ClearStates:
         if not self.runs[run].is_long:
             self._noisy[run] = motion
         return motion
-
-
-def _end_to_end(parts: Sequence[tuple[State, Array]]) -> tuple[State, Array]:
-    """A state and its noise over a whole run, from its pieces."""
-    series, noise = (np.concatenate(found) for found in zip(*((s.series, own) for s, own in parts), strict=True))
-    return replace(parts[0][0], series=series), noise
 
 
 def _with_noise(recording: Recording, seed: Sequence[int]) -> Motion:

@@ -31,7 +31,7 @@ def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: ScoreTes
     fitted = space.fitted
     physics, theta = (*fitted.model.physics, effect), np.concatenate([fitted.physics, values])
     before = floor_of(fitted, 199).sigma
-    after = simulate_floor([run.sensitive_pieces(physics, theta) for run in fitted.runs], 199).sigma
+    after = simulate_floor(fitted.runs, lambda run: fitted.runs[run].sensitive_pieces(physics, theta), 199).sigma
     said = noise_through_effect(space.fitted, space.floor.sigma, space.noise_ratio, effect, values)
     counts = dict.fromkeys(said, 0)
     for block in space.sums.blocks:

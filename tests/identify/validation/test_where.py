@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,6 +17,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import zero_phase_of
+from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.explainable_residual import explainable_residual
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
@@ -265,3 +267,29 @@ def test_blocks_do_not_reach_over_runs(drives: dict[str, PreparedRun]):
     n = len(both[0].index["chassis.fx"])
     assert blocks[n - 1] < blocks[n]
     assert np.all(np.diff(blocks) >= 0)
+
+
+def test_a_state_at_rest_in_one_piece_of_a_run_is_one_of_the_run(
+    drives: dict[str, PreparedRun], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A car may stand, or drive straight on, for the first minute."""
+    recording = next(iter(drives.values())).recording
+    third = recording.t.size // 3
+    still = {name: values.copy() for name, values in recording.signals.value.items()}
+    for corner in ("fl", "fr"):
+        still[f"camera.{corner}.steer"][..., :third] = 0.0
+    monkeypatch.setattr("lacet.identify.validation.states.draw_noise", _no_noise)
+    signals = Signals.differentiated(still, recording.filters.rate)
+    found = {}
+    for piece in (1e3, recording.t[-1] / 3.0):
+        monkeypatch.setattr("lacet.identify.regression.prepared_run.PIECE", piece)
+        run = PreparedRun(recording.with_signals(signals))
+        found[run.piece_count] = ClearStates([run]).names(Row.parse("suspension.fl"))
+    whole, pieces = found.values()
+    assert max(found) == 3
+    assert "steer" in whole
+    assert pieces == whole
+
+
+def _no_noise(recording: Recording, names: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:
+    return {name: np.zeros_like(recording.signals.value[name]) for name in names}
