@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError
+from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages
 from lacet.daq.formats.log_read import LogReader, recover
 from lacet.daq.formats.mcap_write import McapWriter
 from lacet.daq.formats.wire import (
@@ -22,8 +26,6 @@ from lacet.daq.formats.wire import (
     StartRecord,
     StopRecord,
     Tally,
-    block_to_bytes,
-    frames_to_bytes,
     manifest_to_bytes,
     start_to_bytes,
     stop_to_bytes,
@@ -40,6 +42,19 @@ DISK = "disk"
 
 class LogWriteError(RunError):
     """A log that cannot be written any further; what was recorded before remains readable."""
+
+
+class LogMessage(NamedTuple):
+    """A message ready to be stored: its class, bytes and number, and where its `samples` are counted."""
+
+    topic: str
+    kind: Any
+    data: bytes
+    log_ns: int
+    name: str
+    sequence: int
+    samples: int
+    tallies: dict[str, Tally]
 
 
 class LogWriter:
@@ -111,26 +126,40 @@ class LogWriter:
         ------
         LogWriteError : the disk is full or fails; now and at every further call, which is counted in `losses`.
         """
-        if not len(frames):
-            return b""
-        tally = self._sources.get(frames.source, Tally())
-        data = frames_to_bytes(frames, tally.messages)
-        try:
-            self._put(raw_topic(frames.source), pb.RawFrames, data, int(frames.t_ns[-1]), tally.messages)
-        finally:  # counted, stored or not; flush() notes what is stored
-            self._sources[frames.source] = tally.add(data, len(frames))
-        return data
+        return self.write(self.messages(frames, (0, len(frames)))[0]) if len(frames) else b""
 
     def write_block(self, block: Block) -> bytes:
         """Store a block; return the message stored, empty for an empty block. Raises as `write_frames`."""
-        if not len(block):
-            return b""
-        tally = self._channels.get(block.channel, Tally())
-        data = block_to_bytes(block, tally.messages, self._axes.get(block.channel))
+        return self.write(self.messages(block, (0, len(block)))[0]) if len(block) else b""
+
+    def messages(self, item: Frames | Block, edges: Sequence[int]) -> list[LogMessage]:
+        """Messages of the stretches of a batch or a block between `edges`, none of them empty, to be given to `write`.
+
+        They are numbered on from what is stored: all of them are to be written, in this order, before others of the
+        same source or channel are made.
+        """
+        if isinstance(item, Frames):
+            name, topic, kind, tallies = item.source, raw_topic(item.source), pb.RawFrames, self._sources
+        else:
+            name, topic, kind, tallies = item.channel, decoded_topic(item.channel), pb.DecodedBlock, self._channels
+        number = tallies.get(name, Tally()).messages
+        if isinstance(item, Frames):
+            data = frames_to_messages(item, edges, number)
+        else:
+            data = block_to_messages(item, edges, number, self._axes.get(name))
+        ends = item.t_ns[np.asarray(edges[1:]) - 1].tolist()
+        return [
+            LogMessage(topic, kind, message, log_ns, name, number + i, b - a, tallies)
+            for i, (message, log_ns, (a, b)) in enumerate(zip(data, ends, pairwise(edges), strict=True))
+        ]
+
+    def write(self, message: LogMessage) -> bytes:
+        """Store a message of `messages`, and return its bytes. Raises as `write_frames`."""
+        topic, kind, data, log_ns, name, sequence, samples, tallies = message
         try:
-            self._put(decoded_topic(block.channel), pb.DecodedBlock, data, int(block.t_ns[-1]), tally.messages)
-        finally:
-            self._channels[block.channel] = tally.add(data, len(block))
+            self._put(topic, kind, data, log_ns, sequence)
+        finally:  # counted, stored or not; flush() notes what is stored
+            tallies[name] = tallies.get(name, Tally()).add(data, samples)
         return data
 
     def tick(self, now_ns: int) -> None:

@@ -7,11 +7,11 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import numpy as np
+from mcap.records import Message
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.formats.mcap_read import McapScan, Place
+from lacet.daq.formats.mcap_read import McapScan, Stored
 from lacet.daq.formats.mcap_write import McapWriter
 from lacet.daq.formats.wire import (
     Manifest,
@@ -51,9 +51,9 @@ class LogReader:
         self.path = Path(path)
         self._scan = _scan(self.path)
         self.damage: list[str] = self._scan.damage
-        self._topics: dict[str, list[Place]] = defaultdict(list)
-        for place in self._scan.places:
-            self._topics[self._scan.channels[place.channel].topic].append(place)
+        self._topics: dict[str, list[int]] = defaultdict(list)
+        for number in self._scan.contents:
+            self._topics[self._scan.channels[number].topic].append(number)
         if not any(topic.startswith((RAW, DECODED, "/lacet/")) for topic in self._topics):
             topics = ", ".join(sorted(self._topics)[:8]) or "none"
             if self._scan.damage or not self._scan.finished:
@@ -90,38 +90,39 @@ class LogReader:
             raise UsageError(
                 f"{self.path}: no frames of '{source}'{nearest(source, known)}; recorded: {', '.join(known) or 'none'}"
             )
-        return Frames.concat(
-            source, (item for _, item in self._items(self._topics[RAW + source]) if isinstance(item, Frames))
-        )
+        return Frames.concat(source, self.batches(source))
+
+    def batches(self, source: str) -> Iterator[Frames]:
+        """Raw frames of one bus batch by batch, in the order recorded; several buses may be read side by side."""
+        return (item for _, item in self._items([RAW + source]) if isinstance(item, Frames))
+
+    def span(self, source: str) -> tuple[int, int]:
+        """Least and largest log time of the batches of one bus [ns]."""
+        held = [self._scan.contents[number] for number in self._topics[RAW + source]]
+        return min(one.first_ns for one in held), max(one.last_ns for one in held)
 
     def blocks(self, channels: Iterable[str] | None = None) -> dict[str, Block]:
         """Decoded samples joined by channel, in the order recorded; of all channels unless some are named."""
-        wanted = set(self.channels() if channels is None else channels)
-        places = [
-            place
-            for topic, found in self._topics.items()
-            if topic.startswith(DECODED) and topic.removeprefix(DECODED).replace("/", ".") in wanted
-            for place in found
-        ]
+        names = self.channels() if channels is None else channels
         parts: dict[str, list[Block]] = defaultdict(list)
-        for _, item in self._items(sorted(places, key=lambda place: (place.chunk, place.begin))):
+        for _, item in self._items([DECODED + name.replace(".", "/") for name in names]):
             if isinstance(item, Block):
                 parts[item.channel].append(item)
-        return {channel: Block.concat(parts[channel]) for channel in sorted(parts)}
+        return {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
 
     def messages(self) -> Iterator[tuple[int, Frames | Block]]:
         """Frame batches and blocks one by one as recorded, each with its log time [ns], for replay."""
-        yield from self._items(self._scan.places)
+        yield from self._items(self._topics)
 
-    def _items(self, places: list[Place]) -> Iterator[tuple[int, Frames | Block]]:
+    def _items(self, topics: Iterable[str]) -> Iterator[tuple[int, Frames | Block]]:
         refused: dict[str, tuple[int, str]] = {}
-        for place, data in self._scan.messages(places):
-            topic = self._scan.channels[place.channel].topic
+        for message in self._stored(topics):
+            topic = self._scan.channels[message.channel].topic
             try:
                 if topic.startswith(RAW):
-                    yield place.log_ns, frames_from_bytes(data)[0]
+                    yield message.log_ns, frames_from_bytes(message.data)[0]
                 elif topic.startswith(DECODED):
-                    yield place.log_ns, block_from_bytes(data)[0]
+                    yield message.log_ns, block_from_bytes(message.data)[0]
             except WireError as error:
                 number, why = refused.get(topic, (0, str(error)))
                 refused[topic] = (number + 1, why)
@@ -130,20 +131,23 @@ class LogReader:
             if line not in self.damage:
                 self.damage.append(line)
 
+    def _stored(self, topics: Iterable[str], last: bool = False) -> Iterator[Stored]:
+        return self._scan.messages((number for topic in topics for number in self._topics.get(topic, ())), last)
+
     def _one(self, topic: str, read):
         """The last message of a topic, None when none can be read."""
-        for _, data in self._scan.messages(self._topics.get(topic, [])[-1:]):
-            try:
-                return read(data)
-            except WireError as error:
-                self.damage.append(f"{topic}: {error}")
+        *_, found = (None, *self._stored([topic], last=True))
+        try:
+            return found and read(found.data)
+        except WireError as error:
+            self.damage.append(f"{topic}: {error}")
         return None
 
     def _made_up_start(self) -> StartRecord:
         known = self._scan.metadata.get(META_START, {})
         self.damage.append("the start record is lost: the rig file and its documents must be given anew")
         started = known.get("started_ns", "")
-        first = min((place.log_ns for place in self._scan.places), default=0)
+        first = min((held.first_ns for held in self._scan.contents.values()), default=0)
         return StartRecord(
             run_id=known.get("run_id", ""),
             started_ns=int(started) if started.lstrip("-").isdigit() else first,
@@ -164,11 +168,12 @@ class LogReader:
         names = expected.keys() | {topic for topic in self._topics if topic.startswith((RAW, DECODED))}
         lines = []
         for topic in sorted(names):
-            found = np.array([place.sequence for place in self._topics.get(topic, [])], np.int64)
-            end = expected.get(topic, int(found.max()) + 1 if len(found) else 0)
-            missing = np.setdiff1d(np.arange(end), found)
-            if len(missing):
-                lines.append(f"{topic}: {len(missing)} of {end} messages are missing: {_ranges(missing)}")
+            runs = sorted(run for number in self._topics.get(topic, ()) for run in self._scan.contents[number].runs)
+            end = expected.get(topic, max((stop for _, stop in runs), default=0))
+            missing = _missing(runs, end)
+            if missing:
+                number = sum(stop - first for first, stop in missing)
+                lines.append(f"{topic}: {number} of {end} messages are missing: {_ranges(missing)}")
         return lines
 
 
@@ -195,16 +200,17 @@ def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwr
         writer.metadata(META_START, scan.metadata.get(META_START, {"run_id": reader.start.run_id}))
         if START not in reader._topics:
             writer.message(START, pb.StartRecord, start_to_bytes(reader.start), max(0, reader.start.started_ns), 0)
-        chunk = 0
-        for place, data in scan.messages(scan.places):
-            if place.chunk != chunk:  # chunks keep their boundaries
+        segment = 0
+        for m in scan.messages():
+            if m.segment != segment:  # chunks keep their boundaries
                 writer.flush()
-                chunk = place.chunk
-            channel = scan.channels[place.channel]
-            writer.copy(channel, scan.schemas.get(channel.schema_id), scan.message(place, data))
+                segment = m.segment
+            channel = scan.channels[m.channel]
+            message = Message(m.channel, m.log_ns, m.data, m.publish_ns, m.sequence)
+            writer.copy(channel, scan.schemas.get(channel.schema_id), message)
         stop = reader.stop
         if stop is None:
-            last = max((place.log_ns for place in scan.places), default=0)
+            last = max((held.last_ns for held in scan.contents.values()), default=0)
             stop = StopRecord(last, "recovered: the recording was not closed", _counts(reader))
             writer.message(STOP, pb.StopRecord, stop_to_bytes(stop), last, 0)
         writer.metadata(META_STOP, {"stopped_ns": str(stop.stopped_ns), "reason": stop.reason})
@@ -235,15 +241,24 @@ def _scan(path: Path) -> McapScan:
         raise RunError(path, [f"cannot be read: {error.strerror}"]) from error
     if not size:
         raise RunError(path, ["the file is empty: the recording broke off before anything was written"])
-    if not scan.places and not scan.finished and not scan.channels:
+    if not scan.contents and not scan.finished and not scan.channels:
         with path.open("rb") as file:
             if not file.read(8).startswith(b"\x89MCAP"):
                 raise RunError(path, ["not an MCAP file; give a log recorded by lacet (.mcap)"])
     return scan
 
 
-def _ranges(numbers: np.ndarray) -> str:
+def _missing(runs: list[list[int]], end: int) -> list[tuple[int, int]]:
+    """Stretches (first, one after the last) of the numbers below `end` that are in none of the sorted `runs`."""
+    out, after = [], 0
+    for begin, stop in (*runs, (end, end)):
+        if after < min(begin, end):
+            out.append((after, min(begin, end)))
+        after = max(after, stop)
+    return out
+
+
+def _ranges(stretches: list[tuple[int, int]]) -> str:
     """``3, 7–9`` for 3, 7, 8, 9."""
-    parts = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
-    texts = [str(part[0]) if len(part) == 1 else f"{part[0]}–{part[-1]}" for part in parts[:6]]
-    return ", ".join(texts) + (" …" if len(parts) > 6 else "")
+    texts = [str(a) if b == a + 1 else f"{a}–{b - 1}" for a, b in stretches[:6]]
+    return ", ".join(texts) + (" …" if len(stretches) > 6 else "")

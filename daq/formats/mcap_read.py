@@ -6,53 +6,88 @@ iteration over records is here; their interpretation is the library's. Format: h
 
 from __future__ import annotations
 
-import struct
-import zlib
-from collections.abc import Iterator
+from array import array
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
-import lz4.frame
-import zstandard
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Message, Metadata, Schema
+from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
 
-_HEAD = struct.Struct("<BQ")  # opcode, length
-_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHUNK = struct.Struct("<QQQI")  # first log time, last log time, uncompressed size, its CRC
-_MARKS = (b"\x04\x00\x00\x00zstd", b"\x03\x00\x00\x00lz4")  # the compression of a chunk, as the record holds it
-_LARGEST = 1 << 30  # bytes; a record that claims more is damage
-_WINDOW = 1 << 20
-_KNOWN = {int(code) for code in Opcode}
-_READERS = {Opcode.SCHEMA: Schema.read, Opcode.CHANNEL: Channel.read, Opcode.METADATA: Metadata.read}
-_BROKEN = (McapError, struct.error, UnicodeDecodeError, ValueError)
+from lacet.daq.formats.mcap_records import (
+    BROKEN,
+    CHUNK,
+    HEAD,
+    MESSAGE,
+    READERS,
+    chunk_contents,
+    followed,
+    inside,
+    messages_in,
+    next_chunk,
+    parse_definition,
+    plausible,
+)
+
+KEPT_BYTES = 8 << 20
+"""Decompressed segments that a scan keeps for the next reader [bytes]: some seconds of a full rig."""
 
 
-@dataclass(frozen=True)
-class Place:
-    """Position of a message: bytes `begin` … `end` of the contents of chunk `chunk`, or of the file when that is −1."""
+class Stored(NamedTuple):
+    """A message of a file, in segment number `segment`."""
 
     channel: int
     sequence: int
     log_ns: int
     publish_ns: int
-    chunk: int
-    begin: int
-    end: int
+    segment: int
+    data: bytes
+
+
+class Contents:
+    """What a file holds of one channel.
+
+    Attributes
+    ----------
+    messages : how many.
+    segments : numbers of the segments that hold any, in the file's order.
+    runs : first sequence number and the one after the last, of each stretch of consecutive ones, in the file's order.
+    first_ns, last_ns : least and largest log time [ns].
+    """
+
+    def __init__(self) -> None:
+        self.messages = 0
+        self.segments = array("I")
+        self.runs: list[list[int]] = []
+        self.first_ns, self.last_ns = 1 << 64, 0
+
+    def add(self, segment: int, sequence: int, log_ns: int) -> None:
+        """Count a message."""
+        self.messages += 1
+        if not self.segments or self.segments[-1] != segment:
+            self.segments.append(segment)
+        if self.runs and self.runs[-1][1] == sequence:
+            self.runs[-1][1] += 1
+        else:
+            self.runs.append([sequence, sequence + 1])
+        if log_ns < self.first_ns:
+            self.first_ns = log_ns
+        if log_ns > self.last_ns:
+            self.last_ns = log_ns
 
 
 @dataclass
 class McapScan:
-    """Index of the complete records of an MCAP file.
+    """Index of the complete records of an MCAP file, of a size that does not depend on that of its messages.
+
+    A segment is a chunk, or a message outside of any.
 
     Attributes
     ----------
-    places : every message, in the file's order.
+    contents : of each channel, by id.
     channels, schemas : by id.
     metadata : name → key → text.
     damage : missing or unreadable parts, one line each.
@@ -60,14 +95,16 @@ class McapScan:
     """
 
     path: Path
-    places: list[Place] = field(default_factory=list)
+    contents: dict[int, Contents] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     schemas: dict[int, Schema] = field(default_factory=dict)
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     damage: list[str] = field(default_factory=list)
     finished: bool = False
-    _chunks: list[tuple[int, int]] = field(default_factory=list)  # position and length of the records' contents
+    _segments: array[int] = field(default_factory=lambda: array("q"))  # position of each segment's record
     _guarded: set[tuple[Opcode, int]] = field(default_factory=set)  # definitions read from chunks, hence under a CRC
+    _kept: OrderedDict[int, bytes] = field(default_factory=OrderedDict)  # contents of segments read last
+    _kept_bytes: int = 0
 
     @classmethod
     def of(cls, path: Path) -> McapScan:
@@ -77,31 +114,42 @@ class McapScan:
             size = file.seek(0, 2)
             file.seek(0)
             scan._walk(file, size)
-        known = [place for place in scan.places if place.channel in scan.channels]
-        if len(known) < len(scan.places):
-            lost = len(scan.places) - len(known)
-            scan.damage.append(f"{lost} messages belong to no known topic: its definition is lost")
-            scan.places = known
+        lost = [number for number in scan.contents if number not in scan.channels]
+        if lost:
+            messages = sum(scan.contents.pop(number).messages for number in lost)
+            scan.damage.append(f"{messages} messages belong to no known topic: its definition is lost")
         return scan
 
-    def messages(self, places: list[Place]) -> Iterator[tuple[Place, bytes]]:
-        """Messages in the order given; each chunk is read once where that is the file's order."""
-        current, contents = -1, b""
-        with self.path.open("rb") as file:
-            for place in places:
-                if place.chunk < 0:
-                    file.seek(place.begin)
-                    yield place, file.read(place.end - place.begin)
-                    continue
-                if place.chunk != current:
-                    position, length = self._chunks[place.chunk]
-                    file.seek(position)
-                    current, contents = place.chunk, _contents(file.read(length))
-                yield place, contents[place.begin : place.end]
+    def messages(self, channels: Iterable[int] | None = None, last: bool = False) -> Iterator[Stored]:
+        """Messages of some channels (by default of all) in the file's order; the segment with the `last` ones alone.
 
-    def message(self, place: Place, data: bytes) -> Message:
-        """A message as the library's record."""
-        return Message(place.channel, place.log_ns, data, place.publish_ns, place.sequence)
+        Contents of segments are kept up to `KEPT_BYTES`, so that several may be read at once, side by side.
+        """
+        wanted = self.contents.keys() if channels is None else self.contents.keys() & set(channels)
+        begin = -1 if last else 0
+        segments = sorted({number for channel in wanted for number in self.contents[channel].segments[begin:]})
+        with self.path.open("rb") as file:
+            for number in segments:
+                contents = self._segment(file, number)
+                for channel, sequence, log_ns, publish_ns, begin, end in messages_in(contents):
+                    if channel in wanted:
+                        yield Stored(channel, sequence, log_ns, publish_ns, number, contents[begin:end])
+
+    def _segment(self, file: BinaryIO, number: int) -> bytes:
+        """Contents of a segment: records, decompressed."""
+        if number in self._kept:
+            self._kept.move_to_end(number)
+            return self._kept[number]
+        file.seek(self._segments[number])
+        head = file.read(HEAD.size)
+        opcode, length = HEAD.unpack(head)
+        data = file.read(length)
+        data = chunk_contents(data) if opcode == Opcode.CHUNK else head + data
+        self._kept[number] = data
+        self._kept_bytes += len(data)
+        while self._kept_bytes > KEPT_BYTES and len(self._kept) > 1:
+            self._kept_bytes -= len(self._kept.popitem(last=False)[1])
+        return data
 
     def _walk(self, file: BinaryIO, size: int) -> None:
         position = 0
@@ -111,27 +159,27 @@ class McapScan:
             position = self._resume(file, 0, size, "no MCAP file begins like this")
         while position < size:
             file.seek(position)
-            head = file.read(_HEAD.size)
+            head = file.read(HEAD.size)
             if size - position == len(MCAP0_MAGIC) and self.finished:
                 self.finished = head == MCAP0_MAGIC
                 break
-            opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
-            end = position + _HEAD.size + length
-            if not _plausible(head) or end > size or not _followed(file, opcode, position, end):
+            opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+            end = position + HEAD.size + length
+            if not plausible(head) or end > size or not followed(file, opcode, position, end):
                 self.finished = False
                 position = self._resume(file, position, size, "no whole record")
                 continue
-            file.seek(position + _HEAD.size)
-            self._record(file, opcode, position + _HEAD.size, length)
+            file.seek(position + HEAD.size)
+            self._record(file, opcode, position + HEAD.size, length)
             position = end
         else:
             self.finished = False
 
     def _resume(self, file: BinaryIO, position: int, size: int, what: str) -> int:
         """Position of the next chunk after damage at `position`, or the end of the file."""
-        start = _next_chunk(file, position + 1, size)
+        start = next_chunk(file, position + 1, size)
         if start < 0:
-            if self.places or position:
+            if self.contents or position:
                 self.damage.append(f"cut off at byte {position}: the last {size - position} bytes are no whole record")
             return size
         self.damage.append(f"bytes {position} to {start}: {what}; read on from the chunk after them")
@@ -140,14 +188,13 @@ class McapScan:
     def _record(self, file: BinaryIO, opcode: int, position: int, length: int) -> None:
         if opcode == Opcode.CHUNK:
             self._chunk(file, position, length)
-        elif opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack(file.read(_MESSAGE.size))
-            begin = position + _MESSAGE.size
-            self.places.append(Place(channel, sequence, log_ns, publish_ns, -1, begin, position + length))
-        elif opcode in _READERS:
+        elif opcode == Opcode.MESSAGE and length >= MESSAGE.size:
+            channel, sequence, log_ns, _ = MESSAGE.unpack(file.read(MESSAGE.size))
+            self._add(position, [(channel, sequence, log_ns)])
+        elif opcode in READERS:
             try:
-                self._define(_parse(opcode, file.read(length)), guarded=False)
-            except _BROKEN:
+                self._define(parse_definition(opcode, file.read(length)), guarded=False)
+            except BROKEN:
                 self.damage.append(f"byte {position}: a {Opcode(opcode).name.lower()} record does not make sense")
         elif opcode == Opcode.FOOTER:
             self.finished = True
@@ -155,19 +202,26 @@ class McapScan:
     def _chunk(self, file: BinaryIO, position: int, length: int) -> None:
         data = file.read(length)
         try:
-            contents = _contents(data)
-            places, definitions = _inside(contents, len(self._chunks))
-        except _BROKEN as error:
+            messages, definitions = inside(chunk_contents(data))
+        except BROKEN as error:
             when = ""
-            if length >= _CHUNK.size:
-                first, last, *_ = _CHUNK.unpack_from(data)
+            if length >= CHUNK.size:
+                first, last, *_ = CHUNK.unpack_from(data)
                 when = f" from {first / 1e9:.3f} to {last / 1e9:.3f} s"
             self.damage.append(f"byte {position}: a chunk{when} is damaged ({error}) and left out")
             return
-        self._chunks.append((position, length))
         for definition in definitions:
             self._define(definition, guarded=True)
-        self.places += places
+        self._add(position, messages)
+
+    def _add(self, position: int, messages: list[tuple[int, int, int]]) -> None:
+        """Index the messages (channel, sequence, log time) of the segment whose record's contents are at `position`."""
+        number = len(self._segments)
+        self._segments.append(position - HEAD.size)
+        for channel, sequence, log_ns in messages:
+            if channel not in self.contents:
+                self.contents[channel] = Contents()
+            self.contents[channel].add(number, sequence, log_ns)
 
     def _define(self, record: Schema | Channel | Metadata, guarded: bool) -> None:
         if isinstance(record, Metadata):
@@ -182,107 +236,3 @@ class McapScan:
             self.schemas[record.id] = record
         else:
             self.channels[record.id] = record
-
-
-def _plausible(head: bytes) -> bool:
-    """Whether bytes can be the head of a record. Opcodes from 0x80 are private extensions and are skipped."""
-    if len(head) < _HEAD.size:
-        return False
-    opcode, length = _HEAD.unpack(head)
-    return (opcode in _KNOWN or opcode >= 0x80) and length <= _LARGEST
-
-
-def _followed(file: BinaryIO, opcode: int, position: int, end: int) -> bool:
-    """Whether the length in a record's head can be right: a wrong one would skip good chunks."""
-    if opcode == Opcode.CHUNK and _chunk_end(file, position) != end:
-        return False
-    file.seek(end)
-    head = file.read(_HEAD.size)
-    return len(head) < _HEAD.size or _plausible(head)
-
-
-def _chunk_end(file: BinaryIO, position: int) -> int:
-    """End of a chunk record by the sizes inside it."""
-    begin = position + _HEAD.size + _CHUNK.size
-    file.seek(begin)
-    name = int.from_bytes(file.read(4), "little")
-    file.seek(begin + 4 + name)
-    return begin + 4 + name + 8 + int.from_bytes(file.read(8), "little")
-
-
-def _parse(opcode: int, data: bytes) -> Schema | Channel | Metadata:
-    return _READERS[Opcode(opcode)](ReadDataStream(BytesIO(data)))
-
-
-def _contents(data: bytes) -> bytes:
-    """Contents of a chunk record, decompressed; ValueError when it is damaged."""
-    chunk = Chunk.read(ReadDataStream(BytesIO(data)))
-    if chunk.uncompressed_size > _LARGEST:
-        raise ValueError(f"claims {chunk.uncompressed_size} bytes")
-    try:
-        if chunk.compression == "zstd":
-            if zstandard.get_frame_parameters(chunk.data).content_size != chunk.uncompressed_size:
-                raise ValueError("its size is not what it claims")
-            contents = zstandard.ZstdDecompressor().decompress(chunk.data)
-        elif chunk.compression == "lz4":
-            contents = lz4.frame.decompress(chunk.data)
-        elif not chunk.compression:
-            contents = chunk.data
-        else:
-            raise ValueError(f"compression {chunk.compression!r} is not known")
-    except (zstandard.ZstdError, RuntimeError, MemoryError) as error:
-        raise ValueError("cannot be decompressed") from error
-    if chunk.uncompressed_crc and zlib.crc32(contents) != chunk.uncompressed_crc:
-        raise ValueError("wrong CRC")
-    if len(contents) != chunk.uncompressed_size:
-        raise ValueError("its size is not what it claims")
-    return contents
-
-
-def _inside(contents: bytes, chunk: int) -> tuple[list[Place], list[Schema | Channel | Metadata]]:
-    places: list[Place] = []
-    definitions: list[Schema | Channel | Metadata] = []
-    position = 0
-    while position < len(contents):
-        opcode, length = _HEAD.unpack_from(contents, position)
-        begin = position + _HEAD.size
-        position = begin + length
-        if position > len(contents):
-            raise ValueError("its records do not fit in it")
-        if opcode == Opcode.MESSAGE:
-            channel, sequence, log_ns, publish_ns = _MESSAGE.unpack_from(contents, begin)
-            places.append(Place(channel, sequence, log_ns, publish_ns, chunk, begin + _MESSAGE.size, position))
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            definitions.append(_parse(opcode, contents[begin:position]))
-    return places, definitions
-
-
-def _next_chunk(file: BinaryIO, position: int, size: int) -> int:
-    """Position of the next complete compressed chunk record at or after `position`, −1 when there is none."""
-    before = _HEAD.size + _CHUNK.size
-    start = position
-    while start < size:
-        file.seek(start)
-        window = file.read(_WINDOW + 64)
-        hits = sorted(hit for mark in _MARKS for hit in _find_all(window, mark))
-        for hit in hits:
-            if hit < before:
-                continue
-            opcode, length = _HEAD.unpack_from(window, hit - before)
-            mark = 4 + window[hit]
-            tail = window[hit + mark : hit + mark + 8]
-            fits = len(tail) == 8 and length == _CHUNK.size + mark + 8 + int.from_bytes(tail, "little")
-            found = start + hit - before
-            if opcode == Opcode.CHUNK and fits and found + _HEAD.size + length <= size:
-                return found
-        start += _WINDOW
-        if start < size:
-            start -= before  # a mark may begin before the boundary of two windows
-    return -1
-
-
-def _find_all(window: bytes, mark: bytes) -> Iterator[int]:
-    hit = window.find(mark)
-    while hit >= 0:
-        yield hit
-        hit = window.find(mark, hit + 1)

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from lacet.daq.blocks import Block
-from lacet.daq.formats.log import LogReader, LogWriter
+from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.wire import StopRecord
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig, Sensor
@@ -21,9 +18,6 @@ NO_LOSS = frozenset(
     {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}
 )
 """Entries of a ledger that are no losses in transit of what a sensor sent."""
-
-WINDOW_NS = 100_000_000
-"""Duration of the blocks that `write_decoded` stores [ns]."""
 
 
 @dataclass
@@ -129,22 +123,6 @@ def decode_frames(decoder: Decoder, frames: list[Frames]) -> dict[str, Block]:
     return {channel: Block.concat(blocks) for channel, blocks in parts.items()}
 
 
-def write_decoded(writer: LogWriter, frames: list[Frames], blocks: Mapping[str, Block]) -> Iterator[float]:
-    """Store raw frames and blocks in windows of `WINDOW_NS`, in time order; yield the fraction done."""
-    pieces: list[tuple[int, int, int, int]] = []  # window, row of `items`, start, stop
-    items: list[Frames | Block] = [*frames, *(blocks[channel] for channel in sorted(blocks))]
-    for row, item in enumerate(items):
-        pieces += [(window, row, start, stop) for window, start, stop in _windows(item.t_ns)]
-    pieces.sort()
-    for done, (_, row, start, stop) in enumerate(pieces):
-        item = items[row]
-        if isinstance(item, Frames):
-            writer.write_frames(item[start:stop])
-        else:
-            writer.write_block(_part(item, start, stop))
-        yield (done + 1) / len(pieces)
-
-
 def closing_record(reader: LogReader, decoder: Decoder, last_ns: int) -> StopRecord:
     """The stop record of a decoded log: that of the raw log, with the losses of decoding."""
     losses = {source: dict(causes) for source, causes in (reader.stop.losses if reader.stop else {}).items()}
@@ -153,18 +131,3 @@ def closing_record(reader: LogReader, decoder: Decoder, last_ns: int) -> StopRec
     if reader.stop is None:
         return StopRecord(last_ns, "decoded from a recording that was not closed", {}, losses)
     return replace(reader.stop, counts={}, losses=losses)
-
-
-def _windows(t_ns: NDArray[np.int64]) -> list[tuple[int, int, int]]:
-    """Window number, start and stop of the stretches of each window; a stamp that steps back stays in its window."""
-    if not len(t_ns):
-        return []
-    window = np.maximum.accumulate(t_ns) // WINDOW_NS
-    starts = np.flatnonzero(np.diff(window, prepend=window[0] - 1))
-    stops = np.append(starts[1:], len(t_ns))
-    return list(zip(window[starts].tolist(), starts.tolist(), stops.tolist(), strict=True))
-
-
-def _part(block: Block, start: int, stop: int) -> Block:
-    device = None if block.device_ns is None else block.device_ns[start:stop]
-    return Block(block.channel, block.t_ns[start:stop], block.values[start:stop], block.flags[start:stop], device)

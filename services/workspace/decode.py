@@ -12,7 +12,8 @@ from lacet.daq.formats.log import LogReader, LogWriter
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.identify.progress import silent
-from lacet.services.acquisition.stream_decoder import Decoder, closing_record, decode_frames, write_decoded
+from lacet.services.acquisition.log_decoder import Late, LogDecoder
+from lacet.services.acquisition.stream_decoder import Decoder, closing_record
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 
 
@@ -29,32 +30,37 @@ def decode_log(
 
     Returns the result of ``lacet decode`` (``docs/json.md``). Raises LacetError where nothing can be decoded.
     """
+    progress(ServiceStep(ServiceStage.READING_LOG, 0, 100))
     reader = LogReader(raw)
     if not reader.sources():
         raise RunError(raw, ["no raw frames in it: there is nothing to decode"])
-    decoder = open_decoder(reader, rig, documents or [])
     part = output.with_name(output.name + ".part")
+    known: Late = {}
     try:
-        progress(ServiceStep(ServiceStage.READING_LOG, 0, 100))
-        frames = [reader.frames(source) for source in reader.sources()]
-        progress(ServiceStep(ServiceStage.DECODING_LOG, 20, 100))
-        blocks = decode_frames(decoder, frames)
-        progress(ServiceStep(ServiceStage.WRITING_LOG, 40, 100))
-        axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
-        with LogWriter(part, _start(reader, decoder), axes=axes, overwrite=True) as writer:
-            for fraction in write_decoded(writer, frames, blocks):
-                progress(ServiceStep(ServiceStage.WRITING_LOG, int(100 * (0.4 + 0.6 * fraction)), 100))
-            last_ns = max((int(batch.t_ns.max()) for batch in frames if len(batch)), default=0)
-            writer.close(closing_record(reader, decoder, last_ns))
+        while True:
+            damage = len(reader.damage)
+            decoder = open_decoder(reader, rig, documents or [])
+            log = LogDecoder(reader, decoder, known)
+            axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
+            with LogWriter(part, _start(reader, decoder), axes=axes, overwrite=True) as writer:
+                for fraction in log.write_to(writer):
+                    progress(ServiceStep(ServiceStage.DECODING_LOG, int(99 * fraction), 100))
+                progress(ServiceStep(ServiceStage.WRITING_LOG, 99, 100))
+                writer.close(closing_record(reader, decoder, log.last_ns))
+            # Damage found on the way belongs into the start record, a late sample into its window: once more with them.
+            reader.damage[damage:] = sorted(reader.damage[damage:])
+            if len(reader.damage) == damage and (known or not log.late):
+                break
+            known = log.late
         os.replace(part, output)
     finally:
         part.unlink(missing_ok=True)
     return {
         "log": output,
-        "samples": {name: len(block) for name, block in blocks.items()},
+        "samples": log.samples,
         "ledger": decoder.ledger(),
         "losses": decoder.losses(),
-        "absent": [name for name in decoder.channels if name not in blocks],
+        "absent": [name for name in decoder.channels if name not in log.samples],
         "damage": list(reader.damage),
     }
 
