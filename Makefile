@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark captures seeds coverage blind campaign catalogue reference clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage blind campaign catalogue reference clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -29,6 +29,7 @@ help:
 	@echo 'make test-slow     the studies that are too long for make test, and the property tests with new examples'
 	@echo 'make test-vcan     replay and record on real SocketCAN, in a User-Mode-Linux guest'
 	@echo 'make benchmark     measure decoding, log, bus and fit'
+	@echo 'make first-work    docs/benchmarks/first-work.md anew: how long one waits, against commit f0e8420 (hours; goes on where it was cut off)'
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
@@ -70,6 +71,9 @@ test-vcan: .venv/.dev
 # -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
 	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
+
+first-work: .venv/.dev
+	@$(PY) -m benchmarks.first_work --rounds $(or $(ROUNDS),3) --write $(ARGS)
 
 captures: .venv/.dev
 	@sh replay_logs/make.sh
