@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import pyarrow
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
@@ -194,7 +195,8 @@ class Jobs:
         _raise_in(self._thread, None)  # an interruption that came too late
         job.text = job.state
         job.ended.set()
-        _give_back()
+        gc.collect()
+        give_back()
         job.seconds = time.monotonic() - began
         self._say(job)
 
@@ -222,9 +224,9 @@ def _raise_in(thread: threading.Thread, exception: type[BaseException] | None) -
     )
 
 
-def _give_back() -> None:
-    """Give the memory that a job no longer needs back to the system; glibc keeps more of it than is in use."""
-    gc.collect()
+def give_back() -> None:
+    """Give memory that is no longer needed back to the system; glibc and Arrow keep more of it than is in use."""
+    pyarrow.default_memory_pool().release_unused()
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if sys.platform == "linux" else None  # musl has none
     if trim is not None:
         trim(0)

@@ -20,7 +20,7 @@ def packed(arrays: Mapping[str, NDArray[Any]], **about: Any) -> bytes:
     head = {"arrays": [{"name": name, "n": int(np.size(a))} for name, a in arrays.items()], **plain(about)}
     text = json.dumps(head, ensure_ascii=False).encode()
     text += b" " * (-len(text) % 4)
-    body = [np.ascontiguousarray(a, "<f4").tobytes() for a in arrays.values()]
+    body = [np.ascontiguousarray(a, "<f4").data for a in arrays.values()]
     return b"".join([struct.pack("<I", len(text)), text, *body])
 
 

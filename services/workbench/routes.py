@@ -10,7 +10,6 @@ from fastapi import APIRouter, Body, Request
 from fastapi.responses import JSONResponse, Response, StreamingResponse
 
 from lacet.daq.errors import UsageError
-from lacet.daq.formats.open_run import open_run
 from lacet.services.workbench import exports, study_views, uploads, user_effects
 from lacet.services.workbench.events import Events
 from lacet.services.workbench.jobs import Job, Jobs
@@ -18,6 +17,7 @@ from lacet.services.workbench.live import Live
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
 from lacet.services.workbench.refusals import NotThere
 from lacet.services.workbench.residual_views import against_payload, preview_body, spectrum_payload, where_payload
+from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.run_files import RunFiles, find_run, undecoded, undecoded_record
 from lacet.services.workbench.session_cache import SessionCache
 
@@ -33,6 +33,7 @@ class Bench:
     jobs: Jobs
     events: Events
     files: RunFiles
+    channels: RunChannels
     live: Live
     most_upload: int
 
@@ -188,10 +189,12 @@ def series(request: Request, version: int, run: str, row: str) -> Response:
     return _bytes(study_views.series_body(bench(request).cache.compared(version), run, row))
 
 
-@api.get("/channel/{run}/{name}")
-def channel(request: Request, run: str, name: str) -> Response:
-    """A measured channel."""
-    return _bytes(study_views.channel_body(open_run(find_run(bench(request).cache, run)), name))
+@api.get("/channels/{run}")
+def channels(request: Request, run: str, names: str, samples: bool = False) -> Response:
+    """Measured channels, names separated by commas: their overview, or all samples."""
+    b = bench(request)
+    body = b.channels.samples if samples else b.channels.overview
+    return _bytes(body(find_run(b.cache, run), names.split(",")))
 
 
 @api.get("/map/{version}")

@@ -20,7 +20,9 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
-from lacet.services.workbench.session_cache import SessionCache, one_stamp
+from lacet.services.workbench.jobs import give_back
+from lacet.services.workbench.run_channels import RunChannels, state_key
+from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.study import Study
 
 KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
@@ -69,10 +71,10 @@ def undecoded_record(path: Path) -> dict[str, Any]:
 
 
 class RunFiles:
-    """Summaries of runs, made once for each state of a file and stored in the study's ``.cache``."""
+    """Summaries of runs, made once for each state of a file and stored in the study's ``.cache``; so are overviews."""
 
-    def __init__(self, cache: SessionCache):
-        self._cache, self._lock = cache, threading.Lock()
+    def __init__(self, cache: SessionCache, channels: RunChannels):
+        self._cache, self._channels, self._lock = cache, channels, threading.Lock()
         self._file = cache.folder / ".cache" / "summaries.json"
         self._known: dict[str, dict[str, Any]] = {}
         with suppress(OSError, ValueError):
@@ -109,9 +111,9 @@ class RunFiles:
         with self._lock:
             for name, path in paths.items():
                 try:
-                    key = "|".join(_state(file) for file in (path, *beside(path)))
+                    key = state_key(path)
                     if "samples_hash" not in self._known.get(key, {}):
-                        self._known[key], fresh = summary(path), True
+                        self._known[key], fresh = summary(path, self._channels), True
                     found = self._known[key]
                 except LacetError as error:
                     found = _unreadable(path, [str(error)])
@@ -120,6 +122,7 @@ class RunFiles:
                      **found}
                 )  # fmt: skip
             if fresh:
+                give_back()
                 self._save()
         return _with_twins(out)
 
@@ -148,20 +151,6 @@ def _with_twins(runs: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def beside(path: Path) -> list[Path]:
-    """Further files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
-    if path.suffix.lower() in mf4.SUFFIXES:
-        found = mf4.map_beside(path)
-        return [found] if found else []
-    metadata = path.with_suffix(".json")
-    return [metadata] if path.suffix.lower() == ".csv" and metadata.is_file() else []
-
-
-def _state(path: Path) -> str:
-    place, changed, size = one_stamp(path)
-    return f"{Path(place).name}|{changed}|{size}"
-
-
 def _roles(study: Study) -> dict[Path, str]:
     used = {p.resolve(): "used" for p in study.paths()}
     return used | {p.resolve(): "held" for p in study.paths(held=True)}
@@ -175,8 +164,8 @@ def _unreadable(path: Path, says: list[str]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def summary(path: Path) -> dict[str, Any]:
-    """Contents of a run's file, in an engineer's words."""
+def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
+    """Contents of a run's file, in an engineer's words; the overview of its channels is `kept`."""
     losses = 0
     try:
         if path.suffix.lower() == ".mcap":
@@ -186,6 +175,7 @@ def summary(path: Path) -> dict[str, Any]:
             lost = log.stop.losses if log.stop else {}
             losses = sum(sum(causes.values()) for causes in lost.values())
         run = open_run(path)
+        kept.keep(path, run)
     except RunError as error:
         return _unreadable(path, error.faults)
     except LacetError as error:

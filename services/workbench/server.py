@@ -23,12 +23,12 @@ from starlette.staticfiles import StaticFiles
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.workbench.access_guard import Guard, new_token
-from lacet.services.workbench.events import Events
-from lacet.services.workbench.folder_watch import Watch
+from lacet.services.workbench.events import Events, Watch
 from lacet.services.workbench.jobs import Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.refusals import DiskFull, Refusal
 from lacet.services.workbench.routes import Bench, api
+from lacet.services.workbench.run_channels import RunChannels
 from lacet.services.workbench.run_files import RunFiles, undecoded
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.tasks import Tasks
@@ -69,12 +69,13 @@ def create_app(settings: Settings) -> FastAPI:
         events = Events()
         cache = SessionCache(settings.folder)
         sweep(cache)
-        files = RunFiles(cache)
+        channels = RunChannels(settings.folder)
+        files = RunFiles(cache, channels)
         jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events)
         for capture in undecoded(cache):  # decoding was interrupted with an earlier server
             jobs.submit("decode", {"file": capture.name})
         live, watch = Live(settings.connect, events), Watch(settings.folder, events)
-        app.state.bench = Bench(cache, jobs, events, files, live, settings.most_upload)
+        app.state.bench = Bench(cache, jobs, events, files, channels, live, settings.most_upload)
         try:
             yield
         finally:

@@ -11,7 +11,6 @@ import numpy as np
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.validation.residual_map import BIN, residual_map
@@ -104,16 +103,6 @@ def series_body(found: Compared, run: str, text: str) -> bytes:
         arrays, version=found.version.number, run=run, row=row, unit=score.unit, floor=score.floor, used=part.used,
         rms=score.rms, ratio=score.ratio, labels={key: effect_label(key) for key in shares.effects[row]},
     )  # fmt: skip
-
-
-def channel_body(run: Run, name: str) -> bytes:
-    """A measured channel; unusable samples are NaN."""
-    if name not in run.signals:
-        raise NotThere(f"run {run.name} has no channel {name}: {', '.join(run.signals)}")
-    s, about = run.signals[name], CHANNELS[name]
-    values = np.where(s.usable[:, None], s.values, np.nan)
-    arrays = {"t": s.t} | {part: values[:, k] for k, part in enumerate(about.components or ("value",))}
-    return packed(arrays, run=run.name, channel=name, unit=about.unit, about=about.about)
 
 
 def map_payload(found: Compared) -> dict[str, Any]:

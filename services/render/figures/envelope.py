@@ -1,4 +1,4 @@
-"""Lowest and highest samples of each column of pixels: what a picture shows of a series, without losing a peak."""
+"""Lowest and highest of each column of pixels or block of samples: what a picture shows without losing a peak."""
 
 from __future__ import annotations
 
@@ -29,6 +29,21 @@ def envelope_places(x: NDArray[np.float64], y: NDArray[np.float64], columns: int
     finite = ends - np.bincount(np.searchsorted(starts, holes, "right") - 1, minlength=starts.size)
     highest = order[np.maximum(finite, starts)]
     return np.unique(np.concatenate([[0, n - 1], order[starts], highest, order[ends]]))
+
+
+def block_extremes(values: NDArray[np.float32], block: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Lowest and highest of each block of samples, NaN where a block has none: shape (⌈n / block⌉,) each.
+
+    Parameters
+    ----------
+    values : (n,); NaN are holes.
+    block : samples of a block; the last may have fewer.
+    """
+    blocks = -(-values.size // block)
+    padded = np.full(blocks * block, np.nan, values.dtype)
+    padded[: values.size] = values
+    across = np.ascontiguousarray(padded.reshape(blocks, block).T)  # ten times as fast as along the blocks
+    return np.fmin.reduce(across, axis=0), np.fmax.reduce(across, axis=0)
 
 
 def thinned(x: ArrayLike, y: ArrayLike, step: float, most: int) -> NDArray[np.intp]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lacet.services.render.figures.envelope import MOST_A_COLUMN, envelope_places, thinned
+from lacet.services.render.figures.envelope import MOST_A_COLUMN, block_extremes, envelope_places, thinned
 
 COLUMNS = 200
 
@@ -45,6 +45,18 @@ def test_a_hole_remains_one():
     single = np.where(x == 10_050, np.nan, np.sin(x))
     around = single[envelope_places(x, single, COLUMNS)]
     assert np.count_nonzero(np.isnan(around)) == 1
+
+
+@pytest.mark.parametrize("size", [1, 31, 32, 33, 1000])
+def test_extremes_of_blocks_are_those_of_their_samples(size: int):
+    values = np.random.default_rng(size).standard_normal(size).astype(np.float32)
+    values[values > 2.0] = np.nan
+    values[320:352] = np.nan
+    lowest, highest = block_extremes(values, 32)
+    blocks = [values[k : k + 32] for k in range(0, size, 32)]
+    finite = [b[np.isfinite(b)] for b in blocks]
+    np.testing.assert_array_equal(lowest, [b.min() if b.size else np.nan for b in finite])
+    np.testing.assert_array_equal(highest, [b.max() if b.size else np.nan for b in finite])
 
 
 def test_of_a_cloud_each_lonely_dot_is_kept():

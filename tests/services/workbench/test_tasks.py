@@ -17,8 +17,7 @@ from lacet.services.commands.__main__ import main
 from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.render.html import details
 from lacet.services.render.html import page as html_page
-from lacet.services.workbench.events import Events
-from lacet.services.workbench.folder_watch import state_of
+from lacet.services.workbench.events import Events, state_of
 from lacet.services.workbench.jobs import JobProgress, Jobs
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache

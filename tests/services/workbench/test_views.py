@@ -13,6 +13,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.identify.car.rows import Row
 from lacet.identify.validation.score import FAILS
 from lacet.services.commands.__main__ import main
+from lacet.services.workbench import run_channels
 from lacet.services.workbench.packed_arrays import packed, unpacked
 from lacet.services.workbench.residual_views import where_payload
 from lacet.services.workbench.session_cache import SessionCache
@@ -148,11 +149,39 @@ def test_a_preview_shows_the_residual_before_and_after(shared: Page):
 
 
 def test_a_channel_has_holes_where_it_cannot_be_used(shared: Page):
-    head, found = arrays(shared, "channel/sine/wheel.fl.force")
+    head, found = arrays(shared, "channels/sine?names=wheel.fl.force,imu.rate&samples=true")
     run = open_run(shared.folder / "runs" / "sine.parquet").signals["wheel.fl.force"]
-    assert head["unit"] == "N"
-    assert found["x"] == pytest.approx(np.where(run.usable, run.values[:, 0], np.nan), nan_ok=True, rel=1e-6)
-    assert "did you mean" not in shared.get("channel/sine/nothing", 404)["error"]
+    about = head["channels"]["wheel.fl.force"]
+    assert (about["unit"], about["block"]) == ("N", 1)
+    x = np.where(run.usable, run.values[:, 0], np.nan)
+    assert found[about["parts"]["x"]] == pytest.approx(x, nan_ok=True, rel=1e-6)
+    assert about["t"] == head["channels"]["imu.rate"]["t"], "a table's times come once"
+    assert "did you mean" not in shared.get("channels/sine?names=nothing", 404)["error"]
+
+
+def test_an_overview_is_the_extremes_of_all_samples(shared: Page, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(run_channels, "BLOCKS", 100)
+    monkeypatch.setattr(run_channels, "_LAYOUT", "fewer blocks")
+    head, found = arrays(shared, "channels/sine?names=wheel.fl.force,imu.rate")
+    whole, samples = arrays(shared, "channels/sine?names=wheel.fl.force,imu.rate&samples=true")
+    for name, about in head["channels"].items():
+        t = samples[whole["channels"][name]["t"]]
+        block = about["block"]
+        assert block * 100 >= t.size > block * 50
+        assert found[about["t"]][::2] == pytest.approx(t[::block])
+        assert found[about["t"]][-1] == t[-1]
+        for part, array in about["parts"].items():
+            values = samples[whole["channels"][name]["parts"][part]]
+            blocks = [values[k : k + block] for k in range(0, t.size, block)]
+            expected = np.ravel([(np.nanmin(own), np.nanmax(own)) for own in blocks])
+            np.testing.assert_array_equal(found[array], expected)
+    again = shared.client.get("/api/channels/sine?names=wheel.fl.force,imu.rate").content
+    assert unpacked(again)[0] == head, "the overview that was stored"
+
+
+@pytest.mark.parametrize(("samples", "block"), [(5, 1), (16_384, 1), (16_385, 8), (65_536, 8), (150_000, 32)])
+def test_an_overview_has_as_many_blocks_as_pictures_need(samples: int, block: int):
+    assert run_channels.block_of(samples) == block
 
 
 def test_the_car_is_where_its_file_says(shared: Page):

@@ -34,6 +34,46 @@ async ([n, from, count, columns]) => {
   return { lost, wide, holes, low: Math.min(...kept), high: Math.max(...kept) };
 }
 """
+_COLUMNS = """
+async ([wide, tall, thick]) => {
+  const { drawColumns } = await import("/js/charts/lines.js");
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [wide + 20, tall + 10];
+  const ctx = canvas.getContext("2d");
+  let seed = 11;
+  const random = () => { seed = (seed * 48271) % 2147483647; return seed / 2147483647 - 0.5; };
+  const line = (shift) => Array.from({ length: 2 * wide }, (_, i) => shift + 0.3 * Math.sin(i / 40) + 0.1 * random());
+  const lines = [line(0.4), line(-0.4)];
+  for (let c = 100; c < 130; c += 1) lines[0][2 * c] = lines[0][2 * c + 1] = null;
+  const u = { ctx, bbox: { left: 12, top: 5, width: wide, height: tall },
+    scales: { x: { min: 0, max: wide }, y: { min: -1, max: 1 } } };
+  const x = Float64Array.from({ length: 2 * wide }, (_, i) => i / 2);
+  const colours = ["#ff0000", "#0000ff"];
+  drawColumns(u, x, lines.map((extremes, k) => ({ extremes, colour: colours[k], thick })));
+  const { data } = ctx.getImageData(0, 0, canvas.width, canvas.height);
+  let [lost, strange, holes, loose] = [0, 0, 0, 0];
+  const up = (v) => ((1 - v) / 2) * tall;
+  lines.forEach((extremes, k) => {
+    let before = null;
+    for (let c = 0; c < wide; c += 1) {
+      const rows = [];
+      for (let y = 0; y < canvas.height; y += 1) {
+        if (data[4 * (y * canvas.width + 12 + c) + 2 * k] === 255) rows.push(y - 5);
+      }
+      if (extremes[2 * c] === null) { holes += rows.length ? 0 : 1; before = null; continue; }
+      const own = [up(extremes[2 * c]), up(extremes[2 * c + 1])].sort((a, b) => a - b);
+      const [top, bottom] = [rows[0], rows[rows.length - 1] + 1];
+      if (rows.length !== bottom - top || rows.length < Math.round(thick)) lost += 1;
+      if (top > own[0] + 0.5 || bottom < own[1] - 0.5) lost += 1;
+      const wanted = before ? [Math.min(own[0], before[1]), Math.max(own[1], before[0])] : own;
+      if (top < wanted[0] - thick || bottom > wanted[1] + thick) strange += 1;
+      if (before && (top > before[1] + 1 || bottom < before[0] - 1)) loose += 1;
+      before = own;
+    }
+  });
+  return { lost, strange, holes, loose };
+}
+"""
 _STACK = """
 async () => {
   const { stacked } = await import("/js/charts/area.js");
@@ -83,6 +123,14 @@ def test_no_sample_is_lost_where_many_share_a_pixel(opened: Opened) -> None:
         assert found["wide"] == 0, (n, start, count, columns, found)
         assert found["holes"] > 0
         assert (found["low"], found["high"]) == (-9, 9)
+
+
+@pytest.mark.parametrize("thick", [1.25, 2.5])
+def test_columns_of_pixels_reach_from_lowest_to_highest(opened: Opened, thick: float) -> None:
+    watch = opened()
+    watch.go("live")
+    found = watch.page.evaluate(_COLUMNS, [400, 90, thick])
+    assert found == {"lost": 0, "strange": 0, "holes": 30, "loose": 0}
 
 
 def test_shares_stack_up_to_their_sum(opened: Opened) -> None:

@@ -125,78 +125,8 @@ function window(t, t0, t1) {
   return [Math.max(0, first(t, t0) - 1), Math.min(t.length - 1, first(t, t1) + 1)];
 }
 
-function line(from, to, start, stop) {
+/** Places [device pixels] of values between two values and two places. */
+export function line(from, to, start, stop) {
   const slope = (stop - start) / (to - from);
   return (value) => start + (value - from) * slope;
-}
-
-/**
- * Draws a line whose samples are denser than the pixels: from the lowest to the highest of every column, each column
- * joined to the one before. Rectangles of whole pixels are filled many times faster than a zigzag is stroked.
- * @param {object} u uPlot
- * @param {ArrayLike<number>} x of the columns, two each
- * @param {ArrayLike<number|null>} extremes two for each column
- * @param {string} colour
- * @param {number} thick least height [device pixels]
- */
-export function drawColumns(u, x, extremes, colour, thick) {
-  const { ctx, bbox } = u;
-  const across = line(u.scales.x.min, u.scales.x.max, bbox.left, bbox.left + bbox.width);
-  const up = line(u.scales.y.min, u.scales.y.max, bbox.top + bbox.height, bbox.top);
-  const [left, right] = [bbox.left, bbox.left + bbox.width];
-  const n = extremes.length / 2;
-  ctx.fillStyle = colour;
-  let [before, under] = [NaN, NaN];
-  for (let c = 0; c < n; c += 1) {
-    const [a, z] = [extremes[2 * c], extremes[2 * c + 1]];
-    if (a === null) {
-      [before, under] = [NaN, NaN];
-      continue;
-    }
-    let top = up(a > z ? a : z);
-    let bottom = up(a > z ? z : a);
-    const [ownTop, ownBottom] = [top, bottom];
-    if (bottom < before) bottom = before;
-    else if (top > under) top = under;
-    [before, under] = [ownTop, ownBottom];
-    const x0 = Math.max(left, Math.round(across(x[2 * c])));
-    const x1 = Math.min(right, c + 1 < n ? Math.round(across(x[2 * c + 2])) : right);
-    const more = Math.max(0, thick - (bottom - top)) / 2;
-    ctx.fillRect(x0, top - more, Math.max(1, x1 - x0), bottom - top + 2 * more);
-  }
-}
-
-/**
- * Draws a line through its samples, broken at holes. Its corners are cut: at this width nobody sees it, and rounding
- * them, which uPlot does, takes most of the time.
- * @param {object} u uPlot
- * @param {ArrayLike<number>} t
- * @param {ArrayLike<number|null>} values
- * @param {{colour: string, width: number, dash?: number[]}} style [device pixels]
- */
-export function drawLine(u, t, values, { colour, width, dash = [] }) {
-  const { ctx, bbox } = u;
-  const x = line(u.scales.x.min, u.scales.x.max, bbox.left, bbox.left + bbox.width);
-  const y = line(u.scales.y.min, u.scales.y.max, bbox.top + bbox.height, bbox.top);
-  ctx.save();
-  ctx.beginPath();
-  ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
-  ctx.clip();
-  ctx.lineJoin = "bevel";
-  ctx.lineWidth = width;
-  ctx.strokeStyle = colour;
-  ctx.setLineDash(dash);
-  ctx.beginPath();
-  let on = false;
-  for (let i = 0; i < t.length; i += 1) {
-    if (values[i] === null) {
-      on = false;
-      continue;
-    }
-    if (on) ctx.lineTo(x(t[i]), y(values[i]));
-    else ctx.moveTo(x(t[i]), y(values[i]));
-    on = true;
-  }
-  ctx.stroke();
-  ctx.restore();
 }

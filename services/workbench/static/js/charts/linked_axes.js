@@ -70,8 +70,13 @@ class Link {
     const whole = a <= low && b >= high;
     this.window = whole ? null : [a, b];
     this.notifies = this.notifies || notify;
+    for (const member of this.members) member.stale = true;
+    this.queue();
+  }
+
+  /** Redraws what is stale in the next frame: several wheel or touch events, or answers, make one redraw. */
+  queue() {
     if (this.queued) return;
-    // Several wheel or touch events a frame make one redraw.
     this.queued = true;
     requestAnimationFrame(() => {
       this.queued = false;
@@ -86,7 +91,7 @@ class Link {
 
   show() {
     const [a, b] = this.shown;
-    for (const member of this.members) member.showWindow();
+    for (const member of this.members) member.refresh();
     if (this.notifies) for (const member of [...this.members]) member.onZoom?.(a, b, this.window === null);
     this.notifies = false;
   }

@@ -124,14 +124,23 @@ export function inWindow(t, series, [t0, t1], width, most) {
   if (count < most * columns) {
     return { data: [part(t, from, to + 1), ...series.map((s) => gapped(part(s.values, from, to + 1)))], dense: false };
   }
+  return { data: [times(t, from, to, columns), ...series.map((s) => s.columns(from, count, columns))], dense: true };
+}
+
+let same = {}; // charts on one page mostly share times and window
+
+/** Two times of each column: of its first sample and of that in its middle. */
+function times(t, from, to, columns) {
+  if (same.t === t && same.from === from && same.to === to && same.columns === columns) return same.x;
   const x = new Float64Array(2 * columns);
-  const each = count / columns;
+  const each = (to - from + 1) / columns;
   for (let c = 0; c < columns; c += 1) {
     x[2 * c] = t[Math.floor(from + c * each)];
     x[2 * c + 1] = t[Math.min(to, Math.floor(from + (c + 0.5) * each))];
   }
   x[2 * columns - 1] = t[to];
-  return { data: [x, ...series.map((s) => s.columns(from, count, columns))], dense: true };
+  same = { t, from, to, columns, x };
+  return x;
 }
 
 function part(values, from, to) {

@@ -2,10 +2,11 @@
 
 import "./locale.js";
 import uPlot from "../../vendor/uplot/uPlot.esm.js";
-import { areaRange, drawArea, drawColumns, drawLine } from "./area.js";
+import { areaRange, drawArea } from "./area.js";
 import { faded, onTheme, resolved } from "./colours.js";
 import { short } from "../widgets/format.js";
 import { gestures } from "./gestures.js";
+import { drawColumns, drawLine } from "./lines.js";
 import { link } from "./linked_axes.js";
 import { tick } from "./ticks.js";
 import { Pyramid, first, inWindow } from "./pyramid.js";
@@ -15,6 +16,7 @@ const LEFT = 66; // room for the numbers of the axis, the same in every chart, s
 const RIGHT = 10;
 const SIDES = LEFT + RIGHT;
 const MANY = 16; // lines of linked charts from which strokes, which are smoother, take too long
+const HAIR = 1; // widest stroke that is drawn without the outline of a path, in a twentieth of the time [device pixels]
 const straight = uPlot.paths.linear();
 const charts = new WeakMap();
 const waiting = new Set();
@@ -40,12 +42,13 @@ const sized = new ResizeObserver((entries) => {
  * @param {string} [options.unit] @param {string} [options.title]
  * @param {string} [options.sync] charts of one key share window and cursor.
  * @param {number} [options.height] of the plot [px]; @param {boolean} [options.axis] false: no labels of time.
+ * @param {boolean} [options.rough] the values are extremes of blocks of samples: drawn, not read at the cursor.
  * @param {boolean} [options.toggles] entries of the head switch their series on and off.
  * @param {(t: number|null, values: Array<number|null>) => void} [options.onCursor]
  * @param {(t0: number, t1: number, whole: boolean) => void} [options.onZoom] by the user's hand, not by setWindow.
  * @param {(series: object) => void} [options.onToggle] after a series was switched on or off, before it is redrawn.
  * @param {string} [options.testid] @param {string} [options.keyTestid] of every entry of the head
- * @returns {{update: (patch: {t?: ArrayLike<number>, series?: Array<object>, unit?: string, title?: string}) => void,
+ * @returns {{update: (patch: {t?: ArrayLike<number>, series?: Array<object>, unit?: string, title?: string, rough?: boolean}) => void,
  *   destroy: () => void, setWindow: (t0: number|null, t1?: number|null) => void, element: HTMLElement}}
  */
 export function timeChart(root, options) {
@@ -185,15 +188,16 @@ class Chart {
     }
   }
 
-  showWindow() {
-    this.stale = true;
+  /** Called once a frame, whatever changed in it: data, window, or both. */
+  refresh() {
+    if (!this.stale) return;
     if (this.visible && this.u) this.draw();
     else later(this);
   }
 
   showCursor(t, own = false) {
     const k = t === null ? -1 : nearest(this.o.t, t);
-    const values = this.o.series.map((s) => (k < 0 ? null : at(s.values, k)));
+    const values = this.o.series.map((s) => (k < 0 || this.o.rough ? null : at(s.values, k)));
     if (this.visible) this.read(k, values);
     if (this.u && this.visible && !own) {
       this.following = true;
@@ -205,22 +209,19 @@ class Chart {
   }
 
   read(k, values) {
-    this.reads.forEach((output, i) => {
-      output.textContent = k < 0 ? "" : short(values[i], 4);
-    });
-    this.clock.textContent = k < 0 ? "" : `${tick(this.o.t[k], 0.01)} s`;
+    this.reads.forEach((output, i) => say(output, k < 0 ? "" : short(values[i], 4)));
+    say(this.clock, k < 0 ? "" : `${tick(this.o.t[k], 0.01)} s`);
   }
 
   update(patch) {
     const shape = (list) => list.map((s) => [s.name, s.colour, s.hidden, Boolean(s.layer), s.band?.name].join()).join(";");
-    const before = shape(this.o.series);
-    const heads = patch.title !== undefined || patch.unit !== undefined;
+    const head = () => `${this.o.title} ${this.o.unit} ${shape(this.o.series)}`;
+    const before = head();
     Object.assign(this.o, patch);
-    if (!heads && this.u && before === shape(this.o.series)) {
+    if (this.u && before === head()) {
       this.measure();
-      this.u.setData(this.data, false);
-      const [min, max] = this.shared.shown;
-      this.u.setScale("x", { min, max });
+      this.stale = true;
+      this.shared.queue();
       return;
     }
     this.take();
@@ -250,6 +251,7 @@ class Chart {
   }
 
   options() {
+    this.inks = this.lines.map((s) => resolved(s.colour));
     const ink = resolved("--chart-ink", "#555");
     const grid = { stroke: resolved("--chart-grid", "#8883"), width: 1 };
     const font = "12px system-ui, sans-serif";
@@ -271,7 +273,7 @@ class Chart {
       series: [{}, ...this.lines.map((s) => this.stroke(s))],
       cursor: {
         y: false,
-        points: { size: 6 },
+        points: this.shared.lines > MANY ? { show: false } : { size: 6 },
         drag: { x: true, y: false, setScale: false, dist: 5 },
         bind: { dblclick: () => () => { this.shared.reset(); return null; } },
       },
@@ -295,10 +297,19 @@ class Chart {
   /** A line, which uPlot does not draw: it takes several times as long. */
   line(u, k) {
     const s = this.lines[k - 1];
-    if (!s || s.hidden || (s.fill && !this.dense)) return;
-    const [colour, width] = [resolved(s.colour), (s.width ?? 1.25) * uPlot.pxRatio];
-    if (this.dense) drawColumns(u, u.data[0], u.data[k], colour, width);
-    else drawLine(u, u.data[0], u.data[k], { colour, width, dash: s.dash });
+    if (!s || s.hidden || s.fill || this.dense) return;
+    const width = this.shared.lines > MANY && uPlot.pxRatio < 1.5 ? HAIR : this.thick(s);
+    drawLine(u, u.data[0], u.data[k], { colour: this.inks[k - 1], width, dash: s.dash });
+  }
+
+  /** All lines where samples are denser than pixels. */
+  columns(u) {
+    const lines = this.lines.map((s, k) => ({ s, extremes: u.data[k + 1], colour: this.inks[k], thick: this.thick(s) }));
+    drawColumns(u, u.data[0], lines.filter(({ s }) => !s.hidden));
+  }
+
+  thick(s) {
+    return (s.width ?? 1.25) * uPlot.pxRatio;
   }
 
   areas(u) {
@@ -308,6 +319,7 @@ class Chart {
       if (s.band) drawArea(u, this.o.t, s.band, faded(s.band.colour ?? s.colour, 0.22));
       if (s.layer) drawArea(u, this.o.t, s.layer, faded(s.colour, 0.85));
     }
+    if (this.dense) this.columns(u);
   }
 
   /** The lines in the window, their bands and layers, with a little room. */
@@ -370,6 +382,11 @@ function make(tag, className = "") {
   const element = document.createElement(tag);
   if (className) element.className = className;
   return element;
+}
+
+/** A text that is there already is not written again: the page would be laid out anew. */
+function say(output, text) {
+  if (output.textContent !== text) output.textContent = text;
 }
 
 function bandKey(s) {

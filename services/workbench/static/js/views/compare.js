@@ -6,11 +6,14 @@ import { scoresOf, strip, table, validation } from "./compare_scores.js";
 import { rowStack } from "./compare_stack.js";
 import { h } from "../widgets/dom.js";
 import { times } from "../widgets/format.js";
+import { readChannels } from "../net/run_channels.js";
 import { runName } from "../net/state.js";
 
 const SYNC = "compare";
 const KEPT = 40; // series kept, so that going back to a row is immediate
 const series = new Map();
+const KEPT_CHANNELS = 90; // those of two runs
+const measured = new Map();
 const kept = { beneath: new Set(), channels: [], shares: true, centred: true };
 
 /**
@@ -30,6 +33,11 @@ export async function show(root, app) {
     off();
     view.close();
   };
+}
+
+function keep(list, path, one, most) {
+  list.set(path, one);
+  if (list.size > most) list.delete(list.keys().next().value);
 }
 
 class Compare {
@@ -174,13 +182,14 @@ class Compare {
     const { run, version } = app.state;
     const mine = ++this.turn;
     const slow = setTimeout(() => this.veil.say("Reading the series …"), 150);
+    const channels = this.fetchChannels(mine, run);
     try {
       const found = await Promise.all([...this.stacks].map(async ([row, stack]) => [stack, await this.get(version, run, row)]));
       if (mine !== this.turn) return;
       this.veil.clear();
       for (const [stack, one] of found) stack.show(one);
-      await this.fetchChannels(mine, run);
-      if (mine === this.turn) this.window();
+      this.window();
+      await channels;
     } catch (cause) {
       if (mine === this.turn) this.veil.fail(cause, () => void this.fetch());
     } finally {
@@ -191,9 +200,7 @@ class Compare {
   async get(version, run, row) {
     const path = `api/series/${version}/${encodeURIComponent(run)}/${encodeURIComponent(row)}`;
     if (!series.has(path)) {
-      const one = await needing(this.app, () => this.app.api.binary(path), { version }, this.veil);
-      series.set(path, one);
-      if (series.size > KEPT) series.delete(series.keys().next().value);
+      keep(series, path, await needing(this.app, () => this.app.api.binary(path), { version }, this.veil), KEPT);
     }
     return series.get(path);
   }
@@ -224,36 +231,43 @@ class Compare {
     this.channel.value = "";
     if (!name || kept.channels.includes(name)) return;
     kept.channels.push(name);
-    await this.fetchChannels(this.turn, this.app.state.run);
-    this.window();
+    const over = this.fetchChannels(this.turn, this.app.state.run);
     this.plots.get(name)?.box.scrollIntoView({ block: "nearest" });
+    await over;
   }
 
   async fetchChannels(mine, run) {
     for (const name of kept.channels) {
       if (!this.plots.has(name)) this.plots.set(name, this.channelBox(name));
     }
-    await Promise.all([...this.plots].map(async ([name, plot]) => {
-      try {
-        const { meta, arrays } = await this.channelData(run, name);
-        if (mine !== this.turn) return;
-        const { t, ...parts } = arrays;
-        plot.veil.clear();
-        plot.chart.update({ t, unit: meta.unit, series: Object.entries(parts).map(([part, values], k) =>
-          ({ name: part === "value" ? "measured" : part, values, colour: `--effect-${k % 8}` })) });
-      } catch (cause) {
-        if (mine === this.turn) plot.veil.fail(cause);
-      }
-    }));
+    const path = (name) => `${run} ${name}`;
+    const names = [...this.plots.keys()];
+    const there = names.filter((name) => measured.has(path(name)));
+    if (there.length) this.drawChannels(new Map(there.map((name) => [name, measured.get(path(name))])));
+    const lacking = names.filter((name) => !measured.has(path(name)));
+    if (!lacking.length) return;
+    this.reading?.abort();
+    this.reading = new AbortController();
+    try {
+      await readChannels(run, lacking, (found) => {
+        for (const [name, one] of found) if (!one.rough) keep(measured, path(name), one, KEPT_CHANNELS);
+        if (mine === this.turn) this.drawChannels(found);
+      }, this.reading.signal);
+    } catch (cause) {
+      if (cause.name === "AbortError" || mine !== this.turn) return;
+      for (const name of lacking) this.plots.get(name)?.veil.fail(cause);
+    }
   }
 
-  async channelData(run, name) {
-    const path = `api/channel/${encodeURIComponent(run)}/${encodeURIComponent(name)}`;
-    if (!series.has(path)) {
-      series.set(path, await this.app.api.binary(path));
-      if (series.size > KEPT) series.delete(series.keys().next().value);
+  drawChannels(found) {
+    for (const [name, { t, parts, unit, rough }] of found) {
+      const plot = this.plots.get(name);
+      if (!plot) continue; // taken away meanwhile
+      plot.veil.clear();
+      plot.chart.update({ t, unit, rough, series: parts.map(([part, values], k) =>
+        ({ name: part === "value" ? "measured" : part, values, colour: `--effect-${k % 8}` })) });
     }
-    return series.get(path);
+    this.window();
   }
 
   channelBox(name) {
@@ -273,6 +287,7 @@ class Compare {
 
   close() {
     this.turn += 1;
+    this.reading?.abort();
     for (const stack of this.stacks.values()) stack.destroy();
     for (const plot of this.plots.values()) plot.chart.destroy();
   }

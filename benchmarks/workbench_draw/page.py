@@ -1,0 +1,80 @@
+"""The page that says what was measured."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from benchmarks.workbench_draw.measuring import PASSES, PLOTTED, ROUNDS, Listing, Pass
+from benchmarks.workbench_draw.runs import CHANNELS, NAMES, RATE, SECONDS
+
+PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "workbench.md"
+FIRST, ZOOM, LISTING = 500.0, 100.0, 2.0
+"""Limits of drawing and of zooming [ms], and of the first listing [s of processor time]."""
+WITHOUT = ("answer", "samples", "all samples drawn")
+"""Times without a limit: they are parts of the first draw, or come after it."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was measured: the browser's version, listing, memory [MB] of the server at the end, layouts."""
+
+    version: str
+    listing: Listing
+    memory: float
+    layouts: Mapping[str, Pass]
+
+
+def limit(what: str) -> float | None:
+    """Limit of a time [ms]; None where there is none."""
+    if what in WITHOUT:
+        return None
+    return FIRST if what.startswith("first") else ZOOM
+
+
+def text(found: Found) -> tuple[str, bool]:
+    """The page, and whether every limit is kept."""
+    lines = [
+        "| layout | what | median [ms] | worst of ten [ms] | limit [ms] | worst ÷ limit |",
+        "|---|---|---:|---:|---:|---:|",
+    ]
+    kept = found.listing.processor <= LISTING
+    for name, one in found.layouts.items():
+        for what, times in one.times.items():
+            most, bound = max(times), limit(what)
+            over = f"{bound:.0f} | {most / bound:.2f}" if bound else "– | –"
+            lines.append(f"| {name} ({one.seen} in sight) | {what} | {median(times):.0f} | {most:.0f} | {over} |")
+            kept = kept and (bound is None or most <= bound)
+        load = one.reference
+        lines.append(f"| {name} | reference load | {median(load):.0f} | {max(load):.0f} | – | – |")
+    about = (
+        f"{len(NAMES)} runs of {SECONDS} s with {CHANNELS} channels at {RATE} Hz; the first {PLOTTED} are drawn. "
+        f"Chromium {found.version} without a graphics card on {os.cpu_count()} cores; {ROUNDS} rounds of each layout, "
+        f"the quietest of {PASSES} passes by the reference load."
+    )
+    listing = (
+        f"**First listing** of the {len(NAMES)} runs, overviews included: {found.listing.processor:.1f} s of processor "
+        f"time, {found.listing.wall:.1f} s by the clock (limit {LISTING:.0f} s). The server then holds "
+        f"{found.listing.memory:.0f} MB, and {found.memory:.0f} MB after all that is in the table."
+    )
+    verdict = "All limits are kept." if kept else "**A limit is missed.**"
+    return "\n".join([HEAD, about, "", *lines, "", verdict, "", listing, "", FOOT, ""]), kept
+
+
+HEAD = """# How fast the workbench draws
+
+Written by `python -m benchmarks.workbench_draw --write`; the workbench itself serves runs and page. Limits, which the
+worst of ten has to keep: 0.5 s for the first draw, 100 ms for a zoom of all linked plots. Times run from the user's
+action to the frame after the one in which the picture was drawn, so that each holds at least one frame (17 ms) of
+waiting; the first draw begins with the question to the server. The reference load is a fixed loop in the page: where it
+takes longer than usual, the machine was at work on something else. CPU is the time the page's main thread was at work,
+which depends on that much less.
+"""
+FOOT = """What is asked for first is an overview, the lowest and the highest of each block of samples
+(`services/workbench/run_channels.py`), made and stored when the run is first listed; all channels come in one answer.
+The plots are drawn from it; all samples follow in a second answer, and zooming asks the server nothing
+([decision](../decisions/channels-on-the-page.md)). Plots out of sight (more than 400 px away) are drawn when the
+browser has nothing else to do, or when they are scrolled to."""
