@@ -14,6 +14,7 @@ async ({ charts, each, height, channels }) => {
     return box.bottom > 0 && box.top < innerHeight;
   });
   let made = [];
+  let actions = [];
 
   function show(found) {
     const lines = channels.flatMap((name) => {
@@ -90,21 +91,24 @@ async ({ charts, each, height, channels }) => {
       out["all samples drawn"] = performance.now() - start;
       return { times: out, seen: sight().length };
     },
-    /** Zooms as with a mouse, from the whole run to a fifth of a second and back. */
-    async zooms(seconds) {
+    /** Zooms as with a mouse, from the whole run to a fifth of a second and back: one of the actions after the other. */
+    acts(seconds) {
       const k = Math.random() * 0.3;
-      const out = {};
-      out["zoom: whole run to 60 s"] = await drag(0.3 + k, 60 / seconds, 60);
-      out["pan by 6 s of 60 s"] = await timed(() => wheel(1, true));
-      out["zoom: wheel, 60 s to 48 s"] = await timed(() => wheel(-1, false));
-      out["zoom: 48 s to 5 s"] = await drag(0.3 + k, 5 / 48, 5);
-      out["pan by 0.5 s of 5 s"] = await timed(() => wheel(1, true));
-      out["zoom: 5 s to 0.2 s"] = await drag(0.3 + k, 0.04, 0.2);
-      out["reset to the whole run"] = await timed(() => mouse("dblclick", 0.5));
-      out["zoom: whole run to 240 s"] = await drag(0.2 + k, 240 / seconds, 240);
-      await timed(() => mouse("dblclick", 0.5));
-      return out;
+      const reset = () => timed(() => mouse("dblclick", 0.5));
+      actions = [
+        ["zoom: whole run to 60 s", () => drag(0.3 + k, 60 / seconds, 60)],
+        ["pan by 6 s of 60 s", () => timed(() => wheel(1, true))],
+        ["zoom: wheel, 60 s to 48 s", () => timed(() => wheel(-1, false))],
+        ["zoom: 48 s to 5 s", () => drag(0.3 + k, 5 / 48, 5)],
+        ["pan by 0.5 s of 5 s", () => timed(() => wheel(1, true))],
+        ["zoom: 5 s to 0.2 s", () => drag(0.3 + k, 0.04, 0.2)],
+        ["reset from 0.2 s", reset],
+        ["zoom: whole run to 240 s", () => drag(0.2 + k, 240 / seconds, 240)],
+        ["reset from 240 s", reset],
+      ];
+      return actions.map(([name]) => name);
     },
+    act: (number) => actions[number][1](),
     /** Scrolls to the last plot; until it is drawn. */
     async scroll() {
       const start = performance.now();

@@ -26,6 +26,8 @@ FLAGS = (
     "--disable-component-update --disable-sync"
 )
 SCRIPT = (Path(__file__).parent / "drawing.js").read_text(encoding="utf-8")
+LAST = "all samples drawn"
+"""The end of a first draw."""
 PLOTTED = 50
 """Channels drawn, each a component: the first of a run."""
 
@@ -50,16 +52,12 @@ LAYOUTS = (
 
 @dataclass
 class Pass:
-    """Ten rounds of a layout: plots in sight, times [ms] by what was done, and of the reference load."""
+    """Ten rounds of a layout: plots in sight, times and processor times [ms] by what was done, reference load."""
 
     seen: int = 0
     times: dict[str, list[float]] = field(default_factory=dict)
+    processor: dict[str, list[float]] = field(default_factory=dict)
     reference: list[float] = field(default_factory=list)
-
-    def add(self, times: dict[str, float]) -> None:
-        """Add the times of one round."""
-        for what, one in times.items():
-            self.times.setdefault(what, []).append(one)
 
 
 @dataclass
@@ -136,19 +134,36 @@ def channels(page: Page) -> list[str]:
 def measured(page: Page, layout: Layout, names: list[str]) -> Pass:
     """Ten rounds of a layout, each a page of its own; one before them warms up and does not count."""
     found = Pass()
+    meter = page.context.new_cdp_session(page)
+    meter.send("Performance.enable", {"timeDomain": "threadTicks"})
+
+    def processor() -> float:
+        """Time that the page's main thread has been at work [ms]."""
+        metrics = meter.send("Performance.getMetrics")["metrics"]
+        return 1e3 * next(m["value"] for m in metrics if m["name"] == "TaskDuration")
+
     page.set_viewport_size({"width": layout.window[0], "height": layout.window[1]})
     about = {"charts": layout.plots, "each": layout.lines, "height": layout.height, "channels": names}
     for k in range(ROUNDS + 1):
         page.evaluate(SCRIPT, about)
         reference = page.evaluate("bench.reference()")
+        before = processor()
         first = page.evaluate("(run) => bench.first(run)", NAMES[k % len(NAMES)])
-        zooms = page.evaluate("(seconds) => bench.zooms(seconds)", SECONDS)
-        scroll = {"scroll to the last plot": page.evaluate("bench.scroll()")} if first["seen"] < layout.plots else {}
+        times, spent_on = dict(first["times"]), {LAST: processor() - before}
+        for number, what in enumerate(page.evaluate("(seconds) => bench.acts(seconds)", SECONDS)):
+            before = processor()
+            times[what] = page.evaluate("(number) => bench.act(number)", number)
+            spent_on[what] = processor() - before
+        if first["seen"] < layout.plots:
+            times["scroll to the last plot"] = page.evaluate("bench.scroll()")
         page.evaluate("bench.end()")
         if k:
             found.seen = first["seen"]
             found.reference.append(reference)
-            found.add({**first["times"], **zooms, **scroll})
+            for kept, new in ((found.times, times), (found.processor, spent_on)):
+                for what, one in new.items():
+                    kept.setdefault(what, []).append(one)
+    meter.detach()
     return found
 
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from benchmarks.workbench_draw.measuring import PASSES, PLOTTED, ROUNDS, Listing, Pass
+from benchmarks.workbench_draw.measuring import LAST, PASSES, PLOTTED, ROUNDS, Listing, Pass
 from benchmarks.workbench_draw.runs import CHANNELS, NAMES, RATE, SECONDS
 
 PAGE = Path(__file__).parents[2] / "docs" / "benchmarks" / "workbench.md"
 FIRST, ZOOM, LISTING = 500.0, 100.0, 2.0
 """Limits of drawing and of zooming [ms], and of the first listing [s of processor time]."""
-WITHOUT = ("answer", "samples", "all samples drawn")
+WITHOUT = ("answer", "samples", LAST)
 """Times without a limit: they are parts of the first draw, or come after it."""
 
 
@@ -38,18 +38,21 @@ def limit(what: str) -> float | None:
 def text(found: Found) -> tuple[str, bool]:
     """The page, and whether every limit is kept."""
     lines = [
-        "| layout | what | median [ms] | worst of ten [ms] | limit [ms] | worst ÷ limit |",
-        "|---|---|---:|---:|---:|---:|",
+        "| layout | what | median [ms] | worst of ten [ms] | limit [ms] | worst ÷ limit | CPU, median [ms] |",
+        "|---|---|---:|---:|---:|---:|---:|",
     ]
     kept = found.listing.processor <= LISTING
     for name, one in found.layouts.items():
         for what, times in one.times.items():
             most, bound = max(times), limit(what)
             over = f"{bound:.0f} | {most / bound:.2f}" if bound else "– | –"
-            lines.append(f"| {name} ({one.seen} in sight) | {what} | {median(times):.0f} | {most:.0f} | {over} |")
+            work = f"{median(one.processor[what]):.0f}" if what in one.processor else ""
+            lines.append(
+                f"| {name} ({one.seen} in sight) | {what} | {median(times):.0f} | {most:.0f} | {over} | {work} |"
+            )
             kept = kept and (bound is None or most <= bound)
         load = one.reference
-        lines.append(f"| {name} | reference load | {median(load):.0f} | {max(load):.0f} | – | – |")
+        lines.append(f"| {name} | reference load | {median(load):.0f} | {max(load):.0f} | – | – |  |")
     about = (
         f"{len(NAMES)} runs of {SECONDS} s with {CHANNELS} channels at {RATE} Hz; the first {PLOTTED} are drawn. "
         f"Chromium {found.version} without a graphics card on {os.cpu_count()} cores; {ROUNDS} rounds of each layout, "

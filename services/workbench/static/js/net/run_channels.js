@@ -2,6 +2,9 @@
 
 import { binary } from "./api.js";
 
+// The server reads a file to its end though nobody waits for it any more: more channels may be asked for at once [ms].
+const SETTLE = 100;
+
 /**
  * Reads channels in one request; where the answer is an overview, their samples in a second one.
  * @param {string} run
@@ -14,7 +17,9 @@ export async function readChannels(run, names, take, signal) {
   const found = await ask(run, names, false, signal);
   take(found);
   const rough = names.filter((name) => found.get(name).rough);
-  if (rough.length) take(await ask(run, rough, true, signal));
+  if (!rough.length) return;
+  await new Promise((done) => setTimeout(done, SETTLE));
+  take(await ask(run, rough, true, signal));
 }
 
 async function ask(run, names, samples, signal) {
