@@ -57,6 +57,7 @@ async ({ charts, each, height, channels }) => {
     mouse("mousedown", from);
     mouse("mousemove", from + part);
     await frame();
+    await frame(); // the cursor has moved
     const drawn = await timed(() => mouse("mouseup", from + part));
     const [a, b] = link("benchmark").shown;
     if (Math.abs(b - a - seconds) > 0.1 * seconds) throw new Error(`${b - a} s are shown, not ${seconds} s`);

@@ -11,6 +11,7 @@ class Link {
     this.cursor = null;
     this.queued = false;
     this.notifies = false;
+    this.following = false;
   }
 
   /** @returns {[number, number]} first and last time of all members. */
@@ -81,6 +82,16 @@ class Link {
     requestAnimationFrame(() => {
       this.queued = false;
       this.show();
+    });
+  }
+
+  /** Moves the cursor to its place in pictures that were drawn anew, a frame later: the pictures come first. */
+  follow() {
+    if (this.cursor === null || this.following) return;
+    this.following = true;
+    requestAnimationFrame(() => {
+      this.following = false;
+      this.setCursor(this.cursor);
     });
   }
 

@@ -178,13 +178,13 @@ class Chart {
         spacing: () => this.spacing,
       });
       this.stale = false;
-      this.showCursor(this.shared.cursor);
+      if (this.shared.cursor !== null) this.showCursor(this.shared.cursor);
     } else if (this.stale) {
       this.stale = false;
       const [min, max] = this.shared.shown;
       this.u.setData(this.data, false);
       this.u.setScale("x", { min, max });
-      this.showCursor(this.shared.cursor);
+      this.shared.follow();
     }
   }
 
@@ -384,9 +384,13 @@ function make(tag, className = "") {
   return element;
 }
 
+const said = new WeakMap();
+
 /** A text that is there already is not written again: the page would be laid out anew. */
 function say(output, text) {
-  if (output.textContent !== text) output.textContent = text;
+  if ((said.get(output) ?? "") === text) return;
+  said.set(output, text);
+  output.textContent = text;
 }
 
 function bandKey(s) {
