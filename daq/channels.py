@@ -7,6 +7,7 @@ table in ``docs/channels.md``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 CORNERS = ("fl", "fr", "rl", "rr")
 """Front left, front right, rear left, rear right."""
@@ -39,7 +40,7 @@ class Channel:
     about: str
     optional: bool = False
 
-    @property
+    @cached_property
     def width(self) -> int:
         """Number of components (1 for a scalar)."""
         return max(1, len(self.components))

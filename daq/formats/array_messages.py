@@ -155,7 +155,7 @@ def _stamps_in(first: int, delta: Any) -> NDArray[np.int64]:
 
 def _stamps_out(t_ns: NDArray[np.int64], edges: Sequence[int]) -> tuple[memoryview | bytes, list[int]]:
     """Bytes of the steps from stamp to stamp, the first of each stretch 0, and the first stamp of each (0 if empty)."""
-    begins = np.asarray(edges[:-1])
+    begins = np.asarray(edges[:-1], np.int64)
     filled = begins < np.asarray(edges[1:])
     first = np.zeros(len(begins), np.int64)
     first[filled] = t_ns[begins[filled]]
@@ -192,6 +192,7 @@ def _constants(channel: str, axes: str | None) -> tuple[bytes, bytes, tuple[byte
     return serialize(pb.DecodedBlock(channel=channel)), unit, tuple(names)
 
 
+@lru_cache(4096)
 def _count(number: int, value: int) -> bytes:
     return bytes([number << 3]) + _varint(value) if value else b""
 

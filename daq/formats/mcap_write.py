@@ -42,7 +42,7 @@ COMPRESSION = b"zstd"
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _MESSAGE_REST = _MESSAGE.size - 9
 _CHUNK = struct.Struct("<BQQQQII4sQ")  # opcode, length, times, size and CRC unpacked, compression, size packed
-_INDEX = struct.Struct("<BQHI")  # opcode, length, channel, size of the entries
+_INDEX_SIZE = struct.calcsize("<BQHI")  # opcode, length, channel, size of the entries
 _FOOTER = struct.Struct("<BQQQ")  # opcode, length, start of the summary, start of its offsets
 
 
@@ -139,8 +139,8 @@ class McapWriter:
         channel = Channel(len(self._channels) + 1, topic, encoding, metadata, schema_id)
         self._channels[topic] = channel
         records.append(_record(channel))
-        for record in records:
-            self._chunk.add(record)
+        self._chunk.parts += records
+        self._chunk.size += sum(map(len, records))
         self._sink.write(b"".join(records))  # nothing is buffered outside the open chunk, so order is kept
 
     def _message(self, topic: str, data: bytes, log_ns: int, publish_ns: int, sequence: int) -> None:
@@ -149,8 +149,8 @@ class McapWriter:
             Opcode.MESSAGE, _MESSAGE_REST + len(data), number, sequence & 0xFFFFFFFF, log_ns, publish_ns
         )
         chunk.entries[number] += (log_ns, chunk.size)
-        chunk.add(head)
-        chunk.add(data)
+        chunk.parts += (head, data)
+        chunk.size += _MESSAGE.size + len(data)
         self._counts[number] += 1
 
     def _end_chunk(self) -> None:
@@ -172,19 +172,19 @@ class McapWriter:
         sink.write(head)
         sink.write(packed)
         length = sink.position - begin
-        offsets: list[int] = []
+        at, kinds, index, offsets = sink.position, "<", list[int](), list[int]()
         for number, entries in chunk.entries.items():
-            offsets += (number, sink.position)
-            sink.write(
-                _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + 8 * len(entries), number, 8 * len(entries))
-                + struct.pack(f"<{len(entries)}Q", *entries)
-            )
-        index = struct.pack(
+            kinds += f"BQHI{len(entries)}Q"
+            index += (Opcode.MESSAGE_INDEX, 6 + 8 * len(entries), number, 8 * len(entries), *entries)
+            offsets += (number, at)
+            at += _INDEX_SIZE + 8 * len(entries)
+        sink.write(struct.pack(kinds, *index))
+        summary = struct.pack(
             f"<QQQQI{'HQ' * (len(offsets) // 2)}QI4sQQ",
             *(first, last, begin, length, 5 * len(offsets), *offsets),
             *(sink.position - begin - length, name, COMPRESSION, len(packed), size),
         )
-        self._indexes.append(struct.pack("<BQ", Opcode.CHUNK_INDEX, len(index)) + index)
+        self._indexes.append(struct.pack("<BQ", Opcode.CHUNK_INDEX, len(summary)) + summary)
         self._chunk = _Chunk()
 
     def _statistics(self) -> Statistics:
@@ -230,10 +230,6 @@ class _Chunk:
         self.parts: list[bytes] = []
         self.size = 0
         self.entries: dict[int, list[int]] = defaultdict(list)
-
-    def add(self, data: bytes) -> None:
-        self.parts.append(data)
-        self.size += len(data)
 
 
 class _Sink:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,10 @@ from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
 from lacet.drivers.framework import dbc
 from lacet.drivers.framework.can_layout import Reading, Unit, compile_units, read_layout
-from lacet.drivers.framework.counters import CounterState, add, follow_counter
-from lacet.drivers.framework.crc import Crc
+from lacet.drivers.framework.can_numbering import Numbering
+from lacet.drivers.framework.counters import CounterState, add, follow_counter, steady_counters
+from lacet.drivers.framework.crc import Crc, RowCrc
+from lacet.drivers.framework.extraction import Extraction
 from lacet.drivers.framework.options import check_options, corner_map
 from lacet.drivers.framework.outgoing import not_valid, together
 
@@ -30,22 +33,22 @@ NOT_VALID = 1
 
 @dataclass(frozen=True)
 class Parts:
-    """Messages of one sensor in a batch: `unit`, `part` (N,) identify each; `whole` : whether its length is right."""
+    """Messages of one sensor in a batch: `number` (N,) counts its units' messages; `whole` : if the length is right."""
 
-    unit: NDArray[np.int8]
-    part: NDArray[np.int8]
+    number: NDArray[np.int16]
     t_ns: NDArray[np.int64]
     words: NDArray[np.uint64]
     whole: NDArray[np.bool_]
 
     def __getitem__(self, index: NDArray[np.int64]) -> Parts:
-        return Parts(self.unit[index], self.part[index], self.t_ns[index], self.words[index], self.whole[index])
+        return Parts(self.number[index], self.t_ns[index], self.words[index], self.whole[index])
 
-    @classmethod
-    def concat(cls, items: list[Parts]) -> Parts:
-        """Batches joined end to end, in the order given (at least one)."""
-        columns = ([getattr(item, name) for item in items] for name in ("unit", "part", "t_ns", "words", "whole"))
-        return cls(*(np.concatenate(column) for column in columns))
+    def after(self, begun: Parts) -> Parts:
+        """These messages with others before them."""
+        if not len(begun.number):
+            return self
+        columns = ((getattr(begun, name), getattr(self, name)) for name in ("number", "t_ns", "words", "whole"))
+        return Parts(*(np.concatenate(column) for column in columns))
 
 
 @dataclass(frozen=True)
@@ -107,10 +110,14 @@ class CanSensor:
         for u, unit in enumerate(self.units):
             alike.setdefault(unit.layout(), []).append(u)
         self._alike = list(alike.values())
-        self._order = np.argsort(idents)
-        self._sorted = np.array(idents, np.uint32)[self._order]
-        self._unit = np.array([u for u, unit in enumerate(units) for _ in unit.messages], np.int8)
-        self._part = np.array([p for unit in units for p in range(len(unit.messages))], np.int8)
+        self._crc = {u: crc for members in self._alike for crc in (self._row_crc(units[members[0]]),) for u in members}
+        self._numbering = Numbering(idents)
+        extractions = [Extraction(units[members[0]].readings, self._words * dbc.WORD) for members in self._alike]
+        self._extract = {u: one for one, members in zip(extractions, self._alike, strict=True) for u in members}
+        self._nothing = Parts(
+            np.zeros(0, np.int16), np.zeros(0, np.int64), np.zeros((0, self._words), np.uint64), np.zeros(0, bool)
+        )
+        self._same_length = len({message.length for unit in units for message in unit.messages}) == 1
         self._length = np.array([message.length for unit in units for message in unit.messages], np.int64)
 
     def start(self) -> CanState:
@@ -118,13 +125,15 @@ class CanSensor:
         ledger: dict[str, int] = dict.fromkeys(
             ("received", "samples", "lost", "bad_checksum", "incomplete", "bad_length", "bad_status", "saturated"), 0
         )
-        return CanState(self._parts(Frames.empty(self.bus)), (CounterState(),) * len(self.units), ledger)
+        return CanState(self._nothing, (CounterState(),) * len(self.units), ledger)
 
     def decode(self, frames: Frames, state: CanState) -> tuple[list[Block], CanState]:
         """Blocks of a batch, without the frames with other sensors' ids, and the state after it."""
         parts = self._parts(frames)
-        ledger = add(state.ledger, received=len(parts.unit), bad_length=np.count_nonzero(~parts.whole))
-        return self._samples(Parts.concat([state.begun, parts]), state.counters, ledger, ended=False)
+        ledger = add(
+            state.ledger, received=len(parts.number), bad_length=len(parts.number) - np.count_nonzero(parts.whole)
+        )
+        return self._samples(parts.after(state.begun), state.counters, ledger, ended=False)
 
     def finish(self, state: CanState) -> tuple[list[Block], CanState]:
         """Blocks at the end of the stream: a sample with missing messages becomes an incomplete one."""
@@ -136,55 +145,91 @@ class CanSensor:
 
     def _parts(self, frames: Frames) -> Parts:
         """This sensor's messages of a batch, payloads in rows of little-endian words."""
-        near = np.minimum(np.searchsorted(self._sorted, frames.ident), len(self._sorted) - 1)
-        mine = np.flatnonzero(self._sorted[near] == frames.ident)
-        number = self._order[near[mine]]
-        at = frames.offset[mine]
+        number, offset, t_ns = self._numbering.of(frames.ident), frames.offset, frames.t_ns
+        starts, lengths = offset[:-1], offset[1:] - offset[:-1]
+        dense = len(number) and number.min() >= 0
+        if not dense:
+            mine = np.flatnonzero(number >= 0)
+            number, starts, lengths, t_ns = number[mine], starts[mine], lengths[mine], t_ns[mine]
+        whole = lengths == (self._length[0] if self._same_length else self._length[number])
+        all_whole = bool(whole.all())
         # Views of 8 bytes at every offset, without a copy: one gather a word. Bytes past a payload are never read.
         padded = np.concatenate((frames.data, np.zeros(dbc.WORD * (self._words + 1), np.uint8)))
-        anywhere = np.ndarray((len(padded) - dbc.WORD + 1,), "<u8", padded, strides=(1,))
-        words = np.stack([anywhere[at + dbc.WORD * w] for w in range(self._words)], axis=1)
-        whole = frames.offset[mine + 1] - at == self._length[number]
-        return Parts(self._unit[number], self._part[number], frames.t_ns[mine], words, whole)
+        if dense and self._same_length and self._words == 1 and all_whole:  # at equal distances: no gather either
+            words = np.ndarray((len(number), 1), "<u8", padded, int(offset[0]), (int(self._length[0]), dbc.WORD))
+        else:
+            anywhere = np.ndarray((len(padded) - dbc.WORD + 1,), "<u8", padded, strides=(1,))
+            words = np.stack([anywhere[starts + dbc.WORD * w] for w in range(self._words)], axis=1)
+        return Parts(number, t_ns, words, whole)
 
     def _samples(
         self, parts: Parts, counters: tuple[CounterState, ...], ledger: Mapping[str, int], ended: bool
     ) -> tuple[list[Block], CanState]:
         """Samples of all units assembled from messages; incomplete ones stay in the state unless the stream `ended`."""
-        order = np.argsort(parts.unit, kind="stable")
-        unit, part = parts.unit[order], parts.part[order]
+        size = len(self.messages)
+        unit = (parts.number // np.int16(size)).astype(np.int8)
+        order = np.argsort(unit, kind="stable")  # of bytes: one pass
+        number = parts.number[order]
+        edges = np.searchsorted(unit[order], np.arange(len(self.units) + 1)).tolist()
         # A message not later in the order than the one before it begins a new sample.
         begins = np.ones(len(order), bool)
-        begins[1:] = (part[1:] <= part[:-1]) | (unit[1:] != unit[:-1])
+        np.less_equal(number[1:], number[:-1], out=begins[1:])
+        begins[[edge for edge in edges if edge < len(order)]] = True
         starts = np.flatnonzero(begins)
-        sample = np.cumsum(begins) - 1
-        owner = unit[starts]
-        waits = np.zeros(len(starts), bool)
-        if not ended and len(starts):
-            final = part[np.append(starts[1:], len(order)) - 1] == len(self.messages) - 1
-            waits = ~final & np.append(owner[1:] != owner[:-1], True)
-        cells = np.zeros((len(starts), len(self.messages), self._words), np.uint64)
-        cells[sample, part] = parts.words[order]
-        whole = np.zeros(cells.shape[:2], bool)
-        whole[sample, part] = parts.whole[order]
-        rows = cells.astype("<u8", copy=False).view(np.uint8)
-        complete = np.asarray(whole.all(axis=1))
+        begun = order[:0]
+        if not ended:
+            open_ones = [b for a, b in pairwise(edges) if a < b and number[b - 1] % size != size - 1]
+            if open_ones:
+                held = np.zeros(len(order), bool)
+                for end in open_ones:
+                    held[starts[np.searchsorted(starts, end) - 1] : end] = True
+                begun = np.sort(order[held])
+                edges = [edge - int(np.count_nonzero(held[:edge])) for edge in edges]
+                order, number, begins = order[~held], number[~held], begins[~held]
+                starts = np.flatnonzero(begins)
+        rows, complete = self._rows(parts, order, number, begins, len(starts))
         t_ns = parts.t_ns[order[starts]]
+        ends = np.searchsorted(starts, edges).tolist()
         blocks: list[Block] = []
         after = list(counters)
         for members in self._alike:
-            mine = np.flatnonzero(np.isin(owner, members) & ~waits)
-            if len(mine):
-                decoded, ledger = self._blocks(
-                    members, owner[mine], rows[mine], complete[mine], t_ns[mine], after, ledger
-                )
+            if len(members) == len(self.units):
+                mine = slice(None)
+            else:
+                mine = np.concatenate([np.arange(ends[u], ends[u + 1]) for u in members])
+            lengths = [ends[u + 1] - ends[u] for u in members]
+            at = [0, *accumulate(lengths)]
+            spans = [(u, slice(at[i], at[i + 1])) for i, u in enumerate(members) if lengths[i]]
+            if spans:
+                decoded, ledger = self._blocks(spans, rows[mine], complete[mine], t_ns[mine], after, ledger)
                 blocks += decoded
-        return blocks, CanState(parts[np.sort(order[waits[sample]])], tuple(after), ledger)
+        return blocks, CanState(parts[begun] if len(begun) else self._nothing, tuple(after), ledger)
+
+    def _rows(
+        self,
+        parts: Parts,
+        order: NDArray[np.int64],
+        number: NDArray[np.int16],
+        begins: NDArray[np.bool_],
+        samples: int,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
+        """Payloads of so many samples (N, messages, width), 0 where missing; whether each has all of its own (N,)."""
+        shape = samples, len(self.messages), self._words
+        if len(order) == samples * len(self.messages):  # none is missing: they are in order
+            cells = parts.words[order].reshape(shape)
+            if parts.whole.all():
+                return cells.astype("<u8", copy=False).view(np.uint8), np.ones(samples, bool)
+            whole = parts.whole[order].reshape(shape[:2])
+        else:
+            sample, part = np.cumsum(begins) - 1, number % np.int16(len(self.messages))
+            cells, whole = np.zeros(shape, np.uint64), np.zeros(shape[:2], bool)
+            cells[sample, part] = parts.words[order]
+            whole[sample, part] = parts.whole[order]
+        return cells.astype("<u8", copy=False).view(np.uint8), np.asarray(whole.all(axis=1))
 
     def _blocks(
         self,
-        members: list[int],
-        owner: NDArray[np.int8],
+        spans: list[tuple[int, slice]],
         rows: NDArray[np.uint8],
         complete: NDArray[np.bool_],
         t_ns: NDArray[np.int64],
@@ -193,56 +238,69 @@ class CanSensor:
     ) -> tuple[list[Block], Mapping[str, int]]:
         """Blocks of samples, each checked as a whole: all its values are used or none.
 
-        `rows` (N, messages, width) are samples of units of one layout, sorted by their `owner` (N,); `counters` of all
-        units are updated in place.
+        `spans` are units of one layout, and the samples of each in `rows` (N, messages, width); `counters` of all units
+        are updated in place.
         """
-        layout = self.units[members[0]]
+        layout = self.units[spans[0][0]]
         last = rows[:, -1]
-        flags = np.where(complete, 0, Flag.INCOMPLETE).astype(np.uint8)
-        if layout.checksum is not None:
-            flags[complete & (self._crc(layout, rows) != layout.checksum.raw(last))] = Flag.CHECKSUM
+        flags = np.where(complete, np.uint8(0), np.uint8(Flag.INCOMPLETE))
+        crc = self._crc[spans[0][0]]
+        if layout.checksum is not None and crc is not None:
+            wrong = crc.over(rows.reshape(len(rows), -1)) != layout.checksum.raw(last)
+            flags[wrong & complete] = Flag.CHECKSUM
         trusted = flags == 0
-        ledger = add(
+        bad = np.count_nonzero(flags)
+        incomplete = len(rows) - np.count_nonzero(complete)
+        count = layout.counter.raw(last).astype(np.int64)
+        lost = 0
+        steady = None if bad else steady_counters(count, spans, layout.counter.length, counters)
+        if steady is not None:
+            for u, state in steady.items():
+                counters[u] = state
+        else:
+            for u, span in spans:
+                jumps, counters[u] = follow_counter(count[span], trusted[span], layout.counter.length, counters[u])
+                flags[span][jumps.gap] |= np.uint8(Flag.GAP)
+                lost += int(jumps.lost.sum())
+        values, saturated = self._extract[spans[0][0]].values(rows)
+        signals = {id(reading.status): reading.status for reading in layout.readings}  # channels may share one
+        status = {key: signal.raw(last) != 0 for key, signal in signals.items()}
+        own_flags = np.repeat(flags[None], len(values), axis=0)
+        bad_status = saturated[:0]
+        if bad or any(one.any() for one in status.values()):
+            bad_status = np.array([status[id(reading.status)] for reading in layout.readings]) & trusted
+            for of_channel, without in zip(values, bad_status | ~trusted, strict=True):
+                of_channel[without] = np.nan
+            own_flags[bad_status] |= np.uint8(Flag.STATUS)
+            saturated &= trusted & ~bad_status
+        if saturated.any():
+            own_flags[saturated] |= np.uint8(Flag.RANGE)
+        blocks = [
+            Block(self.units[u].readings[i].channel, t_ns[span], values[i][span], own_flags[i, span])
+            for i in range(len(values))
+            for u, span in spans
+        ]
+        return blocks, add(
             ledger,
             samples=len(rows),
-            incomplete=np.count_nonzero(~complete),
-            bad_checksum=np.count_nonzero(flags == Flag.CHECKSUM),
+            incomplete=incomplete,
+            bad_checksum=bad - incomplete,
+            lost=lost,
+            bad_status=np.count_nonzero(bad_status.any(axis=0)),
+            saturated=np.count_nonzero(saturated.any(axis=0)),
         )
-        count = layout.counter.raw(last)
-        edges = np.searchsorted(owner, [*members, len(self.units)])
-        spans = {u: slice(a, b) for u, a, b in zip(members, edges[:-1], edges[1:], strict=True) if a < b}
-        for u, span in spans.items():
-            jumps, counters[u] = follow_counter(count[span], trusted[span], layout.counter.length, counters[u])
-            flags[span][jumps.gap] |= np.uint8(Flag.GAP)
-            ledger = add(ledger, lost=jumps.lost.sum())
-        any_status = np.zeros(len(rows), bool)
-        any_saturated = np.zeros(len(rows), bool)
-        blocks = []
-        for i, reading in enumerate(layout.readings):
-            bad_status = trusted & (reading.status.raw(last) != 0)
-            values, saturated = _values(reading, rows)
-            saturated &= trusted & ~bad_status
-            values[~trusted | bad_status] = np.nan
-            own = flags.copy()
-            own[bad_status] |= np.uint8(Flag.STATUS)
-            own[saturated] |= np.uint8(Flag.RANGE)
-            any_status |= bad_status
-            any_saturated |= saturated
-            blocks += [
-                Block(self.units[u].readings[i].channel, t_ns[span], values[span], own[span])
-                for u, span in spans.items()
-            ]
-        return blocks, add(ledger, bad_status=np.count_nonzero(any_status), saturated=np.count_nonzero(any_saturated))
 
-    def _crc(self, unit: Unit, rows: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """(N,) checksum of samples held in `rows` (N, messages, width)."""
+    def _row_crc(self, unit: Unit) -> RowCrc | None:
+        """The checksum of a unit's samples in rows of all their messages, its own bits taken as 0."""
         if self.checksum is None or unit.checksum is None:
-            raise ValueError(f"{self.name} has no checksum")
-        payloads = [rows[:, p, : message.length] for p, message in enumerate(unit.messages)]
-        end = rows[:, -1].copy()
-        unit.checksum.put(end, 0)
-        payloads[-1] = end[:, : unit.messages[-1].length]
-        return self.checksum.over(np.concatenate(payloads, axis=1)).astype(np.int64)
+            return None
+        width, last = self._words * dbc.WORD, len(unit.messages) - 1
+        message = []
+        for part, laid in enumerate(unit.messages):
+            for byte in range(laid.length):
+                own = sum(1 << bit % 8 for bit in unit.checksum.bits if bit // 8 == byte and part == last)
+                message.append((width * part + byte, 0xFF & ~own))
+        return RowCrc(self.checksum, width * len(unit.messages), message)
 
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
         """The frames that a sensor would send for these samples.
@@ -271,7 +329,7 @@ class CanSensor:
 
     def _sent(self, blocks: Mapping[str, Block], counter: int) -> Iterator[tuple[NDArray, ...]]:
         """For each unit with samples: stamps, ids, lengths (M,) and payload rows (M, W) of its frames."""
-        for unit in self.units:
+        for u, unit in enumerate(self.units):
             given = together(blocks, tuple(reading.channel for reading in unit.readings))
             if not given:
                 continue
@@ -283,8 +341,9 @@ class CanSensor:
                 saturated = _put_values(reading, rows, block.values)
                 bad = not_valid(block, saturated)
                 reading.status.put(last, np.where(bad, NOT_VALID, reading.status.raw(last)))
-            if unit.checksum is not None:
-                unit.checksum.put(last, self._crc(unit, rows))
+            crc = self._crc[u]
+            if unit.checksum is not None and crc is not None:
+                unit.checksum.put(last, crc.over(rows.reshape(n, rows.shape[1] * rows.shape[2])))
             parts = len(unit.messages)
             yield (
                 np.repeat(given[0].t_ns, parts),
@@ -292,18 +351,6 @@ class CanSensor:
                 np.tile(np.array([message.length for message in unit.messages], np.int64), n),
                 rows.reshape(n * parts, rows.shape[2]),
             )
-
-
-def _values(reading: Reading, rows: NDArray[np.uint8]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(N, k) values in SI units and (N,) whether any component is at the end of its range."""
-    values = np.empty((len(rows), len(reading.components)))
-    saturated = np.zeros(len(rows), bool)
-    for column, component in enumerate(reading.components):
-        raw = component.signal.raw(rows[:, component.part])
-        values[:, column] = component.signal.physical(raw) * component.si
-        if not reading.cyclic:
-            saturated |= (raw <= component.signal.low) | (raw >= component.signal.high)
-    return values, saturated
 
 
 def _put_values(reading: Reading, rows: NDArray[np.uint8], values: NDArray[np.float64]) -> NDArray[np.bool_]:

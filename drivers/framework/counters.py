@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import SupportsInt
 
@@ -60,6 +60,28 @@ def follow_counter(
     lost[at] = np.where(went_back, 0, np.maximum(steps - between, 0))
     back[at] = went_back
     return Jumps(lost, back), CounterState(int(values[-1]), len(counter) - 1 - int(at[-1]))
+
+
+def steady_counters(
+    counter: NDArray[np.int64], spans: Sequence[tuple[int, slice]], bits: int, states: Sequence[CounterState]
+) -> dict[int, CounterState] | None:
+    """States after trusted samples of several sensors, of which none is lost; None where `follow_counter` must look.
+
+    `spans` are the sensors and the samples of each, end to end.
+    """
+    if bits > 62:  # beyond what integers of 64 bits can tell apart
+        return None
+    modulus = 1 << bits
+    ends = {span.stop - 1 for _, span in spans}
+    if not ends.issuperset(np.flatnonzero((counter[1:] - counter[:-1]) & (modulus - 1) != 1).tolist()):
+        return None
+    after: dict[int, CounterState] = {}
+    for number, span in spans:
+        before, first = states[number], int(counter[span.start])
+        if before.between or (before.last is not None and (first - before.last) % modulus != 1):
+            return None
+        after[number] = CounterState(int(counter[span.stop - 1]))
+    return after
 
 
 def unwrap_clock(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +49,38 @@ class Crc:
             else:
                 register = ((register << 8) & mask) ^ self.table[(register >> (self.width - 8)) ^ byte]
         return (register ^ np.uint32(self.final_xor)).astype(np.uint32)
+
+
+class RowCrc:
+    """A CRC over some bits of rows of bytes, by tables of the contribution of each two bytes, which are added.
+
+    Parameters
+    ----------
+    crc : the algorithm.
+    width : length of a row [byte], even.
+    message : columns and bits of the message in its order; bits that are not given count as 0.
+    """
+
+    def __init__(self, crc: Crc, width: int, message: Sequence[tuple[int, int]]):
+        dtype = np.uint8 if crc.width == 8 else np.uint16 if crc.width == 16 else np.uint32
+        self._start = dtype(crc.over(np.zeros((1, len(message)), np.uint8))[0])
+        alone = np.zeros((len(message), 256, len(message)), np.uint8)  # each value of each byte, the others 0
+        for k in range(len(message)):
+            alone[k, :, k] = np.arange(256)
+        linear = replace(crc, initial=0, final_xor=0).over(alone.reshape(-1, len(message))).astype(dtype)
+        columns = np.zeros((width, 256), dtype)
+        for k, (column, bits) in enumerate(message):
+            columns[column] = linear.reshape(len(message), 256)[k][np.arange(256) & bits]
+        pairs = [(i, np.bitwise_xor.outer(columns[2 * i + 1], columns[2 * i]).ravel()) for i in range(width // 2)]
+        self._pairs = [(i, table) for i, table in pairs if table.any()]
+
+    def over(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
+        """(N,) CRC of each row, `rows` (N, width) contiguous."""
+        register = np.full(len(rows), self._start)
+        words = rows.view("<u2")
+        for i, table in self._pairs:
+            register ^= table.take(words[:, i])
+        return register
 
 
 CRC8_J1850 = Crc("CRC-8/SAE-J1850", 8, 0x1D, 0xFF, False, 0xFF)

@@ -70,6 +70,13 @@ class Signal:
             for byte in range(self._first // 8, last // 8 + 1)
         ]
 
+    @cached_property
+    def aligned(self) -> tuple[int, str] | None:
+        """First byte and type of a signal that is a whole number in memory, None for any other."""
+        if self.length not in (8, 16, 32, 64) or self._first % 8:
+            return None
+        return self._first // 8, f"{'>' if self.big_endian else '<'}{'i' if self.signed else 'u'}{self.length // 8}"
+
     def raw(self, rows: NDArray[np.uint8]) -> NDArray[Any]:
         """Raw value of each row.
 
@@ -79,8 +86,11 @@ class Signal:
 
         Returns
         -------
-        (N,) int64, or uint64 for an unsigned signal of 64 bits.
+        (N,) integers of any type that holds them.
         """
+        if self.aligned is not None:
+            begin, kind = self.aligned
+            return rows[:, begin : begin + self.length // 8].view(kind)[:, 0]
         base = min(self._first // 8, rows.shape[1] - WORD)
         skip = self._first - 8 * base
         order = ">u8" if self.big_endian else "<u8"

@@ -22,7 +22,7 @@ from lacet.services.acquisition.stream_decoder import Decoder
 WINDOW_NS = 100_000_000
 """Duration of the messages written [ns]."""
 
-STEP = 20
+STEP = 50
 """Windows decoded at a time."""
 
 HOLD = 10
@@ -181,9 +181,9 @@ class _Source:
         self._read = _Windows()
 
     def filled(self) -> bool:
-        """Whether there are any more frames; at least one batch is read then."""
-        while not self._read.items and (batch := next(self._batches, None)) is not None:
-            self._add(batch)
+        """Whether there are any more frames; some are read then."""
+        if not self._read.items:
+            self._fill(np.iinfo(np.int64).max, 1)
         return bool(self._read.items)
 
     @property
@@ -193,15 +193,21 @@ class _Source:
 
     def before(self, limit: int) -> tuple[Frames | None, NDArray[np.int64]]:
         """Frames of the windows before one, `LARGEST` or a batch more at a time, and their windows."""
-        count = sum(len(numbers) for _, numbers in self._read.items)
-        while self._read.top < limit and count < LARGEST and (batch := next(self._batches, None)) is not None:
-            self._add(batch)
-            count += len(batch)
+        self._fill(limit, LARGEST - sum(len(numbers) for _, numbers in self._read.items))
         return self._read.take(limit)
 
-    def _add(self, batch: Frames) -> None:
-        if len(batch):
-            self._read.append(batch, self._read.number(batch.t_ns))
+    def _fill(self, limit: int, most: int) -> None:
+        """Read until a window is reached, or so many frames or a batch more are read."""
+        new: list[Frames] = []
+        top = self._read.top
+        while top < limit and most > 0 and (batch := next(self._batches, None)) is not None:
+            if len(batch):
+                new.append(batch)
+                most -= len(batch)
+                top = max(top, int(batch.t_ns.max()) // WINDOW_NS)
+        if new:
+            frames = Frames.concat(self.name, new)
+            self._read.append(frames, self._read.number(frames.t_ns))
 
 
 def _edges(numbers: NDArray[np.int64]) -> list[int]:

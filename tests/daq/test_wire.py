@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats import wire
+from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 from tests.daq.wire_strategies import COUNT, LOSSES, NS, TALLIES, TEXTS, blocks, frames, same_blocks, same_frames
@@ -43,6 +46,23 @@ def test_packed_by_hand_is_what_protobuf_packs(block: Block):
     message = pb.DecodedBlock.FromString(data)
     assert len(message.SerializeToString()) == len(data)
     assert message.unit == CHANNELS[block.channel].unit
+
+
+@given(blocks(), frames(), COUNT, st.lists(st.integers(0, 8)))
+def test_many_messages_at_once_are_as_one_by_one(block: Block, batch: Frames, sequence: int, cuts: list[int]):
+    edges = sorted({0, len(block), *(cut for cut in cuts if cut < len(block))})
+    device = block.device_ns
+    alone = [
+        Block(
+            block.channel, block.t_ns[a:b], block.values[a:b], block.flags[a:b], None if device is None else device[a:b]
+        )
+        for a, b in pairwise(edges)
+    ]
+    expected = [wire.block_to_bytes(one, sequence + i, "body") for i, one in enumerate(alone)]
+    assert block_to_messages(block, edges, sequence, "body") == expected
+    edges = sorted({0, len(batch), *(cut for cut in cuts if cut < len(batch))})
+    expected = [wire.frames_to_bytes(batch[a:b], sequence + i) for i, (a, b) in enumerate(pairwise(edges))]
+    assert frames_to_messages(batch, edges, sequence) == expected
 
 
 @given(st.builds(wire.StartRecord, st.text(), NS, st.text(), st.text(), TEXTS, notes=st.text(), extra=TEXTS))

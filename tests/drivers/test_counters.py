@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lacet.drivers.framework.counters import CounterState, follow_counter, unwrap_clock
+from lacet.drivers.framework.counters import CounterState, follow_counter, steady_counters, unwrap_clock
 
 
 @given(
@@ -76,3 +76,29 @@ def test_a_clock_is_unwrapped_across_any_split(steps, first, bad, cut):
     b, _, end = unwrap_clock(clock[cut:], trusted[cut:], middle)
     np.testing.assert_array_equal(np.concatenate((a, b)), device)
     assert end == last
+
+
+@given(
+    lengths=st.lists(st.integers(1, 6), min_size=1, max_size=4),
+    states=st.lists(st.builds(CounterState, st.none() | st.integers(0, 15), st.sampled_from([0, 0, 0, 1])), min_size=4),
+    bits=st.sampled_from([4, 8, 16]),
+    spoilt=st.none() | st.integers(0, 20),
+)
+def test_several_steady_counters_at_once_are_as_one_by_one(lengths, states, bits, spoilt):
+    """Counters that go on, or begin anywhere; one of their values may be wrong."""
+    ends = np.cumsum(lengths)
+    spans = [(u, slice(int(end - n), int(end))) for u, (n, end) in enumerate(zip(lengths, ends, strict=True))]
+    firsts = [7 if states[u].last is None else states[u].last + 1 for u, _ in spans]
+    values = [(first + np.arange(n)) % (1 << bits) for first, n in zip(firsts, lengths, strict=True)]
+    counter = np.concatenate(values).astype(np.int64)
+    if spoilt is not None and spoilt < len(counter):
+        counter[spoilt] = (counter[spoilt] + 3) % (1 << bits)
+    found = steady_counters(counter, spans, bits, states)
+    trusted = np.ones(len(counter), bool)
+    slow = {u: follow_counter(counter[span], trusted[span], bits, states[u]) for u, span in spans}
+    if found is None:
+        lost = any(jumps.gap.any() for jumps, _ in slow.values())
+        assert lost or any(states[u].between for u, _ in spans)
+    else:
+        assert not any(jumps.gap.any() for jumps, _ in slow.values())
+        assert found == {u: state for u, (_, state) in slow.items()}
