@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum, auto
+from pathlib import Path
 
 from lacet.identify.progress import Stage, Step
 
@@ -12,6 +13,8 @@ from lacet.identify.progress import Stage, Step
 class ServiceStage(Enum):
     """A stage of a service; `lacet.services.render.progress` has the sentence of each."""
 
+    # What the job will do, announced before it does it
+    PLANNED = auto()
     # Runs and fits of a study
     READING_RUNS = auto()
     READING_RUN = auto()
@@ -23,6 +26,7 @@ class ServiceStage(Enum):
     MANOEUVRE_PHASES = auto()
     BODY_CONSISTENCY = auto()
     CONSISTENT_FIT = auto()
+    INSTRUMENTS = auto()
     CANDIDATES = auto()
     # Campaign
     CAMPAIGN_PASS = auto()
@@ -53,6 +57,37 @@ AnyStep = Step[AnyStage]
 
 
 @dataclass(frozen=True)
+class Stretch:
+    """A part of a job.
+
+    Attributes
+    ----------
+    stage : its stage.
+    usual : usual time [s] on the machine and runs of `lacet.services.timing.usual`; ratios matter more than seconds.
+    subject : the step's subject, where the stage is for several of them ("used", "held out"); empty for any.
+    likely : part of its time that is planned for: below 1 for a stage that only some jobs go through.
+    """
+
+    stage: AnyStage
+    usual: float
+    subject: str = ""
+    likely: float = 1.0
+
+    @property
+    def name(self) -> str:
+        """Name under which its pace is remembered."""
+        return f"{self.stage.name} {self.subject}".rstrip()
+
+
+@dataclass(frozen=True)
+class JobPlan:
+    """What a job will do, in order; `memory` : file of the paces that its stages had the last time, if any."""
+
+    stretches: tuple[Stretch, ...]
+    memory: Path | None = None
+
+
+@dataclass(frozen=True)
 class ServiceStep(AnyStep):
     """A step with its place in a study or a reproduction.
 
@@ -61,16 +96,23 @@ class ServiceStep(AnyStep):
     effects : effects of the model being fitted, beyond the base model.
     version : number of the study's version, 0 for one not recorded yet; None outside a study.
     campaign : name of the campaign being reproduced, or empty.
+    plan : of the stage `PLANNED`, what the job will do from here on.
     """
 
     effects: tuple[str, ...] = ()
     version: int | None = None
     campaign: str = ""
+    plan: JobPlan | None = None
 
     @classmethod
     def of_version(cls, step: AnyStep, version: int) -> ServiceStep:
         """A step of a computation for a version of a study."""
         return cls(step.stage, step.done, step.total, step.subject, step.values, version=version)
+
+
+def planned(stretches: Iterable[Stretch], memory: Path | None = None) -> ServiceStep:
+    """The step that says what a job will do from here on."""
+    return ServiceStep(ServiceStage.PLANNED, plan=JobPlan(tuple(stretches), memory))
 
 
 Progress = Callable[[AnyStep], None]

@@ -35,7 +35,7 @@ def fall() -> Figure:
 def surface() -> Figure:
     """Restoring-force surfaces of the base model's error."""
     study = Study.open(Path("groove")).go_to(1)
-    return surface_figure(restoring_surfaces(Session(study).fitted(study.version())))
+    return surface_figure(restoring_surfaces(Session(study).values.fitted(study.version())))
 
 
 PICTURES: Mapping[str, tuple[str, Callable[[], Figure]]] = {

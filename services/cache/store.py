@@ -38,6 +38,10 @@ class Store:
     def __init__(self, study: Path, most: int = MOST_BYTES):
         self.folder, self.most = study / FOLDER, most
 
+    def has(self, kind: str, key: str) -> bool:
+        """Whether there is a file of this value."""
+        return self._file(kind, key).is_file()
+
     def load(self, kind: str, key: str) -> Any:
         """The value of a key, or None where there is none that can be read."""
         file = self._file(kind, key)

@@ -50,9 +50,9 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"no diagnosis of version {study.current} proposes anything: lacet diagnose {args.study}")
     if key is None:
         raise UsageError("name an effect, or give --best")
-    with Line() as line:
+    with Line("add") as line:
         session = Session(study, line.progress)
-        known = session.study.effects(session.reference(session.study.version()))
+        known = session.study.effects(session.runs.reference(session.study.version()))
         effect = find_effect(key, known)
         shape = _shape(args.shape, {**{n: v[0] for n, v in effect.grids.items()}, **effect.shape}, effect.grids)
         before = study.version()

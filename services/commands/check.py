@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.progress import Stage
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
 from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
@@ -16,7 +18,9 @@ from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
 from lacet.identify.validation.score import compare, worst_row
 from lacet.services.commands.progress import Line
+from lacet.services.progress import Progress, ServiceStage, ServiceStep, planned
 from lacet.services.render import sensor_report
+from lacet.services.timing.usual import stretch
 from lacet.services.workspace import sensor_check as checking
 from lacet.services.workspace.loading import Loaded, default_filters, load
 from lacet.services.workspace.results import scores
@@ -67,9 +71,13 @@ def run(args: argparse.Namespace) -> int:
         if args.write_rig.exists():
             raise UsageError(f"--write-rig {args.write_rig}: already there; give another name")
     result: dict[str, Any] = {}
-    with Line() as line:
-        line.show("reading runs")
-        loaded, model = _load(args)
+    with Line("check") as line:
+        stages = [ServiceStage.READING_RUN]
+        stages += [Stage.LATENCIES, ServiceStage.COMPARING] * ("latency" in asked)
+        if "bias" in asked:
+            stages += [ServiceStage.FITTING] * ("latency" not in asked) + [ServiceStage.INSTRUMENTS]
+        line.progress(planned(stretch(stage, len(args.runs)) for stage in stages))
+        loaded, model = _load(args, line.progress)
         result |= {
             "vehicle": loaded.vehicle.name,
             "rig": loaded.rig.name,
@@ -87,10 +95,16 @@ def run(args: argparse.Namespace) -> int:
         if "latency" in asked:
             filters = loaded.prepared[0].recording.filters
             timings = estimate_latencies(
-                model, loaded.runs, loaded.vehicle, loaded.rig, filters, args.time_base, line.progress
+                model,
+                loaded.runs,
+                loaded.vehicle,
+                loaded.rig,
+                filters,
+                args.time_base,
+                lambda step: line.progress(replace(step, total=0)),  # the search ends sooner than it may
             )
             fitted = timings.fit
-            line.show("simulating the noise floor")
+            line.progress(ServiceStep(ServiceStage.COMPARING))
             trust = worst_row(scores([compare(fitted, drive, _DRAWS) for drive in fitted.runs]))
             result["latency"] = checking.latency_result(timings, trust)
             print(
@@ -104,9 +118,9 @@ def run(args: argparse.Namespace) -> int:
             if args.write_rig is not None:
                 _write(args.write_rig, loaded, timings)
         if "bias" in asked:
-            line.show("fitting")
+            line.progress(ServiceStep(ServiceStage.FITTING))
             fitted = fitted or fit(model, loaded.prepared)
-            line.show("fitting with instruments")
+            line.progress(ServiceStep(ServiceStage.INSTRUMENTS))
             found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
             result["bias"] = checking.bias_result(found, loaded.vehicle)
             print(f"\nBias by noise:\n{sensor_report.bias_text(result['bias'])}")
@@ -116,11 +130,11 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
+def _load(args: argparse.Namespace, progress: Progress) -> tuple[Loaded, Model]:
     """The runs and the model: a study's own, or the base model for runs given one by one."""
     folders = [path for path in args.runs if path.is_dir()]
     if not folders:
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress)
         model = Model.of(base_model(loaded.vehicle, loaded.reference))
         known = catalogue(loaded.vehicle, loaded.reference)
     else:
@@ -129,7 +143,7 @@ def _load(args: argparse.Namespace) -> tuple[Loaded, Model]:
         study = Study.open(folders[0])
         filters = study.filters if args.cutoff is None else default_filters(args.cutoff)
         rig, vehicle = args.rig or study.folder / "rig.toml", args.vehicle or study.folder / "vehicle.toml"
-        loaded = load(study.paths(), rig, vehicle, filters)
+        loaded = load(study.paths(), rig, vehicle, filters, progress)
         model = study.model(study.version(), loaded.reference)
         known = study.effects(loaded.reference)
     rigs = {drive.recording.rig.text for drive in loaded.prepared}

@@ -39,13 +39,14 @@ def run(args: argparse.Namespace) -> int:
     study = Study.open(args.study)
     version = study.version(args.version)
     pictures: list[Path] = []
-    with Line() as line:
+    with Line("compare") as line:
         session = Session(study, line.progress)
-        used = session.comparisons(version, held=False)
-        held = session.comparisons(version, held=True)
-        if not args.no_pictures:
-            line.show("drawing")
-            pictures = write_pictures(session.pictures(version), study.folder / "pictures")
+        drawn = [] if args.no_pictures else [("pictures", version)]
+        with session.planned(("compared", version), *drawn):
+            used = session.values.comparisons(version, held=False)
+            held = session.values.comparisons(version, held=True)
+            if drawn:
+                pictures = write_pictures(session.values.pictures(version), study.folder / "pictures")
     not_judged = [line for part in held for line in rows_not_judged(part)]
     result = {
         "version": version.number, "effects": version.effects, "used": scores(used), "held": scores(held),

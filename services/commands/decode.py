@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
-from lacet.services.render.progress import sentence
-from lacet.services.workspace.decode import decode_log
+from lacet.services.commands.progress import Line
+from lacet.services.progress import planned
+from lacet.services.workspace.decode import decode_log, decoding_plan
 
 HELP = "rebuild the decoded channels of a log or capture from its raw frames"
 DESCRIPTION = """\
@@ -50,21 +46,12 @@ def run(args: argparse.Namespace) -> int:
     """Decode one log."""
     if args.output.exists() and (not args.force or args.output.samefile(args.raw)):
         raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
-    with _progress() as bar:
-        task = bar.add_task("read", total=1.0)
-        found = decode_log(
-            args.raw, args.output, args.rig, args.dbc,
-            lambda step: bar.update(
-                task, completed=step.done, total=step.total, description=sentence(replace(step, total=0))
-            ),
-        )  # fmt: skip
+    with Line("decode") as line:
+        line.progress(planned(decoding_plan()))
+        found = decode_log(args.raw, args.output, args.rig, args.dbc, line.progress)
     _report(found)
     write_result(args.json, "decode", found)
     return WITH_LOSSES if found["losses"] or found["absent"] or found["damage"] else DONE
-
-
-def _progress() -> Progress:
-    return Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty())
 
 
 def _report(found: dict[str, Any]) -> None:

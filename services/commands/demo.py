@@ -21,7 +21,6 @@ from lacet.identify.validation.score import failing_rows, pooled_ratio, worst_ro
 from lacet.services.commands import decode
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
-from lacet.services.render.progress import in_words
 from lacet.services.render.verdicts import print_change, print_diagnosis
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
@@ -70,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     held = [file for name, file in runs.items() if name in _HELD]
     first = open_run(used[0])
     study = Study.create(out / "study", used, held, find_rig(first, None), find_vehicle(first, None), draws=args.draws)
-    with Line() as line:
+    with Line("demo") as line:
         session = Session(study, line.progress)
         version = session.record({}, "base model")
         rows = version.result["rows"]
@@ -94,7 +93,7 @@ def run(args: argparse.Namespace) -> int:
         ).changes
         print("4. How the error fell.\n" + tables.history(session.study.versions()), flush=True)
         report = out / "report.html"
-        write_report(session, report, in_words(line.notify))
+        write_report(session, report)
     seconds = time.monotonic() - began
     print(f"\nDone in {seconds:.0f} s.\n  report: {report}\n  logs:   {', '.join(str(f) for f in runs.values())}")
     print(

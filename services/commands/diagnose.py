@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -60,15 +61,17 @@ def run(args: argparse.Namespace) -> int:
             raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
         study = study.with_draws(args.draws)
     steps: list[dict[str, Any]] = []
-    with Line() as line:
+    with Line("diagnose") as line:
         session = Session(study, line.progress)
 
         def show(diagnosis: Diagnosis) -> None:
             steps.append(diagnosis_result(diagnosis))
             print_diagnosis(steps[-1], args.most, args.why)
 
-        found = session.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
-        following = _next(args, session, found.last, line.progress)
+        wanted = [("ranking", study.version()), ("next", study.version())]
+        with contextlib.nullcontext() if args.auto or args.next is None else session.planned(*wanted):
+            found = session.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
+            following = _next(args, session, found.last, line.progress)
     result = {**steps[-1], **following}
     if args.auto:
         print(tables.history(session.study.versions()))

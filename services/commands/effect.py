@@ -92,7 +92,7 @@ def _read(study: Study, text: str, only_try: bool) -> dict[str, Any]:
     may_have(study, cls)
     found = _described(cls, study)
     first = study.paths()[0]
-    with Line() as line:
+    with Line("effect") as line:
         line.show(f"trying it on {first.name}")
         loaded = load([first], study.folder / "rig.toml", study.folder / "vehicle.toml", study.filters)
         acts = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)

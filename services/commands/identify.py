@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
+from lacet.identify.progress import Stage
 from lacet.identify.properties.consistent_fit import consistency, consistent_fit
 from lacet.identify.properties.derived import damper_curves
 from lacet.identify.regression.instrumental_variables import fit_instruments, pairs_of
@@ -14,11 +15,12 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.prediction_uncertainty import Knowledge
-from lacet.identify.validation.score import compare, fails, worst_row
+from lacet.identify.validation.score import Comparison, compare, fails, worst_row
 from lacet.services.commands.progress import Line
-from lacet.services.progress import ServiceStage, ServiceStep
+from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
+from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.report import write_pictures
 from lacet.services.workspace.results import consistency_result, fit_result
@@ -64,17 +66,26 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _stretches(args: argparse.Namespace) -> list[Stretch]:
+    """The plan of the command."""
+    stages = [ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION]
+    stages += [ServiceStage.INSTRUMENTS] * bool(args.instruments)
+    stages += [ServiceStage.BODY_CONSISTENCY, ServiceStage.CONSISTENT_FIT] * bool(args.consistent)
+    stages += [ServiceStage.COMPARING, *[ServiceStage.DRAWING_RUN] * bool(args.pictures)]
+    return [stretch(stage, len(args.runs)) for stage in stages]
+
+
 def run(args: argparse.Namespace) -> int:
     """Fit and print; 3 when a run was damaged or left out, or nothing is identifiable."""
-    with Line() as line:
-        line.show("reading runs")
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff))
+    with Line("identify") as line:
+        line.progress(planned(_stretches(args)))
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), line.progress)
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
-        line.show("fitting")
-        fitted = fit(model, loaded.prepared, FitOptions(robust=args.robust))
+        line.progress(ServiceStep(ServiceStage.FITTING))
+        fitted = fit(model, loaded.prepared, FitOptions(robust=args.robust), progress=line.progress)
         if args.instruments:
-            line.show("fitting again with instruments")
+            line.progress(ServiceStep(ServiceStage.INSTRUMENTS))
             fitted = fit_instruments(fitted, pairs_of(fitted, loaded.runs)).fit
         found = nearest = None
         if args.consistent:
@@ -83,19 +94,22 @@ def run(args: argparse.Namespace) -> int:
             line.progress(ServiceStep(ServiceStage.CONSISTENT_FIT))
             nearest = consistent_fit(fitted)
             fitted = nearest.fit
-        line.show("simulating the noise floor")
-        parts = [compare(fitted, drive, SCORE_DRAWS) for drive in fitted.runs]
+        parts: list[Comparison] = []
+        for done, drive in enumerate(fitted.runs):
+            line.progress(ServiceStep(ServiceStage.COMPARING, done, len(fitted.runs), drive.name))
+            parts.append(compare(fitted, drive, SCORE_DRAWS))
         knowledge = Knowledge.of(fitted)
         drawn = None if args.instruments else fitted.bootstrap()
         result = fit_result(fitted, loaded, parts, knowledge=knowledge, drawn=drawn)
         pictures: list[Path] = []
         if args.pictures is not None:
-            line.show("drawing")
             # Only here: matplotlib takes half a second to load.
             from lacet.services.render.figures.validation_plots import comparison_pictures, damper_picture
 
-            drawn_parts = {part.name: comparison_pictures(part) for part in parts}
-            drawings = {f"{run}-{what}": png for run, some in drawn_parts.items() for what, png in some.items()}
+            drawings: dict[str, bytes] = {}
+            for done, part in enumerate(parts):
+                line.progress(ServiceStep(ServiceStage.DRAWING_RUN, done, len(parts), part.name))
+                drawings |= {f"{part.name}-{what}": png for what, png in comparison_pictures(part).items()}
             if (dampers := damper_picture(damper_curves(fitted, knowledge))) is not None:
                 drawings["dampers"] = dampers
             pictures = write_pictures(drawings, args.pictures)

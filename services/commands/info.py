@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
     if args.rows:
         result["rows"] = _rows(args.reference or "contact")
     if args.model:
-        with Line() as line:
+        with Line("info") as line:
             asked = find_model(args.file, args.reference, args.rig, args.vehicle, line.progress)
             result |= model_info(asked, line.progress)
         print_model(result["model"])

@@ -15,7 +15,16 @@ from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, plain, write_result
 from lacet.identify.validation.score import worst_row
 from lacet.services.commands.progress import Line
-from lacet.services.reproduction.campaigns import Campaign, Places, drive_all, experiment, identify, simulation
+from lacet.services.progress import planned
+from lacet.services.reproduction.campaigns import (
+    Campaign,
+    Places,
+    drive_all,
+    experiment,
+    identify,
+    reproduction_plan,
+    simulation,
+)  # fmt: skip
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.reproduction.scores import MISSED, WITHOUT, Scored, print_tables, score
 from lacet.simulate.engine import engine_library
@@ -61,13 +70,15 @@ def run(args: argparse.Namespace) -> int:
     campaigns = [c for c in (simulation(), experiment()) if args.tables in (None, c.name)]
     _make_room(args.out, {"seed": args.seed, "quick": args.quick}, args.force)
     status, results = DONE, []
-    with Line() as line:
+    with Line("paper") as line:
+        if args.quick:
+            campaigns = [campaign.shortened(QUICK) for campaign in campaigns]
+        if args.refit:
+            for campaign in campaigns:
+                Places.of(args.out, campaign).fit.unlink(missing_ok=True)
+        line.progress(planned(one for c in campaigns for one in reproduction_plan(c, Places.of(args.out, c))))
         for campaign in campaigns:
-            if args.quick:
-                campaign = campaign.shortened(QUICK)
             places = Places.of(args.out, campaign)
-            if args.refit:
-                places.fit.unlink(missing_ok=True)
             drive_all(campaign, places, args.seed, line.progress)
             fitted = identify(campaign, places, line.progress)
             truth = json.loads(places.truth.read_text(encoding="utf-8"))["runs"][0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,12 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.design.run_ranking import Quantity, Ranked, Ranking, chosen, quantities
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
+from lacet.identify.progress import Stage
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
+from lacet.services.cache.store import FOLDER
 from lacet.services.commands.progress import Line
 from lacet.services.planning.manoeuvre_library import KMH, Limits, check, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
@@ -31,7 +33,11 @@ from lacet.services.planning.simulated_plans import (
     next_runs,
     simulated_runs,
 )
+from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
+from lacet.services.timing.memory import FILE
+from lacet.services.timing.usual import PLANNED_RUNS, stretch
+from lacet.services.workspace.kept.study_plans import StudyPlan
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
@@ -113,7 +119,8 @@ def run(args: argparse.Namespace) -> int:
     if args.goal is not None and not 0.0 <= args.goal < 100.0:
         raise UsageError(f"--goal {args.goal:g}: a percentage from 0 to below 100")
     names = kinds(_split(args.only), _split(args.without))
-    with Line() as line:
+    with Line("plan") as line:
+        line.progress(planned(_stretches(args)))
         start = _start(args, line)
         if start.fitted is not None:  # unknown names are refused before the long computation
             chosen(quantities(start.fitted, start.vehicle), args.want)
@@ -134,6 +141,17 @@ def run(args: argparse.Namespace) -> int:
     return WITH_LOSSES if result["warnings"] else DONE
 
 
+def _stretches(args: argparse.Namespace) -> list[Stretch]:
+    """The plan of the command; of a study it is announced anew, with what is kept, once that is open."""
+    runs = [ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION] if args.given else []
+    fitted = [stretch(stage, len(args.given)) for stage in runs]
+    if args.like:
+        read, seen = [stretch(ServiceStage.READING_RUN, len(args.like), "like")], len(args.like)
+    else:
+        read, seen = [stretch(ServiceStage.SIMULATING_RUN, PLANNED_RUNS)], PLANNED_RUNS
+    return [*fitted, *read, stretch(ServiceStage.RUN_INFORMATION, seen)]
+
+
 def _split(text: str) -> list[str]:
     return [word.strip() for word in text.split(",") if word.strip()]
 
@@ -147,7 +165,9 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         study = Study.open(given[0])
         session = Session(study, line.progress)
         version = study.version()
-        fitted, loaded = session.fitted(version), session.loaded
+        stretches = StudyPlan(session.values).want([("fit", version)]).stretches
+        line.progress(planned([*stretches, *_stretches(args)[3:]], study.folder / FOLDER / FILE))
+        fitted, loaded = session.values.fitted(version), session.runs.loaded
         return _Start(
             fitted, fitted.model, loaded.vehicle, loaded.rig, study.filters, loaded.reference, loaded.prepared,
             (study.folder / "rig.toml", study.folder / "vehicle.toml"), args.keep or study.folder / "planned",
@@ -155,13 +175,12 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         )  # fmt: skip
     filters = default_filters(args.cutoff)
     if given:
-        line.show("reading runs")
-        loaded = load(given, args.rig, args.vehicle, filters)
+        loaded = load(given, args.rig, args.vehicle, filters, line.progress)
         model = _model(loaded.vehicle, loaded.reference, args.add)
-        line.show("fitting")
+        line.progress(ServiceStep(ServiceStage.FITTING))
         return _Start(
-            fit(model, loaded.prepared), model, loaded.vehicle, loaded.rig, filters, loaded.reference, loaded.prepared,
-            (args.rig, args.vehicle), args.keep, loaded.warnings,
+            fit(model, loaded.prepared, progress=line.progress), model, loaded.vehicle, loaded.rig, filters,
+            loaded.reference, loaded.prepared, (args.rig, args.vehicle), args.keep, loaded.warnings,
         )  # fmt: skip
     if not (args.rig and args.vehicle):
         raise UsageError("give a study, or runs; before the first run give --vehicle FILE and --rig FILE")
@@ -181,8 +200,7 @@ def _runs(
 ) -> tuple[list[PlannedRun], tuple[str, ...], list[str]]:
     """The runs to choose from, the assumptions about the car, and why some runs could not be simulated."""
     if args.like:
-        line.show("reading runs")
-        loaded = load(args.like, *start.files, start.filters)
+        loaded = load(args.like, *start.files, start.filters, lambda step: line.progress(replace(step, subject="like")))
         if loaded.reference != start.reference:
             raise UsageError(f"the runs of --like have {loaded.reference} wheel loads, the others {start.reference}")
         return like_runs(loaded.prepared), (), list(loaded.warnings)

@@ -4,38 +4,50 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable
 from types import TracebackType
 
 from rich.console import Console
 from rich.status import Status
 
-from lacet.services.progress import AnyStep
-from lacet.services.render.progress import sentence
+from lacet.services.progress import AnyStep, ServiceStage
+from lacet.services.render.progress import sentence, with_time
+from lacet.services.timing.job_time import JobTime
 
 PERIOD = 5.0
 """Period of the lines where the output is not a terminal [s]."""
 
 
 class Line:
-    """Progress line on standard error, showing the latest text."""
+    """Progress line on standard error: share of the job done, time left, and the latest text.
 
-    def __init__(self, period: float = PERIOD):
-        self._period = period
+    Parameters
+    ----------
+    job : name of the job, which begins each line where the output is not a terminal.
+    period : time between two such lines, and before the first [s].
+    clock : monotonic time [s].
+    """
+
+    def __init__(self, job: str = "", period: float = PERIOD, clock: Callable[[], float] = time.monotonic):
+        self._job, self._period, self._clock = job, period, clock
         self._console = Console(stderr=True, highlight=False, markup=False)
-        self._status = Status("", console=self._console) if self._console.is_terminal else None
-        self._shown = time.monotonic()
+        self._status = Status(self, console=self._console) if self._console.is_terminal else None
+        self._time = JobTime(clock)
+        self._text = ""
+        self._shown = clock()
 
     def show(self, text: str) -> None:
         """Replace the line."""
-        if self._status is not None:
-            self._status.update(text)
-        elif time.monotonic() - self._shown >= self._period:
-            self._shown = time.monotonic()
-            print(text, file=sys.stderr, flush=True)
+        self._text = text
+        if self._status is None and self._clock() - self._shown >= self._period:
+            self._shown = self._clock()
+            print(f"{self._job}: {self}" if self._job else str(self), file=sys.stderr, flush=True)
 
     def progress(self, step: AnyStep) -> None:
         """Replace the line by the sentence of a computation's step."""
-        self.show(sentence(step))
+        self._time.step(step)
+        if step.stage != ServiceStage.PLANNED:
+            self.show(sentence(step))
 
     def notify(self, text: str) -> None:
         """Print a sentence that is not replaced."""
@@ -43,6 +55,14 @@ class Line:
             self._console.print(text)
         else:
             print(text, file=sys.stderr, flush=True)
+
+    def __str__(self) -> str:
+        """The line as it is now."""
+        now = self._time.estimate()
+        return self._text if now is None else with_time(self._text, now.share, now.remaining)
+
+    __rich__ = __str__
+    """The terminal's line is written anew several times a second, so that the time left runs down within a stage."""
 
     def __enter__(self) -> Line:
         if self._status is not None:
@@ -54,3 +74,4 @@ class Line:
     ) -> None:
         if self._status is not None:
             self._status.stop()
+        self._time.end(done=kind is None)

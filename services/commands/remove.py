@@ -31,7 +31,7 @@ def run(args: argparse.Namespace) -> int:
     """Remove, fit, print."""
     study = Study.open(args.study)
     before = study.version()
-    with Line() as line:
+    with Line("remove") as line:
         session = Session(study, line.progress)
         after = session.remove(args.effect)
     item = change_result(args.effect, before.result["rows"], after.result["rows"])

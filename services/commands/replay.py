@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
             stack.callback(args.endpoints.unlink, missing_ok=True)
         if args.wait:
             _wait(args, senders, stop)
-        with Line() as line:
+        with Line("replay") as line:
             progress = replay(frames, senders, speed, args.loop, stop, lambda now: line.show(_describe(now)))
         _linger(args, senders, stop)
     unsent = {name: sender.unsent for name, sender in senders.items() if sender.unsent}

@@ -9,15 +9,15 @@ from pathlib import Path
 from textwrap import fill
 from typing import Any
 
-from rich.console import Console
-from rich.progress import Progress
-
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.exchange import write_table
 from lacet.daq.formats.result import DONE, plain, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
+from lacet.services.commands.progress import Line
+from lacet.services.progress import ServiceStage, ServiceStep, planned
+from lacet.services.timing.usual import drives_plan
 from lacet.simulate import (
     CARS,
     KINDS,
@@ -132,13 +132,18 @@ def run(args: argparse.Namespace) -> int:
     text = vehicle_text(car)
     vehicle_file.write_text(text, encoding="utf-8")
     runs, truths = [], []
-    with Progress(console=Console(stderr=True)) as progress:
+    with Line("simulate") as line:
+        line.progress(planned(drives_plan((one.name, one.duration) for one in manoeuvres)))
         for index, (manoeuvre, file) in enumerate(zip(manoeuvres, files, strict=True)):
-            task = progress.add_task(manoeuvre.name, total=1.0)
+            name = manoeuvre.name
             seed = args.seed + RUN_STEP * index
             motion = drive(
-                car, manoeuvre, hidden, seed, progress=lambda f, task=task: progress.update(task, completed=f)
-            )
+                car, manoeuvre, hidden, seed,
+                progress=lambda part, name=name: line.progress(
+                    ServiceStep(ServiceStage.DRIVING, round(100 * part), 100, name)
+                ),
+            )  # fmt: skip
+            line.progress(ServiceStep(ServiceStage.MEASURING, subject=name))
             start_ns = START_NS + index * HOUR_NS
             if args.format == "capture":
                 _capture(file, motion, rig, text, seed, sheet, noise, start_ns)
@@ -146,7 +151,6 @@ def run(args: argparse.Namespace) -> int:
                 table = exchange_run(motion, rig, seed, rate=args.rate, sheet=sheet, noise=noise)
                 file.unlink(missing_ok=True)
                 write_table(table, file)
-            progress.update(task, completed=1.0)
             runs.append({"file": str(file), "manoeuvre": motion.manoeuvre, "duration_s": float(motion.t[-1])})
             truths.append({"file": file.name, "sheet": _sheet(sheet, noise, rig, seed), **motion.truth()})
     if args.truth is not None:

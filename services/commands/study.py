@@ -73,8 +73,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"\n{tables.fall_by_row(versions)}")
     print(f"  present version: {study.current}")
     if args.report:
-        with Line() as line:
-            write_report(Session(study, line.progress), args.report, line.progress)
+        with Line("study") as line:
+            write_report(Session(study, line.progress), args.report)
         print(f"report: {args.report}")
     write_result(args.json, "study", {**study_result(study), "warnings": list(warnings)})
     return WITH_LOSSES if warnings else DONE
@@ -102,13 +102,13 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
         folder, args.use, args.hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
     )
     try:
-        with Line() as line:
+        with Line("study") as line:
             session = Session(study, line.progress)
             session.record({}, "base model")
     except LacetError:
         if not there:  # an incomplete study would prevent the next attempt
             shutil.rmtree(folder, ignore_errors=True)
         raise
-    for warning in session.loaded.warnings:
+    for warning in session.runs.loaded.warnings:
         print(f"! {warning}")
-    return session.study, session.loaded.warnings
+    return session.study, session.runs.loaded.warnings

@@ -43,11 +43,12 @@ def run(args: argparse.Namespace) -> int:
     """Analyse and print."""
     study = Study.open(args.study)
     version = study.version(args.version)
-    with Line() as line:
+    with Line("where") as line:
         session = Session(study, line.progress)
-        found = session.failure(version, args.row, args.only_run)
+        drawn = [("present failure", version)] if args.report else []
+        with session.planned(("where", version), *drawn):
+            found = session.values.failure(version, args.row, args.only_run)
         if args.report:
-            line.show("drawing")
             write_where(session, version, found, args.report, [args.row, args.only_run])
     print(f"{failure_sentences(found)}\n")
     print(f"Error ÷ noise floor by phase:\n{phase_table(found)}\n")

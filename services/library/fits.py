@@ -23,7 +23,7 @@ from lacet.services.library.display import html_table, shortened
 from lacet.services.library.runs import Runs
 from lacet.services.render import tables
 from lacet.services.render.progress import in_words
-from lacet.services.workspace.session import fit_result
+from lacet.services.workspace.results import fit_result
 
 
 @dataclass(frozen=True, repr=False)

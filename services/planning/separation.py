@@ -39,6 +39,7 @@ from lacet.services.render.effect_text import not_measured
 from lacet.services.render.separation_report import recommendation, run_sentence
 from lacet.services.render.verdicts import why as why_untested
 from lacet.services.workspace.session import Session
+from lacet.services.workspace.study import Version
 from lacet.simulate.engine import engine_library
 
 FAULT = 4.0
@@ -111,7 +112,16 @@ def recommend(
     Returns None when no names are given and nothing is tied. Raises UsageError for effects that are unknown or already
     in the model, and without the simulator.
     """
-    fitted = session.fitted(session.study.version())
+    version = session.study.version()
+    with session.planned(("next", version)):
+        return _recommended(session, version, diagnosis, names, limits or Limits(), without, progress)
+
+
+def _recommended(
+    session: Session, version: Version, diagnosis: Diagnosis, names: Sequence[str], limits: Limits,
+    without: Sequence[str], progress: Progress,
+) -> Recommendation | None:  # fmt: skip
+    fitted = session.values.fitted(version)
     wanted = list(dict.fromkeys(names or tied(diagnosis)))
     if not wanted:
         return None
@@ -119,7 +129,7 @@ def recommend(
         engine_library()
     except UsageError as missing:
         raise UsageError(f"runs are predicted by simulation: {missing}") from None
-    known = session.study.effects(session.reference(session.study.version()))
+    known = session.study.effects(session.runs.reference(version))
     compared, found = _compared(fitted, known, diagnosis, wanted)
     untested = next((c for c in diagnosis.candidates if [c.key] == wanted and not c.tested), None)
     why = why_untested(diagnosis, untested) if untested else ""
@@ -127,13 +137,12 @@ def recommend(
     rig = fitted.runs[0].recording.rig
     question = Question(fitted, compared, [(fault, fault.sheet_bound(rig)) for fault in faults])
     progress(ServiceStep(ServiceStage.PRESENT_INFORMATION))
-    present = present_runs(question, session.floor(session.study.version()), diagnosis.noise_ratio)
+    present = present_runs(question, session.values.floor(version), diagnosis.noise_ratio)
     before = Separations(question, present)
     sized = _sized(before, found)
     question = Question(fitted, sized, question.tolerances)
     before = Separations(question, present)
-    chosen = limits or Limits()
-    planned, problems = _library(session, fitted, chosen, without, progress)
+    planned, problems = _library(session, fitted, limits, without, progress)
     runs: list[Recommended] = []
     for number, one in enumerate(planned, 1):
         progress(ServiceStep(ServiceStage.RUN_INFORMATION, number, len(planned), one.label))
@@ -143,7 +152,7 @@ def recommend(
             problems.append(f"left out: {one.label}: {not_measured(lacking)}")
             continue
         weighted = planned_run(question, drive, diagnosis.noise_ratio)
-        runs.append(_judged(question, present, before, one, weighted, chosen, bool(why)))
+        runs.append(_judged(question, present, before, one, weighted, limits, bool(why)))
     runs.sort(key=lambda r: (r.seconds is None, -r.after))
     now, each = _value(before), _sizes(before)
     says = recommendation(keys_of(question), now, runs[0] if runs else None, not names, why)
@@ -222,7 +231,7 @@ def _library(
     session: Session, fitted: Fit, limits: Limits, without: Sequence[str], progress: Progress
 ) -> tuple[list[PlannedRun], list[str]]:
     """The simulated motions of the library, and why some could not be simulated."""
-    loaded = session.loaded
+    loaded = session.runs.loaded
     like = planned_car(loaded.vehicle, known_values(loaded.vehicle, fitted, loaded.reference))
     plans = library(like.car, limits, kinds((), without), SECONDS)
     channels = frozenset(name for run in loaded.prepared for name in run.recording.rates)

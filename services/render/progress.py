@@ -22,11 +22,13 @@ _PERCENT: dict[AnyStage, str] = {
 """Stages with the per cent done, where these are counted."""
 
 _PLAIN: dict[AnyStage, str] = {
+    ServiceStage.PLANNED: "starting",
     ServiceStage.STRUCTURE: "looking at the structure of the equations",
     ServiceStage.SCORING: "scoring it on the runs used and held out",
     ServiceStage.CONTRIBUTIONS: "what each effect brings",
     ServiceStage.MANOEUVRE_PHASES: "the phases of driving",
     ServiceStage.BODY_CONSISTENCY: "testing whether these bodies can exist",
+    ServiceStage.INSTRUMENTS: "fitting again with instruments",
     ServiceStage.CONSISTENT_FIT: "looking for the nearest bodies that can",
     Stage.RESIDUAL_SPECTRA: "the residual in frequency",
     Stage.RESTORING_FORCES: "restoring-force surfaces",
@@ -73,11 +75,25 @@ def sentence(step: AnyStep) -> str:
     return _sentence(step)
 
 
+def with_time(text: str, share: float, remaining: float | None) -> str:
+    """A sentence after the share of the job done (0 to 1) and the remaining time [s], if that is known."""
+    about = "" if remaining is None else f", {remaining_time(remaining)}"
+    return f"{100.0 * share:.0f} %{about}: {text}"
+
+
+def remaining_time(seconds: float) -> str:
+    """The remaining time in words, no finer than it is known."""
+    if seconds < 100.0:
+        return f"about {max(1, round(seconds))} s left"
+    return f"about {seconds / 60.0:.1f} min left" if seconds < 600.0 else f"about {seconds / 60.0:.0f} min left"
+
+
 def in_words(show: Callable[[str], object]) -> Progress:
     """A progress callback that passes each step's sentence to `show`."""
 
     def progress(step: AnyStep) -> None:
-        show(sentence(step))
+        if step.stage != ServiceStage.PLANNED:
+            show(sentence(step))
 
     return progress
 

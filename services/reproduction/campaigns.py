@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,10 +23,11 @@ from lacet.identify.progress import Stage
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
-from lacet.identify.validation.score import compare
+from lacet.identify.validation.score import Comparison, compare
 from lacet.services.acquisition.capture import encode_rig, simulated_start, write_capture
-from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
 from lacet.services.reproduction.published_tables import LINES
+from lacet.services.timing.usual import drives_plan, stretch
 from lacet.services.workspace.decode import decode_log
 from lacet.services.workspace.loading import Loaded, load
 from lacet.services.workspace.results import fit_result
@@ -125,6 +127,21 @@ class Places:
         return self.folder / f"{name}{'.mcap' if campaign.wires else '.parquet'}"
 
 
+def reproduction_plan(campaign: Campaign, places: Places) -> list[Stretch]:
+    """The plan of a campaign's reproduction: what is there already takes no time."""
+    if places.fit.is_file():
+        return []
+    runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
+    driven = places.truth.is_file() and all(file.is_file() for file in runs)
+    drives = [] if driven else drives_plan(_duration(name, more) for name, more in campaign.manoeuvres)
+    stages = (ServiceStage.READING_RUN, ServiceStage.FITTING, Stage.NOISE_CORRECTION, ServiceStage.COMPARING)
+    return [*drives, *(stretch(stage, len(runs)) for stage in stages)]
+
+
+def _duration(name: str, settings: Mapping[str, Any]) -> tuple[str, float]:
+    return name, make_manoeuvre(name, **settings).duration
+
+
 def drive_all(campaign: Campaign, places: Places, seed: int, progress: Progress) -> None:
     """Simulate what is not simulated yet: the runs, the files for identification, and apart from them the truth."""
     runs = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
@@ -173,11 +190,15 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
     """The fit of the campaign's model to its runs (as ``lacet identify --json``), stored for the next time."""
     if places.fit.is_file():
         return json.loads(places.fit.read_text(encoding="utf-8"))
-    progress(ServiceStep(ServiceStage.READING_RUNS, campaign=campaign.name))
-    loaded = load([places.run(campaign, name) for name, _ in campaign.manoeuvres], places.rig, places.vehicle)
+    files = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
+    loaded = load(files, places.rig, places.vehicle, progress=progress)
     fitted = _fitted(campaign, loaded, progress)
-    progress(ServiceStep(Stage.NOISE_FLOOR, campaign=campaign.name))
-    result = fit_result(fitted, loaded, [compare(fitted, drive, SCORE_DRAWS) for drive in fitted.runs])
+    parts: list[Comparison] = []
+    for done, run in enumerate(fitted.runs):
+        step = ServiceStep(ServiceStage.COMPARING, done, len(fitted.runs), run.name, campaign=campaign.name)
+        progress(step)
+        parts.append(compare(fitted, run, SCORE_DRAWS))
+    result = fit_result(fitted, loaded, parts)
     result["shapes"] = {effect.key: dict(effect.shape) for effect in fitted.model.physics if effect.shape}
     _write(places.fit, json.dumps(result, indent=1) + "\n")
     return result
@@ -197,7 +218,7 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
             tried[value] = _misfit(fit(model, loaded.prepared, FitOptions(unbias=False)))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
     progress(ServiceStep(ServiceStage.FITTING, campaign=campaign.name))
-    return fit(Model.of([*base, *extra]), loaded.prepared)
+    return fit(Model.of([*base, *extra]), loaded.prepared, progress=progress)
 
 
 def _shaped(effects: list[Effect], name: str, value: float) -> list[Effect]:

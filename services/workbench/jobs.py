@@ -19,8 +19,9 @@ import pyarrow
 from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
-from lacet.services.progress import AnyStep
+from lacet.services.progress import AnyStep, ServiceStage
 from lacet.services.render.progress import sentence
+from lacet.services.timing.job_time import JobTime
 from lacet.services.workbench.events import Events
 from lacet.services.workspace.study import WRITING
 
@@ -42,7 +43,8 @@ class Job:
     """One long computation.
 
     `state` is ``waiting``, ``running``, ``done``, ``failed`` or ``cancelled``; `text` its present step, `done` of
-    `total` where parts are counted; `error` the reason of a failure; `result` its result as plain data.
+    `total` where parts are counted; `share` of the whole job done (0 to 1) and `remaining` time [s], None while
+    they are not known; `error` the reason of a failure; `result` its result as plain data.
     """
 
     id: int
@@ -52,6 +54,8 @@ class Job:
     text: str = ""
     done: int | None = None
     total: int | None = None
+    share: float | None = None
+    remaining: float | None = None
     error: str | None = None
     result: Any = None
     seconds: float = 0.0
@@ -60,7 +64,7 @@ class Job:
 
     def as_data(self, result: bool = False) -> dict[str, Any]:
         """The job as plain data for the page."""
-        names = ("id", "do", "args", "state", "text", "done", "total", "error", "seconds")
+        names = ("id", "do", "args", "state", "text", "done", "total", "share", "remaining", "error", "seconds")
         return {name: getattr(self, name) for name in names} | ({"result": self.result} if result else {})
 
     @property
@@ -74,6 +78,7 @@ class JobProgress:
 
     def __init__(self, job: Job, publish: Callable[[Job], None]):
         self.job, self._publish, self._last = job, publish, 0.0
+        self.time = JobTime()
 
     def report(self, text: str) -> None:
         """Set the text of the present step. Raises Cancelled."""
@@ -83,8 +88,12 @@ class JobProgress:
         self._say(found is None)
 
     def progress(self, step: AnyStep) -> None:
-        """Set the text from a step of a computation. Raises Cancelled."""
-        self.report(sentence(step))
+        """Set the text, the share done and the remaining time from a step of a computation. Raises Cancelled."""
+        self.time.step(step)
+        if (now := self.time.estimate()) is not None:
+            self.job.share, self.job.remaining = now.share, now.remaining
+        if step.stage != ServiceStage.PLANNED:
+            self.report(sentence(step))
 
     def check(self) -> None:
         """Raise Cancelled when the job was cancelled."""
@@ -194,6 +203,7 @@ class Jobs:
                 job.state, job.result, job.error = "cancelled", None, None
         _raise_in(self._thread, None)  # an interruption that came too late
         job.text = job.state
+        teller.time.end(done=job.state == "done")
         job.ended.set()
         gc.collect()
         give_back()

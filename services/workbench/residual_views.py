@@ -75,7 +75,7 @@ def against_payload(cache: SessionCache, version: int, text: str, state: str) ->
 def _fitted(cache: SessionCache, number: int) -> Fit:
     """The fit of a version; to be called while `computing`."""
     study, version = cache.version(number)
-    return cache.session(study, silent).fitted(version)
+    return cache.session(study, silent).values.fitted(version)
 
 
 def _row(found: FailureAnalysis, text: str) -> Row:
@@ -101,7 +101,7 @@ def spectrum_payload(cache: SessionCache, version: int, text: str) -> dict[str, 
         with cache.computing(WAIT):
             study, number = cache.version(version)
             session = cache.session(study, silent)
-            ready = row_spectrum(session.fitted(number), session.floor(number), row)
+            ready = row_spectrum(session.values.fitted(number), session.values.floor(number), row)
         if ready is None:
             raise NotThere(f"row {row}: no run has three stretches of four seconds without a hole")
     return plain(
@@ -126,7 +126,7 @@ def preview_body(cache: SessionCache, version: int, key: str, run: str, text: st
     with cache.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
         session, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
-        drive = next(d for d in (*session.loaded.prepared, *session.held) if d.name == run)
+        drive = next(d for d in (*session.runs.loaded.prepared, *session.runs.held) if d.name == run)
         after = beside.residual(drive, part)
     now = part.residual(row)
     rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))

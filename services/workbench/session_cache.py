@@ -124,6 +124,7 @@ class SessionCache:
         if session.study.current != study.current or session.study.before != study.before:
             session.study = study
         session.progress = progress
+        session.after = ("shares", "phases")
         self._sessions[key] = session
         while len(self._sessions) > SESSIONS:
             self._sessions.popitem(last=False)
@@ -140,9 +141,10 @@ class SessionCache:
         stamp = stamp_of(study)
         if kept is None or kept.stamp != stamp:
             session = self.session(study, progress)
-            progress(ServiceStep(ServiceStage.COMPARING, version=version.number))
-            parts = tuple(session.every_comparison(version))
-            shares, phases = tuple(session.shares(version)), tuple(session.phases(version))
+            with session.planned(*((kind, version) for kind in ("compared", *session.after))):
+                progress(ServiceStep(ServiceStage.COMPARING, version=version.number))
+                parts = tuple(session.values.every_comparison(version))
+                shares, phases = tuple(session.values.shares(version)), tuple(session.values.phases(version))
             kept = Compared(version, stamp, parts, shares, phases, compare_payload(version, parts))
         _keep(self._compared, version.number, kept)
         return kept
@@ -153,7 +155,9 @@ class SessionCache:
         stamp = stamp_of(study)
         kept = self._where.get(version.number)
         if kept is None or kept[0] != stamp:
-            found = self.session(study, progress).failure(version, progress=progress)
+            session = self.session(study, progress)
+            with session.planned(("where", version)):
+                found = session.values.failure(version)
             kept = stamp, found, failure_result(version, found)
         _keep(self._where, version.number, kept)
         return kept[1]
@@ -164,7 +168,7 @@ class SessionCache:
         session = self.session(study, progress)
         key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
         if key not in self._previews:
-            self._previews[key] = preview(session.fitted(version), effect)
+            self._previews[key] = preview(session.values.fitted(version), effect)
             while len(self._previews) > PREVIEWS:
                 self._previews.popitem(last=False)
         return session, self._previews[key]

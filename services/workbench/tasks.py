@@ -12,10 +12,11 @@ from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.planning.separation import next_result, recommend
+from lacet.services.progress import planned
 from lacet.services.workbench.jobs import Do, JobProgress
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
 from lacet.services.workbench.session_cache import SessionCache
-from lacet.services.workspace.decode import decode_log
+from lacet.services.workspace.decode import decode_log, decoding_plan
 from lacet.services.workspace.loading import find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import change_result, diagnosis_result, study_result
@@ -99,6 +100,7 @@ class Tasks:
         if out.exists() and not args.get("again"):
             raise UsageError(f"{out.name} is there already")
         out.parent.mkdir(exist_ok=True)
+        teller.progress(planned(decoding_plan()))
         return decode_log(raw, out, progress=teller.progress)
 
     # -- analyses -----------------------------------------------------------------------------------------------------
@@ -134,18 +136,20 @@ class Tasks:
         study = self.cache.study
         session = self.cache.session(study, teller.progress)
         diagnosis = self.cache.diagnosis(study.current)
-        if diagnosis is None:
-            diagnosis = session.diagnose()
-            self.cache.keep_diagnosis(study.current, study, diagnosis)
-        found = recommend(
-            session, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
-        )
+        version = study.version()
+        with session.planned(*[("ranking", version)] * (diagnosis is None), ("next", version)):
+            if diagnosis is None:
+                diagnosis = session.diagnose()
+                self.cache.keep_diagnosis(study.current, study, diagnosis)
+            found = recommend(
+                session, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
+            )
         return {"next": next_result(found) if found else None}
 
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Write the report into the study's folder."""
         file = self.cache.folder / REPORT
-        write_report(self.cache.session(self.cache.study, teller.progress), file, teller.progress)
+        write_report(self.cache.session(self.cache.study, teller.progress), file)
         return {"report": REPORT, "bytes": file.stat().st_size}
 
     # -- the model ----------------------------------------------------------------------------------------------------

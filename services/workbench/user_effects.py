@@ -62,7 +62,7 @@ def _tried(cache: SessionCache, study: Study, cls: type[OneLine]) -> tuple[list[
     """Result of trying an effect, as plain data and in words; nothing is tried while a job runs."""
     try:
         with cache.computing(WAIT):
-            loaded = cache.session(study, silent).loaded
+            loaded = cache.session(study, silent).runs.loaded
             tried = try_effect(cls, loaded.prepared[0], loaded.vehicle, loaded.reference)
     except Busy:
         return [], "not tried on a run yet: lacet is at work on something else"

@@ -14,7 +14,13 @@ from lacet.daq.rig import Rig
 from lacet.identify.progress import silent
 from lacet.services.acquisition.log_decoder import Late, LogDecoder
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record
-from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
+from lacet.services.timing.usual import stretch
+
+
+def decoding_plan() -> list[Stretch]:
+    """The plan of a decoding."""
+    return [stretch(one) for one in (ServiceStage.READING_LOG, ServiceStage.DECODING_LOG, ServiceStage.WRITING_LOG)]
 
 
 def decode_log(

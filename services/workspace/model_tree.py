@@ -11,13 +11,17 @@ from lacet.daq.errors import UsageError
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.catalogue import base_model
+from lacet.identify.progress import Stage
 from lacet.identify.properties.structural_identifiability import Structure, car_tree, structure
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
-from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.cache.store import FOLDER
+from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render.identifiability import joint_position, structurally, unidentified
 from lacet.services.render.rows import row_absence
+from lacet.services.timing.memory import FILE
+from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import Loaded, default_filters, load
 from lacet.services.workspace.study import Study
 
@@ -61,8 +65,8 @@ def find_model(
         found = Vehicle.load(car or first)
         seen = reference or (sensors.wheel_reference if sensors else "contact")
         return Asked(found, seen, Model.of(base_model(found, seen)), None, sensors)
-    progress(ServiceStep(ServiceStage.READING_RUNS, total=len(runs)))
-    loaded = load(runs, rig, car, default_filters(None))
+    progress(planned(_stretches(len(runs))))
+    loaded = load(runs, rig, car, default_filters(None), progress)
     if reference and reference != loaded.reference:
         raise UsageError(f"--reference {reference}: the runs have {loaded.reference} wheel loads")
     model = Model.of(base_model(loaded.vehicle, loaded.reference))
@@ -71,12 +75,18 @@ def find_model(
 
 def _of_study(study: Study, progress: Progress) -> Asked:
     folder = study.folder
-    progress(ServiceStep(ServiceStage.READING_RUNS, total=len(study.used), subject="used"))
-    loaded = load(study.paths(), folder / "rig.toml", folder / "vehicle.toml", study.filters)
+    progress(planned(_stretches(len(study.used)), folder / FOLDER / FILE))
+    loaded = load(study.paths(), folder / "rig.toml", folder / "vehicle.toml", study.filters, progress)
     versions = [v for v in study.versions() if v.number == study.current]
     if not versions:
         raise UsageError(f"{folder} has no version: its making was broken off; remove it and make it again")
     return Asked(loaded.vehicle, loaded.reference, study.model(versions[0], loaded.reference), loaded, loaded.rig)
+
+
+def _stretches(runs: int) -> list[Stretch]:
+    """The plan of finding a model and what these runs determine of it."""
+    stages = (ServiceStage.READING_RUN, ServiceStage.STRUCTURE, ServiceStage.FITTING, Stage.NOISE_CORRECTION)
+    return [stretch(stage, runs) for stage in stages]
 
 
 def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
@@ -86,7 +96,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     by_name: dict[str, Estimate] = {}
     if asked.loaded is not None:
         progress(ServiceStep(ServiceStage.FITTING))
-        fitted = fit(asked.model, asked.loaded.prepared)
+        fitted = fit(asked.model, asked.loaded.prepared, progress=progress)
         by_name = {e.name: e for e in estimates(fitted, runs=fitted.runs)}
     tree = car_tree(asked.vehicle)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]

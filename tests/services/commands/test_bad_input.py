@@ -45,7 +45,7 @@ class Said(NamedTuple):
 def lacet(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Runs a command line in this process; a traceback fails the test by itself."""
     monkeypatch.setattr("lacet.services.commands.identify.SCORE_DRAWS", 3)
-    monkeypatch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
 
     def run(*argv: object) -> Said:
         file = tmp_path / "result.json"

@@ -71,7 +71,7 @@ def test_every_command_has_its_section_and_takes_json():
 
 def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("lacet.services.commands.identify.SCORE_DRAWS", 3)
-    monkeypatch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
     used = str(written(piece("sine", 5.0, 12.0), tmp_path / "used.parquet"))
     held = str(written(piece("sweep", 5.0, 12.0), tmp_path / "held.parquet"))
     folder, file = str(tmp_path / "study"), tmp_path / "result.json"

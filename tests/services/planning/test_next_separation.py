@@ -55,7 +55,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("next")
     run = str(written(piece("sine", 5.0, 12.0), folder / "sine.parquet"))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
+        patch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
         assert main(["study", "new", str(folder / "study"), "--use", run, *FILES, "--draws", "19"]) == 0
     return folder / "study"
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from fastapi.testclient import TestClient
 
-import lacet.services.workspace.session
+import lacet.services.workspace.kept.kept_values
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
@@ -41,8 +41,8 @@ def quick(model: Any, drives: Any, **more: Any) -> Fit:
 
 def make_small(patch: pytest.MonkeyPatch) -> None:
     """Fits without the noise's bias, few candidates, few draws behind a score's floor."""
-    patch.setattr(lacet.services.workspace.session, "fit", quick)
-    patch.setattr(lacet.services.workspace.session, "SCORE_DRAWS", 3)
+    patch.setattr(lacet.services.workspace.kept.kept_values, "fit", quick)
+    patch.setattr(lacet.services.workspace.kept.kept_values, "SCORE_DRAWS", 3)
     patch.setattr(Study, "effects", few)
 
 

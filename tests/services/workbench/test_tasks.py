@@ -21,6 +21,7 @@ from lacet.services.workbench.events import Events, state_of
 from lacet.services.workbench.jobs import JobProgress, Jobs
 from lacet.services.workbench.server import Settings, create_app
 from lacet.services.workbench.session_cache import SessionCache
+from lacet.services.workspace.kept.kept_values import KeptValues
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.workbench.bench_page import Page
@@ -148,14 +149,14 @@ def test_a_making_that_is_cancelled_leaves_no_half_study(folder: Path, monkeypat
 def test_a_cancelled_job_changes_nothing_and_the_next_goes_on(page: Page, monkeypatch: pytest.MonkeyPatch):
     before = state_of(page.folder)
     reached, go_on = threading.Event(), threading.Event()
-    comparisons = Session.comparisons
+    comparisons = KeptValues.comparisons
 
-    def slow(self: Session, *args: Any, **more: Any) -> Any:
+    def slow(self: KeptValues, *args: Any, **more: Any) -> Any:
         reached.set()
         assert go_on.wait(20.0)
         return comparisons(self, *args, **more)
 
-    monkeypatch.setattr(Session, "comparisons", slow)
+    monkeypatch.setattr(KeptValues, "comparisons", slow)
     first = page.start("add", effect="coulomb.rear")
     waiting = page.start("undo")
     assert reached.wait(20.0)
@@ -229,7 +230,7 @@ def test_runs_are_summed_up_in_words(page: Page):
 
 
 def test_the_report_is_one_file_that_runs_nothing(page: Page, monkeypatch: pytest.MonkeyPatch):
-    def drawn(session: Session, file: Path, _: Any) -> None:  # its pictures take long, and are tested elsewhere
+    def drawn(session: Session, file: Path) -> None:  # its pictures take long, and are tested elsewhere
         file.write_text(html_page(session.study.folder.name, details("more", "text")), encoding="utf-8")
 
     monkeypatch.setattr("lacet.services.workbench.tasks.write_report", drawn)

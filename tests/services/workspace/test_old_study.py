@@ -37,7 +37,7 @@ def test_it_opens_and_its_fit_is_the_same(folder: Path):
     assert (study.diagnosis(1) or {})["best"] == "mybar.front"
     session = Session(study)
     version = study.version()
-    fitted = session.fitted(version)
+    fitted = session.values.fitted(version)
     stored = {p["name"]: p["value"] for p in version.result["parameters"]}
     bar = "anti_roll_bar.front.k"
     values = dict(zip((q.name for q in fitted.model.parameters), fitted.theta, strict=True))

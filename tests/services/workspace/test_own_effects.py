@@ -32,7 +32,7 @@ RESULT = {"rows": {"used": {}, "held": {}}, "parameters": []}
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Study:
     """A study of ten seconds, its base model not fitted."""
-    monkeypatch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
     run = written(piece(), tmp_path / "run.parquet")
     return Study.create(tmp_path / "study", [run], [], Rig.load(FILES[1]), Vehicle.load(FILES[3]), draws=19)
 

@@ -63,7 +63,7 @@ def test_a_second_request_draws_nothing(written: Path, tmp_path: Path, monkeypat
     session = cache.session(cache.study, lambda _: None)
     write_report(session, tmp_path / "page.html")
     assert (tmp_path / "page.html").read_bytes() == first
-    assert session._loaded is None, "and no run is read"
+    assert not any(session.runs.present), "and no run is read"
     text = (written / "study.json").read_text(encoding="utf-8")
     assert '"draws": 19' in text
     (written / "study.json").write_text(text.replace('"draws": 19', '"draws": 29'), encoding="utf-8")

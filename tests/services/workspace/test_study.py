@@ -139,7 +139,7 @@ def test_a_broken_effect_file_is_named_with_its_fault(study: Study, text: str, s
 
 
 def test_a_users_own_effect_is_found_ranked_added_and_taken_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("lacet.services.workspace.session.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
     run = written(piece(), tmp_path / "run.parquet")
     folder = tmp_path / "study"
     assert main(["study", "new", str(folder), "--use", str(run), *FILES, "--draws", "19"]) == 0

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import lacet.services.workspace.session
+import lacet.services.workspace.kept.kept_values
 from lacet.daq.formats.exchange import write_table
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
@@ -20,10 +20,11 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.services.workspace.kept.kept_values import VERSIONS_AT_HAND
+from lacet.services.workspace.kept.study_cache import StudyCache
 from lacet.services.workspace.results import diagnosis_result
-from lacet.services.workspace.session import VERSIONS_AT_HAND, Session
+from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study, Version
-from lacet.services.workspace.study_cache import StudyCache
 from tests.identify import cars
 
 TRIED = ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.hub.fl")
@@ -62,8 +63,8 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
         count["fit"] += 1
         return fit_once(*args, **more)
 
-    monkeypatch.setattr(lacet.services.workspace.session, "floor_of", floor)
-    monkeypatch.setattr(lacet.services.workspace.session, "fit", fitted)
+    monkeypatch.setattr(lacet.services.workspace.kept.kept_values, "floor_of", floor)
+    monkeypatch.setattr(lacet.services.workspace.kept.kept_values, "fit", fitted)
     monkeypatch.setattr(RegressorNoise, "of", noise)
     monkeypatch.setattr(Study, "effects", few)
     return count
@@ -132,7 +133,7 @@ def test_a_folder_that_cannot_be_written_to_costs_only_time(folder: Path, calls:
 
 def test_a_fit_read_again_is_the_fit(folder: Path, calls: dict[str, int]):
     version = Study.open(folder).version()
-    first, again = (Session(Study.open(folder)).fitted(version) for _ in range(2))
+    first, again = (Session(Study.open(folder)).values.fitted(version) for _ in range(2))
     assert calls["fit"] == 1
     np.testing.assert_array_equal(again.theta, first.theta)
     np.testing.assert_array_equal(again.covariance, first.covariance)
@@ -219,9 +220,9 @@ def test_a_session_holds_few_versions_and_reads_the_others_again(folder: Path, c
     session = Session(Study.open(folder))
     version = session.study.version()
     versions = [replace(version, number=number) for number in range(1, 5)]
-    first = [session.fitted(one).theta for one in versions]
+    first = [session.values.fitted(one).theta for one in versions]
     assert calls["fit"] == 1
-    assert len(session._fits) == VERSIONS_AT_HAND
+    assert len(session.values._fits) == VERSIONS_AT_HAND
     for one, theta in zip(versions, first, strict=True):
-        np.testing.assert_array_equal(session.fitted(one).theta, theta)
+        np.testing.assert_array_equal(session.values.fitted(one).theta, theta)
     assert calls["fit"] == 1, "read, not fitted again"

@@ -52,7 +52,7 @@ async function job(app, name, args, place) {
 
 function show(place, name, state) {
   const words = state?.state === "waiting" ? "waits for other work" : state?.text;
-  place.say(`${WORDS[name] ?? name}${words ? `: ${words}` : " …"}`, state?.total ? state.done / state.total : null);
+  place.say(`${WORDS[name] ?? name}${words ? `: ${words}` : " …"}`, state?.share ?? (state?.total ? state.done / state.total : null));
 }
 
 /**

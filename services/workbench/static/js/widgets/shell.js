@@ -26,6 +26,20 @@ export function doing(job) {
   return `${DOING[job.do] ?? job.do}${typeof of === "string" && of ? `: ${of}` : ""}`;
 }
 
+/** Share of the whole work that is done, or of the parts that are counted; null where nothing is known. */
+function part(job) {
+  return job.share ?? (job.total ? Math.min(1, job.done / job.total) : null);
+}
+
+/** Share done and time left, which runs down between two events; else the seconds since it began. */
+function timeOf(job, seconds) {
+  if (job.share === null || job.share === undefined) return `${seconds} s`;
+  const share = `${Math.round(100 * job.share)} %`;
+  if (job.remaining === null || job.remaining === undefined) return share;
+  const wait = Math.max(1, Math.round(job.remaining - (Date.now() - job.heard) / 1000));
+  return `${share}, about ${wait < 100 ? `${wait} s` : `${(wait / 60).toFixed(wait < 600 ? 1 : 0)} min`} left`;
+}
+
 /**
  * The bar: always there and always as high, so that nothing moves when work begins.
  * @param {HTMLElement} root
@@ -69,7 +83,7 @@ export function createJobBar(root, { cancel }) {
   function tick() {
     const job = present();
     const since = job && began.get(job.id);
-    time.textContent = since && job.state === "running" ? `${Math.floor((Date.now() - since) / 1000)} s` : "";
+    time.textContent = since && job.state === "running" ? timeOf(job, Math.floor((Date.now() - since) / 1000)) : "";
   }
 
   function draw(now) {
@@ -84,9 +98,9 @@ export function createJobBar(root, { cancel }) {
       const behind = running.size > 1 ? `; ${running.size - 1} more waiting` : "";
       state.textContent = doing(job);
       text.textContent = `${job.state === "waiting" ? "waits for its turn" : job.text || "at work"}${count}${behind}`;
-      // work that cannot be counted shows its seconds; a bar that only swings says nothing and costs a processor's time
-      meter.hidden = !job.total;
-      meter.value = job.total ? Math.min(1, job.done / job.total) : 0;
+      // work without a plan shows its seconds; a bar that only swings says nothing and costs a processor's time
+      meter.hidden = part(job) === null;
+      meter.value = part(job) ?? 0;
     } else {
       meter.value = 0;
       if (said) {
@@ -118,6 +132,7 @@ export function createJobBar(root, { cancel }) {
   return {
     job(job) {
       if (over.has(job.id)) return; // a late event of work that is done
+      job.heard = Date.now();
       said = "";
       if (job.state === "running" || job.state === "waiting") running.set(job.id, job);
       else {

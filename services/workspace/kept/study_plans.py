@@ -1,0 +1,144 @@
+"""Plans of the jobs on a study: the stages between what is kept and what is wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lacet.identify.progress import Stage
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
+from lacet.services.progress import ServiceStage, Stretch
+from lacet.services.timing.usual import PLANNED_RUNS, stretch
+from lacet.services.workspace.kept.kept_values import KeptValues
+from lacet.services.workspace.study import Version
+
+Wanted = tuple[str, Version]
+"""A kind of value (`KeptValues.has`) of a version, a drawing of a report, or the next run."""
+
+SELDOM = 0.5
+"""Part of its usual time that a stage counts for which only a ranking with a finding goes through."""
+EXPECTED_EFFECTS = 1
+"""Number of effects that a search is expected to add before its first ranking is there."""
+
+
+class StudyPlan:
+    """The stretches of a job on a study, in the order of its work; what is kept, or named twice, takes no time."""
+
+    def __init__(self, values: KeptValues):
+        self._values, self._study = values, values.runs.study
+        self.stretches: list[Stretch] = []
+        self._used, self._held = len(self._study.used), len(self._study.held)
+        self._read = dict(zip((False, True), values.runs.present, strict=True))
+        self._known: set[tuple[str, int, bool]] = set()
+
+    def want(self, wanted: Sequence[Wanted]) -> StudyPlan:
+        """The same plan with what these values need."""
+        for kind, version in wanted:
+            self._one(kind, version)
+        return self
+
+    def search(self, version: Version, effects: int) -> StudyPlan:
+        """The same plan with a ranking of a version, and so many effects added, each with a ranking after it."""
+        self._one("ranking", version)
+        for k in range(effects):
+            # Numbers below zero: versions that nothing is known of.
+            later = Version(-1 - k, {}, "")
+            self._one("result", later)
+            self._one("ranking", later)
+        return self
+
+    def _one(self, kind: str, version: Version) -> None:
+        match kind:
+            case "fit":
+                self._fit(version)
+            case "result":
+                self._fit(version)
+                self._compared(version)
+            case "compared":
+                self._compared(version)
+            case "shares":
+                for held in (False, True):
+                    if self._missing(kind, version, held):
+                        self._runs(held)
+                        self._fit(version)
+                        self._add(ServiceStage.CONTRIBUTIONS, self._number(held))
+            case "phases":
+                for held in (False, True):
+                    if self._missing(kind, version, held):
+                        self._runs(held)
+                        self._add(ServiceStage.MANOEUVRE_PHASES, self._number(held))
+            case "dampers":
+                if self._missing(kind, version):
+                    self._fit(version)
+            case "pictures":
+                if self._missing(kind, version):
+                    self._compared(version)
+                    self._fit(version)
+                    self._add(ServiceStage.DRAWING_RUN, self._used + self._held)
+            case "where":
+                self._compared(version)
+                self._one("phases", version)
+                if self._missing(kind, version):
+                    self._floor(version)
+                    for stage in _WHERE:
+                        self._add(stage, self._used)
+            case "first failure":
+                self._add(ServiceStage.DRAWING_FIRST_FAILURE, 1)
+            case "present failure":
+                self._add(ServiceStage.DRAWING_PRESENT_FAILURE, 1)
+            case "next":
+                self._floor(version)
+                self._add(ServiceStage.PRESENT_INFORMATION, self._used)
+                self._add(ServiceStage.SIMULATING_RUN, PLANNED_RUNS)
+                self._add(ServiceStage.RUN_INFORMATION, PLANNED_RUNS)
+            case _:
+                if self._missing("ranking", version):
+                    self._floor(version)
+                    for stage in _RANKING:
+                        self._add(stage, self._used)
+                    for stage in _FINDING:
+                        self.stretches.append(stretch(stage, self._used, likely=SELDOM))
+
+    def _compared(self, version: Version) -> None:
+        for held in (False, True):
+            if self._number(held) and self._missing("compared", version, held):
+                self._fit(version)
+                self._runs(held)
+                self._add(ServiceStage.COMPARING, self._number(held))
+
+    def _floor(self, version: Version) -> None:
+        self._fit(version)
+        if self._missing("floor", version):
+            self._add(Stage.NOISE_FLOOR, self._used * self._study.draws / DEFAULT_DRAWS)
+
+    def _fit(self, version: Version) -> None:
+        self._runs(held=False)
+        if self._missing("fit", version):
+            self._add(ServiceStage.FITTING, self._used)
+            self._add(Stage.NOISE_CORRECTION, self._used)
+
+    def _runs(self, held: bool) -> None:
+        if not self._read[held]:
+            self._read[held] = True
+            self._add(ServiceStage.READING_RUN, self._number(held), "held out" if held else "used")
+
+    def _missing(self, kind: str, version: Version, held: bool = False) -> bool:
+        """Whether a value is neither kept nor made by the plan already; it is from now on."""
+        place = (kind, version.number, held)
+        if place in self._known:
+            return False
+        self._known.add(place)
+        return version.number < 0 or not self._values.has(kind, version, held)
+
+    def _number(self, held: bool) -> int:
+        return self._held if held else self._used
+
+    def _add(self, stage: ServiceStage | Stage, parts: float, subject: str = "") -> None:
+        self.stretches.append(stretch(stage, parts, subject))
+
+
+_WHERE = (
+    Stage.STATES_FOLLOWED, Stage.RESIDUAL_SPECTRA, Stage.STATES_FOLLOWED, Stage.EXPLAINABLE_RESIDUAL,
+    Stage.RESTORING_FORCES,
+)  # fmt: skip
+_RANKING = (Stage.SENSOR_TOLERANCES, Stage.TRIAL_COLUMNS, Stage.REGRESSOR_NOISE, Stage.SCORE_TESTS, Stage.TIES)
+_FINDING = (Stage.LACK_OF_FIT, Stage.PARAMETER_CONSTANCY)

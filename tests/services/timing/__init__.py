@@ -1,0 +1,1 @@
+"""Time of a job: share done and time left."""
