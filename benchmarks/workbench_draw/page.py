@@ -56,7 +56,8 @@ def text(found: Found) -> tuple[str, bool]:
     about = (
         f"{len(NAMES)} runs of {SECONDS} s with {CHANNELS} channels at {RATE} Hz; the first {PLOTTED} are drawn. "
         f"Chromium {found.version} without a graphics card on {os.cpu_count()} cores; {ROUNDS} rounds of each layout, "
-        f"the quietest of {PASSES} passes by the reference load."
+        f"the quietest of {PASSES} passes by the reference load. {os.getloadavg()[2]:.1f} processes were at work on "
+        "the machine meanwhile, of which these are two."
     )
     listing = (
         f"**First listing** of the {len(NAMES)} runs, overviews included: {found.listing.processor:.1f} s of processor "
