@@ -17,8 +17,8 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from lacet.daq.vehicle import Corner, KinematicTable
 from lacet.identify.multibody.chain import Chain, Joint
@@ -119,10 +119,10 @@ def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
     return KinematicSlopes(signs * change, signs * slope, signs * spline(inside, 2).T * beyond)
 
 
-def table_spline(table: KinematicTable) -> CubicSpline:
+def table_spline(table: KinematicTable) -> scipy.interpolate.CubicSpline:
     """The natural cubic spline through a bench table's five columns."""
     columns = np.stack([table.half_track, table.half_wheelbase, table.toe, table.camber, table.pitch], axis=1)
-    return CubicSpline(table.travel, columns, bc_type="natural")
+    return scipy.interpolate.CubicSpline(table.travel, columns, bc_type="natural")
 
 
 def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
@@ -141,7 +141,7 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
 
 
 @lru_cache(maxsize=64)
-def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
+def _kingpin_spline(caster: float, lean: float) -> scipy.interpolate.CubicSpline:
     """Carrier pitch by its yaw [rad], for an axis that leans rearward by `caster` and to the right by `lean` [rad]."""
     axis = np.array([-math.tan(caster), -math.tan(lean), 1.0])
     axis = axis / np.linalg.norm(axis)
@@ -151,7 +151,7 @@ def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
     # Elements of the rotation about `axis` (Rodrigues) that give the three angles.
     yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
     pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
-    return CubicSpline(yaw, pitch)
+    return scipy.interpolate.CubicSpline(yaw, pitch)
 
 
 def carrier_axes(steer: Array, camber: Array, pitch: Array) -> Array:

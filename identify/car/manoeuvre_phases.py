@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.motion import Motion
@@ -122,7 +122,7 @@ def phases_of(motion: Motion) -> Phases:
     if seen and 0.4 * rate > RIDE and n > int(rate / RIDE) + 40:
         fast = np.stack(seen) - zero_phase(np.stack(seen), RIDE, rate, 5)
         window = max(1, round(2.0 * SMOOTHING * rate))
-        rough = np.sqrt(np.maximum(0.0, uniform_filter1d(fast**2, window, axis=1))).mean(axis=0) > ROUGH
+        rough = np.sqrt(np.maximum(0.0, scipy.ndimage.uniform_filter1d(fast**2, window, axis=1))).mean(axis=0) > ROUGH
     elif not seen:
         unseen.append("travel")
     speed = _speed(motion)
@@ -171,7 +171,7 @@ def _speed(motion: Motion) -> Array | None:
 
 def _commonest(number: NDArray[np.intp], window: int) -> NDArray[np.intp]:
     """The most frequent phase within half a window to either side."""
-    votes = np.stack([uniform_filter1d((number == k).astype(float), window) for k in range(len(PHASES))])
+    votes = np.stack([scipy.ndimage.uniform_filter1d((number == k).astype(float), window) for k in range(len(PHASES))])
     return np.argmax(votes, axis=0).astype(np.intp)
 
 

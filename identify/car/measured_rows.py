@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from lacet.identify.car.motion import BrakingLeftOut, FlatRoad, GroundLaserOffset
 from lacet.identify.car.road import ABOVE, Road
@@ -66,7 +66,9 @@ def _usable(
     if any(torque.released for torque in rows.values()):
         # The filters spread a braking over their edge.
         applied = recording.signals.value[PRESSURE][0] > RELEASED
-        released = maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
+        released = (
+            scipy.ndimage.maximum_filter1d(applied, 2 * round(edge * recording.filters.rate) + 1, mode="nearest") == 0
+        )
     masks: dict[Row, NDArray[np.bool_]] = {}
     for row, torque in rows.items():
         mask = inside & released if torque.released else inside.copy()

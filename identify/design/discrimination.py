@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, SensorFault, with_places

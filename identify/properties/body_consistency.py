@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.sparse.csgraph import connected_components
 
 from lacet.identify.effects.base import with_places
 from lacet.identify.effects.body.rigid_body import RigidBody
@@ -80,7 +80,9 @@ def clusters(fitted: Fit) -> tuple[tuple[Body, ...], ...]:
     members = bodies(fitted)
     inside = np.array([np.any(body.to_ten != 0.0, axis=0) for body in members], float).reshape(len(members), -1)
     touches = np.abs(fitted.base.grouping()) @ inside.T > 0.0
-    _, label = connected_components(touches.T.astype(float) @ touches.astype(float), directed=False)
+    _, label = scipy.sparse.csgraph.connected_components(
+        touches.T.astype(float) @ touches.astype(float), directed=False
+    )
     return tuple(tuple(b for b, k in zip(members, label, strict=True) if k == group) for group in sorted(set(label)))
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array

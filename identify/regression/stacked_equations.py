@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array

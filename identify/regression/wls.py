@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.car.rows import ROWS, Row

@@ -14,7 +14,7 @@ from functools import cached_property
 from itertools import chain
 
 import numpy as np
-import scipy.linalg
+import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row

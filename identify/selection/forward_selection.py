@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.stats
+import scipy
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array

@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import correlate1d
-from scipy.signal import butter, sos2zpk, sosfilt, sosfilt_zi
 
 Array = NDArray[np.float64]
 
@@ -58,7 +56,7 @@ class Filters:
     @property
     def memory(self) -> float:
         """Time after which the parallel filter has forgotten a sample but for one part in 10¹² [s]."""
-        slowest = float(np.max(np.abs(sos2zpk(two_pass_sos(self.fit_cutoff, self.rate, self.order))[1])))
+        slowest = float(np.max(np.abs(scipy.signal.sos2zpk(two_pass_sos(self.fit_cutoff, self.rate, self.order))[1])))
         return math.log(1e-12) / math.log(slowest) / self.rate
 
 
@@ -69,7 +67,7 @@ def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
     One pass is at −1.5 dB there: |H|² = 1/(1 + (f/fd)^2n) = 1/√2 gives fd = f (√2 − 1)^(−1/2n) on the warped axis.
     """
     warped = math.tan(math.pi * cutoff / rate) * (math.sqrt(2.0) - 1.0) ** (-0.5 / order)
-    return np.asarray(butter(order, 2.0 / math.pi * math.atan(warped), output="sos"))
+    return np.asarray(scipy.signal.butter(order, 2.0 / math.pi * math.atan(warped), output="sos"))
 
 
 def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
@@ -86,14 +84,14 @@ def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
     rest = _state_at_rest(cutoff, rate, order)
     for _ in range(2):
         state = rest.reshape(len(sos), *(1,) * (x.ndim - 1), 2) * out[..., :1]
-        out = sosfilt(sos, out, axis=-1, zi=state)[0][..., ::-1]
+        out = scipy.signal.sosfilt(sos, out, axis=-1, zi=state)[0][..., ::-1]
     return out[..., pad : out.shape[-1] - pad]
 
 
 @cache
 def _state_at_rest(cutoff: float, rate: float, order: int) -> Array:
     """States (sections, 2) of `two_pass_sos` after a constant 1."""
-    return np.asarray(sosfilt_zi(two_pass_sos(cutoff, rate, order)))
+    return np.asarray(scipy.signal.sosfilt_zi(two_pass_sos(cutoff, rate, order)))
 
 
 # Central differences of eighth order: at 20 Hz and 250 Hz sampling, 0.03 % low, where the three-point rule is 4 % low.
@@ -104,7 +102,7 @@ def derivative(x: Array, rate: float) -> Array:
     """Time derivative along the last axis by central differences of eighth order, without phase shift."""
     if x.shape[-1] < _STENCIL.size:
         return np.gradient(x, 1.0 / rate, axis=-1)
-    out = correlate1d(x, _STENCIL * rate, axis=-1, output=float)
+    out = scipy.ndimage.correlate1d(x, _STENCIL * rate, axis=-1, output=float)
     # At the ends the stencil has no samples on one side.
     out[..., :4] = np.gradient(x[..., :5], 1.0 / rate, axis=-1)[..., :4]
     out[..., -4:] = np.gradient(x[..., -5:], 1.0 / rate, axis=-1)[..., -4:]
@@ -136,7 +134,7 @@ def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, or
     step = (t[-1] - t[0]) / (len(t) - 1)
     uniform = t[0] + step * np.arange(len(t))
     if np.max(np.abs(t - uniform)) > 1e-3 * step:
-        values = CubicSpline(t, values)(uniform)
+        values = scipy.interpolate.CubicSpline(t, values)(uniform)
     series = np.ascontiguousarray(values.T)
     if cutoff is not None and cutoff < 0.45 / step:
         series = zero_phase(series, cutoff, 1.0 / step, order)
@@ -148,4 +146,4 @@ def _cubic(t: Array, series: Array, grid: Array) -> Array:
     position = (grid - t[0]) / (t[1] - t[0])
     if np.max(np.abs(position - np.rint(position))) < 1e-9:
         return series[:, np.rint(position).astype(np.intp)]
-    return np.ascontiguousarray(CubicSpline(t, series, axis=1)(grid))
+    return np.ascontiguousarray(scipy.interpolate.CubicSpline(t, series, axis=1)(grid))

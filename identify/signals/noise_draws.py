@@ -6,8 +6,7 @@ from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
-from scipy.fft import irfft  # NumPy's gives the same bits in twice the time where n has a large prime factor
-from scipy.signal import sosfreqz
+import scipy
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
@@ -29,7 +28,8 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
     drawn = rng.standard_normal((2, sum(widths), gain.size))
     spectrum = np.sqrt(n / 2.0) * gain * (drawn[0] + 1j * drawn[1])
-    series = np.asarray(irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1), float)
+    # NumPy's gives the same bits in twice the time where n has a large prime factor.
+    series = np.asarray(scipy.fft.irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1), float)
     parts = np.split(series, np.cumsum(widths)[:-1])
     return dict(zip(names, parts, strict=True))
 
@@ -40,5 +40,5 @@ def _passed(cutoff: float | None, rate: float, order: int, n: int) -> Array:
     frequency = np.fft.rfftfreq(n, 1.0 / rate)
     if cutoff is None:
         return np.ones(frequency.size)
-    gain = np.abs(sosfreqz(two_pass_sos(cutoff, rate, order), worN=frequency, fs=rate)[1]) ** 2
+    gain = np.abs(scipy.signal.sosfreqz(two_pass_sos(cutoff, rate, order), worN=frequency, fs=rate)[1]) ** 2
     return gain[: int(np.flatnonzero(gain > 1e-6)[-1]) + 1]

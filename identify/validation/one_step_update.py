@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import block_diag
+import scipy
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
@@ -75,7 +75,7 @@ def preview(fitted: Fit, effect: Effect) -> Preview:
             columns = own[row].T if row in own else np.zeros((len(block), k))
             weights = None if piece.weights is None else piece.weights[row]
             run.add(row, np.concatenate([block, columns], axis=1), piece.right[row], weights)
-    known = block_diag(fitted.equations.known, np.diag([1.0 / q.prior for q in effect.parameters]))
+    known = scipy.linalg.block_diag(fitted.equations.known, np.diag([1.0 / q.prior for q in effect.parameters]))
     equations = Equations([run for run in runs if run is not None], known, fitted.equations.rows)
     x, _ = equations.iterate(fitted.sigma, {row: 1e-6 * s for row, s in fitted.sigma.items()})
     # The bias correction is kept: it depends on the columns, which are unchanged but for the new ones.

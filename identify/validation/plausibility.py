@@ -17,8 +17,8 @@ from functools import reduce
 from typing import Final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.identify.car.car_tree import orientation
@@ -140,7 +140,7 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
             slope = float(centred @ load / (centred @ centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
-    wheels, places = linear_sum_assignment(cost)
+    wheels, places = scipy.optimize.linear_sum_assignment(cost)
     own, best = float(np.trace(cost)), float(cost[wheels, places].sum())
     moved = {corners[i]: corners[j] for i, j in zip(wheels, places, strict=True) if i != j}
     if (

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array

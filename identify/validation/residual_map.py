@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from lacet.identify.car.manoeuvre_phases import PHASES, Phases
 from lacet.identify.car.rows import Row
@@ -133,7 +133,7 @@ def conditional_mean(
     spread = np.sqrt(np.sum(lever**2, axis=1)) / count
     enough = (np.count_nonzero(met, axis=1) >= 3) & (effective > 2.0)
     t = np.full(size, np.nan)
-    t[enough] = stdtrit(effective[enough] - 1.0, 0.975)
+    t[enough] = scipy.special.stdtrit(effective[enough] - 1.0, 0.975)
     return Conditional(name, unit, centre, mean, mean - t * spread, mean + t * spread, count)
 
 

@@ -14,8 +14,8 @@ from itertools import combinations_with_replacement, islice
 from typing import TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.signal import lfilter, lfilter_zi
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
@@ -171,7 +171,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Iterator[Array]:
         for tau in LAGS:
             keep = float(np.exp(-1.0 / (tau * rate)))
             b, a = [1.0 - keep], [1.0, -keep]
-            yield np.asarray(lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0], float)
+            yield np.asarray(scipy.signal.lfilter(b, a, x, zi=scipy.signal.lfilter_zi(b, a) * x[0])[0], float)
         for frequency in RESONATORS:
             w = 2.0 * np.pi * frequency
             decay, turn = np.exp(-DAMPING * w / rate), w * np.sqrt(1.0 - DAMPING**2) / rate
@@ -180,7 +180,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Iterator[Array]:
             moved = x - x[0]
             # In phase with the run, and a quarter of a period later.
             for b in ([level[0], 0.0], [0.0, level[1]]):
-                yield np.asarray(lfilter(b, a, moved), float)
+                yield np.asarray(scipy.signal.lfilter(b, a, moved), float)
 
 
 def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:

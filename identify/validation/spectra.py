@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from math import comb
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import betaincinv
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
@@ -133,7 +133,7 @@ def _level(segments: float, states: int, tests: int) -> float:
     if segments <= states + 1.0 or not states:
         return 1.0
     each = -np.expm1(np.log1p(-SIGNIFICANCE) / tests)
-    return float(np.asarray(betaincinv(states, segments - states, 1.0 - each), float))
+    return float(np.asarray(scipy.special.betaincinv(states, segments - states, 1.0 - each), float))
 
 
 def _unlike(states: NDArray[np.complex128], order: NDArray[np.intp], most: int) -> list[int]:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import chdtrc, fdtrc, fdtri
 
 from lacet.identify.multibody.vectors import Array
 
@@ -93,10 +93,12 @@ def whiteness(residual: Array, draws: Array, place: NDArray[np.intp], spacing: f
     means, bins, own, floors = means[:, alive], bins[alive], own[alive], floors[alive]
     freedom = _freedom(bins, means[1:])
     count = len(draws)
-    each = np.asarray(fdtrc(freedom, freedom * count, np.asarray(own / floors, float)), float)
+    each = np.asarray(scipy.special.fdtrc(freedom, freedom * count, np.asarray(own / floors, float)), float)
     p = float(-np.expm1(len(bands) * np.log1p(-min(float(each.min()), 1 - 1e-12))))
     limit = -np.expm1(np.log1p(-SIGNIFICANCE) / len(bands))
-    high = np.maximum(LEAST_EXCESS, np.asarray(fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
+    high = (
+        np.maximum(LEAST_EXCESS, np.asarray(scipy.special.fdtri(freedom, freedom * count, 1.0 - limit), float)) * floors
+    )
     shape = _ljung_box(series, usable, power)
     peak, colour = float("nan"), Colour.LIKE_NOISE
     above = own > high
@@ -190,10 +192,10 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
     lags = min(_LAGS, n // 5)
     q = n * (n + 2.0) * np.sum(_acf(white, usable, lags)[:, 1:] ** 2 / (n - np.arange(1, lags + 1)), axis=1)
     if count < 10:
-        return float(np.asarray(chdtrc(lags, q[0]), float))
+        return float(np.asarray(scipy.special.chdtrc(lags, q[0]), float))
     usual, spread = float(q[1:].mean()), float(q[1:].var(ddof=1))
     freedom = min(float(lags), 2.0 * usual**2 / spread) if spread > 0 else float(lags)
-    return float(np.asarray(chdtrc(freedom, q[0] * freedom / usual), float))
+    return float(np.asarray(scipy.special.chdtrc(freedom, q[0] * freedom / usual), float))
 
 
 def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:

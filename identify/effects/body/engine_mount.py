@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import numpy as np
-from scipy.signal import bilinear, lfilter, lfilter_zi
+import scipy
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
@@ -51,9 +51,9 @@ class EngineMount(PhysicalEffect):
         omega, zeta = 2.0 * np.pi * self.shape.get("frequency", 9.0), self.shape.get("damping", 0.08)
         # Stretched before the bilinear transform, so that the resonance stands where it is said to be.
         omega = 2.0 * rate * np.tan(omega / (2.0 * rate))
-        b, a = bilinear([-1.0, 0.0, 0.0], [1.0, 2.0 * zeta * omega, omega**2], fs=rate)
+        b, a = scipy.signal.bilinear([-1.0, 0.0, 0.0], [1.0, 2.0 * zeta * omega, omega**2], fs=rate)
         felt = np.stack([motion.body.accel[2], motion.body.omega_dot[1]])
-        start = lfilter_zi(b, a) * felt[:, :1]
-        lifted, pitched = np.asarray(lfilter(b, a, felt, axis=-1, zi=start)[0])
+        start = scipy.signal.lfilter_zi(b, a) * felt[:, :1]
+        lifted, pitched = np.asarray(scipy.signal.lfilter(b, a, felt, axis=-1, zi=start)[0])
         zero = np.zeros_like(lifted)
         return {"chassis.fz": np.stack([lifted, -pitched, zero]), "chassis.my": np.stack([zero, -lifted, pitched])}

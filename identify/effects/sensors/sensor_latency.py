@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Sensor
@@ -79,7 +79,9 @@ class SensorLatency(SensorFault):
         """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""
         value, shift = recording.signals.value[channel], p * recording.filters.rate
         samples = np.arange(value.shape[1], dtype=float)
-        return np.asarray(CubicSpline(samples, value, axis=1)(np.clip(samples + shift, 0, samples[-1])))
+        return np.asarray(
+            scipy.interpolate.CubicSpline(samples, value, axis=1)(np.clip(samples + shift, 0, samples[-1]))
+        )
 
     @property
     def tolerance(self) -> str:
