@@ -1,7 +1,8 @@
 """Writer of run logs: one MCAP file a run, readable up to the last whole chunk after a crash or a full disk.
 
 Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``.
-The page ``docs/log.md`` describes the format. `LogReader` and `recover` are in `formats.log_read` and offered here too.
+The page ``docs/log.md`` describes the format. `LogReader` and `recover` of `formats.log_read` and `formats.log_recover`
+are offered here too.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ import numpy as np
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError
 from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages
-from lacet.daq.formats.log_read import LogReader, recover
+from lacet.daq.formats.log_read import LogReader
+from lacet.daq.formats.log_recover import recover
 from lacet.daq.formats.mcap_write import McapWriter
 from lacet.daq.formats.wire import (
     Manifest,

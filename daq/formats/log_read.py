@@ -1,4 +1,4 @@
-"""Reader of run logs: complete, unfinished, truncated or damaged ones."""
+"""Reader of run logs: complete, unfinished, truncated or damaged ones, as a whole or piece by piece."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from mcap.records import Message
-
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
-from lacet.daq.formats.mcap_read import McapScan, Stored
-from lacet.daq.formats.mcap_write import McapWriter
+from lacet.daq.formats.mcap_read import McapScan
 from lacet.daq.formats.wire import (
     Manifest,
     StartRecord,
@@ -22,13 +19,10 @@ from lacet.daq.formats.wire import (
     frames_from_bytes,
     manifest_from_bytes,
     start_from_bytes,
-    start_to_bytes,
     stop_from_bytes,
-    stop_to_bytes,
 )
 from lacet.daq.frames import Frames
-from lacet.daq.schema import lacet_pb2 as pb
-from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, META_STOP, RAW, START, STOP
+from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
 
 
 class LogReader:
@@ -101,22 +95,54 @@ class LogReader:
         held = [self._scan.contents[number] for number in self._topics[RAW + source]]
         return min(one.first_ns for one in held), max(one.last_ns for one in held)
 
-    def blocks(self, channels: Iterable[str] | None = None) -> dict[str, Block]:
-        """Decoded samples joined by channel, in the order recorded; of all channels unless some are named."""
-        names = self.channels() if channels is None else channels
+    def blocks(self, channels: Iterable[str] | None = None, between: tuple[int, int] | None = None) -> dict[str, Block]:
+        """Decoded samples joined by channel, in the order recorded; of all channels unless some are named.
+
+        `between` : only the samples stamped from the first to before the second time [ns]. No more of the file is read
+        than the chunks around them, as long as the stamps of the messages do not step back.
+        """
         parts: dict[str, list[Block]] = defaultdict(list)
-        for _, item in self._items([DECODED + name.replace(".", "/") for name in names]):
-            if isinstance(item, Block):
-                parts[item.channel].append(item)
+        for _, block in self._stamped_blocks(channels, between):
+            if between is not None:
+                block = _within(block, *between)
+            if between is None or len(block):
+                parts[block.channel].append(block)
         return {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
+
+    def pieces(self, seconds: float, channels: Iterable[str] | None = None) -> Iterator[dict[str, Block]]:
+        """Decoded samples piece by piece, each of so many seconds by the messages' log times; none is left out.
+
+        Joined by channel, the pieces are `blocks`; no more than one is in memory.
+        """
+        parts: dict[str, list[Block]] = defaultdict(list)
+        first = None
+        for log_ns, block in self._stamped_blocks(channels):
+            if first is not None and abs(log_ns - first) >= 1e9 * seconds:
+                yield {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
+                first = None
+            first = log_ns if first is None else first
+            parts[block.channel].append(block)
+        if parts:
+            yield {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
+
+    def _stamped_blocks(
+        self, channels: Iterable[str] | None, between: tuple[int, int] | None = None
+    ) -> Iterator[tuple[int, Block]]:
+        """Blocks of some channels, or of all, with the log times of their messages."""
+        names = self.channels() if channels is None else channels
+        for log_ns, item in self._items([DECODED + name.replace(".", "/") for name in names], between):
+            if isinstance(item, Block):
+                yield log_ns, item
 
     def messages(self) -> Iterator[tuple[int, Frames | Block]]:
         """Frame batches and blocks one by one as recorded, each with its log time [ns], for replay."""
         yield from self._items(self._topics)
 
-    def _items(self, topics: Iterable[str]) -> Iterator[tuple[int, Frames | Block]]:
+    def _items(
+        self, topics: Iterable[str], between: tuple[int, int] | None = None
+    ) -> Iterator[tuple[int, Frames | Block]]:
         refused: dict[str, tuple[int, str]] = {}
-        for message in self._stored(topics):
+        for message in self._scan.messages(self._numbers(topics), between=between):
             topic = self._scan.channels[message.channel].topic
             try:
                 if topic.startswith(RAW):
@@ -131,12 +157,13 @@ class LogReader:
             if line not in self.damage:
                 self.damage.append(line)
 
-    def _stored(self, topics: Iterable[str], last: bool = False) -> Iterator[Stored]:
-        return self._scan.messages((number for topic in topics for number in self._topics.get(topic, ())), last)
+    def _numbers(self, topics: Iterable[str]) -> Iterator[int]:
+        """Ids of the channels of some topics."""
+        return (number for topic in topics for number in self._topics.get(topic, ()))
 
     def _one(self, topic: str, read):
         """The last message of a topic, None when none can be read."""
-        *_, found = (None, *self._stored([topic], last=True))
+        *_, found = (None, *self._scan.messages(self._numbers([topic]), last=True))
         try:
             return found and read(found.data)
         except WireError as error:
@@ -177,59 +204,6 @@ class LogReader:
         return lines
 
 
-def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwrite: bool = False) -> list[str]:
-    """Write every complete record of a damaged log into a new, finished one, and return the losses.
-
-    The messages are the same bytes; a missing stop record is reconstructed; the new log's `damage` repeats that of the
-    old one.
-
-    Raises
-    ------
-    RunError : nothing can be read from `path`.
-    UsageError : `out` is `path`, or exists and is not to be overwritten.
-    """
-    target = Path(out)
-    if target.exists() and (not overwrite or target.samefile(path)):
-        raise UsageError(f"{target} exists: give another name")
-    reader = LogReader(path)
-    scan = reader._scan
-    for _ in reader.messages():  # detects complete records that cannot be used
-        pass
-    writer = McapWriter(target, overwrite)
-    try:
-        writer.metadata(META_START, scan.metadata.get(META_START, {"run_id": reader.start.run_id}))
-        if START not in reader._topics:
-            writer.message(START, pb.StartRecord, start_to_bytes(reader.start), max(0, reader.start.started_ns), 0)
-        segment = 0
-        for m in scan.messages():
-            if m.segment != segment:  # chunks keep their boundaries
-                writer.flush()
-                segment = m.segment
-            channel = scan.channels[m.channel]
-            message = Message(m.channel, m.log_ns, m.data, m.publish_ns, m.sequence)
-            writer.copy(channel, scan.schemas.get(channel.schema_id), message)
-        stop = reader.stop
-        if stop is None:
-            last = max((held.last_ns for held in scan.contents.values()), default=0)
-            stop = StopRecord(last, "recovered: the recording was not closed", _counts(reader))
-            writer.message(STOP, pb.StopRecord, stop_to_bytes(stop), last, 0)
-        writer.metadata(META_STOP, {"stopped_ns": str(stop.stopped_ns), "reason": stop.reason})
-        if reader.damage:
-            lines = {f"{i:03}": line for i, line in enumerate(reader.damage)}
-            writer.metadata(META_RECOVERED, lines)
-        writer.finish()
-    finally:
-        writer.abandon()
-    return list(reader.damage)
-
-
-def _counts(reader: LogReader) -> dict[str, int]:
-    counts: dict[str, int] = defaultdict(int)
-    for _, item in reader.messages():
-        counts[item.channel if isinstance(item, Block) else item.source] += len(item)
-    return dict(counts)
-
-
 def _scan(path: Path) -> McapScan:
     try:
         size = path.stat().st_size
@@ -246,6 +220,15 @@ def _scan(path: Path) -> McapScan:
             if not file.read(8).startswith(b"\x89MCAP"):
                 raise RunError(path, ["not an MCAP file; give a log recorded by lacet (.mcap)"])
     return scan
+
+
+def _within(block: Block, start_ns: int, stop_ns: int) -> Block:
+    """The samples of a block stamped from the first to before the second time [ns]."""
+    inside = (block.t_ns >= start_ns) & (block.t_ns < stop_ns)
+    if inside.all():
+        return block
+    device = None if block.device_ns is None else block.device_ns[inside]
+    return Block(block.channel, block.t_ns[inside], block.values[inside], block.flags[inside], device)
 
 
 def _missing(runs: list[list[int]], end: int) -> list[tuple[int, int]]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Channel, Metadata, Schema
 from mcap.writer import MCAP0_MAGIC
@@ -54,6 +55,7 @@ class Contents:
     ----------
     messages : how many.
     segments : numbers of the segments that hold any, in the file's order.
+    lasts : log time of the last one in each of these segments [ns].
     runs : first sequence number and the one after the last, of each stretch of consecutive ones, in the file's order.
     first_ns, last_ns : least and largest log time [ns].
     """
@@ -61,6 +63,7 @@ class Contents:
     def __init__(self) -> None:
         self.messages = 0
         self.segments = array("I")
+        self.lasts = array("Q")
         self.runs: list[list[int]] = []
         self.first_ns, self.last_ns = 1 << 64, 0
 
@@ -69,6 +72,8 @@ class Contents:
         self.messages += 1
         if not self.segments or self.segments[-1] != segment:
             self.segments.append(segment)
+            self.lasts.append(log_ns)
+        self.lasts[-1] = log_ns
         if self.runs and self.runs[-1][1] == sequence:
             self.runs[-1][1] += 1
         else:
@@ -77,6 +82,17 @@ class Contents:
             self.first_ns = log_ns
         if log_ns > self.last_ns:
             self.last_ns = log_ns
+
+    def between(self, start_ns: int, stop_ns: int) -> array[int]:
+        """Segments with the messages that reach into a time, begin included; all where log times step back.
+
+        A message covers the time from the one before it to its own log time.
+        """
+        lasts = np.array(self.lasts, np.uint64)
+        if (lasts[1:] < lasts[:-1]).any():
+            return self.segments
+        first, last = np.searchsorted(lasts, np.array([max(0, start_ns), max(0, stop_ns)], np.uint64)).tolist()
+        return self.segments[first : last + 1]
 
 
 @dataclass
@@ -120,14 +136,20 @@ class McapScan:
             scan.damage.append(f"{messages} messages belong to no known topic: its definition is lost")
         return scan
 
-    def messages(self, channels: Iterable[int] | None = None, last: bool = False) -> Iterator[Stored]:
-        """Messages of some channels (by default of all) in the file's order; the segment with the `last` ones alone.
+    def messages(
+        self, channels: Iterable[int] | None = None, last: bool = False, between: tuple[int, int] | None = None
+    ) -> Iterator[Stored]:
+        """Messages of some channels (by default of all) in the file's order.
 
+        Those of the segment with the `last` ones alone, or of the segments that reach `between` two log times [ns].
         Contents of segments are kept up to `KEPT_BYTES`, so that several may be read at once, side by side.
         """
         wanted = self.contents.keys() if channels is None else self.contents.keys() & set(channels)
-        begin = -1 if last else 0
-        segments = sorted({number for channel in wanted for number in self.contents[channel].segments[begin:]})
+        numbers: list[array[int]] = []
+        for channel in wanted:
+            held = self.contents[channel]
+            numbers.append(held.between(*between) if between else held.segments[-1:] if last else held.segments)
+        segments = numbers[0] if len(numbers) == 1 else sorted(set().union(*numbers))
         with self.path.open("rb") as file:
             for number in segments:
                 contents = self._segment(file, number)

@@ -43,6 +43,7 @@ _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log ti
 _MESSAGE_REST = _MESSAGE.size - 9
 _CHUNK = struct.Struct("<BQQQQII4sQ")  # opcode, length, times, size and CRC unpacked, compression, size packed
 _INDEX_SIZE = struct.calcsize("<BQHI")  # opcode, length, channel, size of the entries
+_RECORDS = 1000  # of the index at the end, passed to the operating system at a time
 _FOOTER = struct.Struct("<BQQQ")  # opcode, length, start of the summary, start of its offsets
 
 
@@ -107,19 +108,25 @@ class McapWriter:
         self._sink.write(_record(DataEnd(0)))
         start = self._sink.position
         groups = [
-            (Opcode.SCHEMA, b"".join(map(_record, self._schemas.values()))),
-            (Opcode.CHANNEL, b"".join(map(_record, self._channels.values()))),
-            (Opcode.STATISTICS, _record(self._statistics())),
-            (Opcode.CHUNK_INDEX, b"".join(self._indexes)),
-            (Opcode.ATTACHMENT_INDEX, b""),
-            (Opcode.METADATA_INDEX, b"".join(map(_record, self._metadata))),
+            (Opcode.SCHEMA, map(_record, self._schemas.values())),
+            (Opcode.CHANNEL, map(_record, self._channels.values())),
+            (Opcode.STATISTICS, [_record(self._statistics())]),
+            (Opcode.CHUNK_INDEX, self._indexes),
+            (Opcode.ATTACHMENT_INDEX, []),
+            (Opcode.METADATA_INDEX, map(_record, self._metadata)),
         ]
-        summary, offsets, at = b"".join(data for _, data in groups), b"", start
-        for opcode, data in groups:
-            offsets += _record(SummaryOffset(opcode, at, len(data)))
-            at += len(data)
-        crc = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, at), zlib.crc32(summary + offsets))
-        self._sink.write(summary + offsets + _record(Footer(start, at, crc)) + MCAP0_MAGIC)
+        crc, offsets = 0, b""
+        for opcode, records in groups:
+            begin = self._sink.position
+            for number, record in enumerate(records):
+                self._sink.write(record)
+                crc = zlib.crc32(record, crc)
+                if number % _RECORDS == _RECORDS - 1:
+                    self._sink.flush()
+            offsets += _record(SummaryOffset(opcode, begin, self._sink.position - begin))
+        at = self._sink.position
+        crc = zlib.crc32(_FOOTER.pack(Opcode.FOOTER, 20, start, at), zlib.crc32(offsets, crc))
+        self._sink.write(offsets + _record(Footer(start, at, crc)) + MCAP0_MAGIC)
         self._sink.flush()
 
     def abandon(self) -> None:

@@ -20,7 +20,7 @@ from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
 from lacet.drivers.framework import dbc
 from lacet.drivers.framework.can_layout import Reading, Unit, compile_units, read_layout
-from lacet.drivers.framework.can_numbering import Numbering
+from lacet.drivers.framework.can_messages import MessagePicker, Parts
 from lacet.drivers.framework.counters import CounterState, add, follow_counter, steady_counters
 from lacet.drivers.framework.crc import Crc, RowCrc
 from lacet.drivers.framework.extraction import Extraction
@@ -29,26 +29,6 @@ from lacet.drivers.framework.outgoing import not_valid, together
 
 NOT_VALID = 1
 """Status that the encoder sends with samples that have no value."""
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Messages of one sensor in a batch: `number` (N,) counts its units' messages; `whole` : if the length is right."""
-
-    number: NDArray[np.int16]
-    t_ns: NDArray[np.int64]
-    words: NDArray[np.uint64]
-    whole: NDArray[np.bool_]
-
-    def __getitem__(self, index: NDArray[np.int64]) -> Parts:
-        return Parts(self.number[index], self.t_ns[index], self.words[index], self.whole[index])
-
-    def after(self, begun: Parts) -> Parts:
-        """These messages with others before them."""
-        if not len(begun.number):
-            return self
-        columns = ((getattr(begun, name), getattr(self, name)) for name in ("number", "t_ns", "words", "whole"))
-        return Parts(*(np.concatenate(column) for column in columns))
 
 
 @dataclass(frozen=True)
@@ -111,25 +91,21 @@ class CanSensor:
             alike.setdefault(unit.layout(), []).append(u)
         self._alike = list(alike.values())
         self._crc = {u: crc for members in self._alike for crc in (self._row_crc(units[members[0]]),) for u in members}
-        self._numbering = Numbering(idents)
+        lengths = [message.length for unit in units for message in unit.messages]
+        self._picker = MessagePicker(idents, lengths, self._words)
         extractions = [Extraction(units[members[0]].readings, self._words * dbc.WORD) for members in self._alike]
         self._extract = {u: one for one, members in zip(extractions, self._alike, strict=True) for u in members}
-        self._nothing = Parts(
-            np.zeros(0, np.int16), np.zeros(0, np.int64), np.zeros((0, self._words), np.uint64), np.zeros(0, bool)
-        )
-        self._same_length = len({message.length for unit in units for message in unit.messages}) == 1
-        self._length = np.array([message.length for unit in units for message in unit.messages], np.int64)
 
     def start(self) -> CanState:
         """State before the first frame."""
         ledger: dict[str, int] = dict.fromkeys(
             ("received", "samples", "lost", "bad_checksum", "incomplete", "bad_length", "bad_status", "saturated"), 0
         )
-        return CanState(self._nothing, (CounterState(),) * len(self.units), ledger)
+        return CanState(self._picker.nothing, (CounterState(),) * len(self.units), ledger)
 
     def decode(self, frames: Frames, state: CanState) -> tuple[list[Block], CanState]:
         """Blocks of a batch, without the frames with other sensors' ids, and the state after it."""
-        parts = self._parts(frames)
+        parts = self._picker.of(frames)
         ledger = add(
             state.ledger, received=len(parts.number), bad_length=len(parts.number) - np.count_nonzero(parts.whole)
         )
@@ -142,25 +118,6 @@ class CanSensor:
     def counts(self, state: CanState) -> dict[str, int]:
         """The ledger: ``received`` and ``bad_length`` count frames, all others samples (of one wheel)."""
         return dict(state.ledger)
-
-    def _parts(self, frames: Frames) -> Parts:
-        """This sensor's messages of a batch, payloads in rows of little-endian words."""
-        number, offset, t_ns = self._numbering.of(frames.ident), frames.offset, frames.t_ns
-        starts, lengths = offset[:-1], offset[1:] - offset[:-1]
-        dense = len(number) and number.min() >= 0
-        if not dense:
-            mine = np.flatnonzero(number >= 0)
-            number, starts, lengths, t_ns = number[mine], starts[mine], lengths[mine], t_ns[mine]
-        whole = lengths == (self._length[0] if self._same_length else self._length[number])
-        all_whole = bool(whole.all())
-        # Views of 8 bytes at every offset, without a copy: one gather a word. Bytes past a payload are never read.
-        padded = np.concatenate((frames.data, np.zeros(dbc.WORD * (self._words + 1), np.uint8)))
-        if dense and self._same_length and self._words == 1 and all_whole:  # at equal distances: no gather either
-            words = np.ndarray((len(number), 1), "<u8", padded, int(offset[0]), (int(self._length[0]), dbc.WORD))
-        else:
-            anywhere = np.ndarray((len(padded) - dbc.WORD + 1,), "<u8", padded, strides=(1,))
-            words = np.stack([anywhere[starts + dbc.WORD * w] for w in range(self._words)], axis=1)
-        return Parts(number, t_ns, words, whole)
 
     def _samples(
         self, parts: Parts, counters: tuple[CounterState, ...], ledger: Mapping[str, int], ended: bool
@@ -203,7 +160,7 @@ class CanSensor:
             if spans:
                 decoded, ledger = self._blocks(spans, rows[mine], complete[mine], t_ns[mine], after, ledger)
                 blocks += decoded
-        return blocks, CanState(parts[begun] if len(begun) else self._nothing, tuple(after), ledger)
+        return blocks, CanState(parts[begun] if len(begun) else self._picker.nothing, tuple(after), ledger)
 
     def _rows(
         self,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lacet.drivers.framework import extraction
 from lacet.drivers.framework.can_layout import Component, Reading
-from lacet.drivers.framework.can_numbering import TABLE, Numbering
+from lacet.drivers.framework.can_messages import TABLE, Numbering
 from lacet.drivers.framework.dbc import Signal
 from lacet.drivers.framework.extraction import Extraction
 
