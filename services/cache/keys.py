@@ -66,8 +66,14 @@ def _sources(room: str, effect_files: tuple[str, ...] | None) -> str:
         files = [file for file in files if str(file.resolve()) not in unneeded]
     digest = hashlib.sha256()
     for file in sorted(files):
-        digest.update(file.name.encode() + hashlib.sha256(file.read_bytes()).digest())
+        digest.update(file.name.encode() + _content(file))
     return digest.hexdigest()
+
+
+@cache
+def _content(file: Path) -> bytes:
+    """Digest of a source file, read once for the keys of all rooms."""
+    return hashlib.sha256(file.read_bytes()).digest()
 
 
 def _place(cls: type[Effect]) -> str:
@@ -97,6 +103,15 @@ def service_sources(*rooms: str) -> str:
     for room in rooms:
         for file in sorted((_SERVICES / room).rglob("*.py")):
             digest.update(file.name.encode() + file.read_bytes())
+    return digest.hexdigest()
+
+
+@cache
+def simulator_sources() -> str:
+    """Digest of the sources of the simulator, for values that depend on simulated runs."""
+    digest = hashlib.sha256()
+    for file in sorted((_SERVICES.parent / "simulate").rglob("*.py")):
+        digest.update(file.name.encode() + file.read_bytes())
     return digest.hexdigest()
 
 

@@ -97,7 +97,7 @@ class Store:
         return self.folder / f"{kind}-{key}.zip"
 
     def _forget_oldest(self) -> None:
-        """Remove what was not used for longest, and what a killed writer left an hour ago."""
+        """Remove what was not used for longest, what an older lacet kept and what a killed writer left an hour ago."""
         found: list[tuple[float, int, Path]] = []
         for file in self.folder.glob("*"):
             with suppress(OSError):
@@ -108,6 +108,7 @@ class Store:
         for time, size, file in sorted(found, reverse=True):
             total += size
             abandoned = file.name.startswith("writing-") and time < newest - 3600.0
-            if abandoned or (file.suffix == ".zip" and total > self.most):
+            superseded = file.suffix == ".npz"  # of a lacet that kept arrays alone; nothing reads them now
+            if abandoned or superseded or (file.suffix == ".zip" and total > self.most):
                 with suppress(OSError):
                     file.unlink(missing_ok=True)

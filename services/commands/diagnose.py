@@ -12,8 +12,7 @@ from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.progress import Line
-from lacet.services.planning.separation import next_result, recommend, tied, untestable
-from lacet.services.progress import Progress
+from lacet.services.planning.separation import next_run, tied, untestable
 from lacet.services.render import tables
 from lacet.services.render.separation_report import hint, next_text
 from lacet.services.render.verdicts import print_change, print_diagnosis
@@ -71,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
         wanted = [("ranking", study.version()), ("next", study.version())]
         with contextlib.nullcontext() if args.auto or args.next is None else session.planned(*wanted):
             found = session.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
-            following = _next(args, session, found.last, line.progress)
+            following = _next(args, session, found.last)
     result = {**steps[-1], **following}
     if args.auto:
         print(tables.history(session.study.versions()))
@@ -82,13 +81,12 @@ def run(args: argparse.Namespace) -> int:
     return DONE
 
 
-def _next(args: argparse.Namespace, session: Session, diagnosis: Diagnosis, progress: Progress) -> dict[str, Any]:
+def _next(args: argparse.Namespace, session: Session, diagnosis: Diagnosis) -> dict[str, Any]:
     """Entries of the result for ``--next``, ready to print; empty without that option."""
     if args.next is None:
         return {}
     without = [word.strip() for word in args.without.split(",") if word.strip()]
-    found = recommend(session, diagnosis, args.next, without=without, progress=progress)
-    return {"next": next_result(found) if found else None}
+    return {"next": next_run(session, diagnosis, args.next, without)}
 
 
 def _hint(diagnosis: Diagnosis, study: Study) -> str:

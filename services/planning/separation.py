@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Answer, Candidate
+from lacet.services.cache.keys import service_sources, simulator_sources
 from lacet.services.planning.manoeuvre_library import Limits, kinds, library
 from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.services.planning.simulated_plans import SECONDS, PlannedRun, SensorSetup, simulated_runs
@@ -96,6 +97,21 @@ class Recommendation:
     def needed(self) -> float:
         """Separation, or √λ, that suffices."""
         return SHOWS if self.alone else NEEDED
+
+
+def next_run(
+    session: Session, diagnosis: Diagnosis, names: Sequence[str] = (), without: Sequence[str] = ()
+) -> dict[str, Any] | None:
+    """What `recommend` finds within the usual limits, as plain data (``docs/json.md``); kept in the study."""
+    limits = Limits()
+    asked = [list(names), list(without), asdict(limits), SECONDS, kinds((), without)]
+    about = [*asked, service_sources("planning", "render"), simulator_sources()]
+
+    def found() -> dict[str, Any]:
+        best = recommend(session, diagnosis, names, limits, without, session.progress)
+        return {"next": next_result(best) if best else None}
+
+    return session.values.next_run(session.study.version(), about, found)["next"]
 
 
 def recommend(

@@ -125,9 +125,8 @@ def preview_body(cache: SessionCache, version: int, key: str, run: str, text: st
     row = measured_row(part, text)
     with cache.computing(WAIT):
         effect = find_effect(key, study.effects(str(of.result["wheel_reference"])))
-        session, beside = cache.preview(version, replace(effect, shape={**effect.shape, **found["shape"]}), silent)
-        drive = next(d for d in (*session.runs.loaded.prepared, *session.runs.held) if d.name == run)
-        after = beside.residual(drive, part)
+        effect = replace(effect, shape={**effect.shape, **found["shape"]})
+        after = cache.preview(version, effect, part, silent)
     now = part.residual(row)
     rms_now, rms_after = (float((series**2).mean() ** 0.5) for series in (now, after[row]))
     arrays = {"t": part.t[row], "now": now, "after": after[row]}

@@ -18,7 +18,9 @@ from typing import Any
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.result import plain
 from lacet.identify.car.manoeuvre_phases import Phases
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.contributions import Shares
 from lacet.identify.validation.failure_analysis import FailureAnalysis
@@ -162,16 +164,21 @@ class SessionCache:
         _keep(self._where, version.number, kept)
         return kept[1]
 
-    def preview(self, number: int, effect: Effect, progress: Progress) -> tuple[Session, Preview]:
-        """One-step update of a version by one more effect; to be called while `computing`."""
+    def preview(self, number: int, effect: Effect, part: Comparison, progress: Progress) -> Mapping[Row, Array]:
+        """Row → residual of a run after a one-step update by one more effect; to be called while `computing`."""
         study, version = self.version(number)
         session = self.session(study, progress)
-        key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
-        if key not in self._previews:
-            self._previews[key] = preview(session.values.fitted(version), effect)
-            while len(self._previews) > PREVIEWS:
-                self._previews.popitem(last=False)
-        return session, self._previews[key]
+
+        def residual() -> dict[Row, Array]:
+            key = (version.number, stamp_of(study), effect.key, tuple(sorted(effect.shape.items())))
+            if key not in self._previews:
+                self._previews[key] = preview(session.values.fitted(version), effect)
+                while len(self._previews) > PREVIEWS:
+                    self._previews.popitem(last=False)
+            drive = next(one for one in session.runs.prepared(not part.used) if one.name == part.name)
+            return self._previews[key].residual(drive, part)
+
+        return session.values.residual_beside(version, effect, part, residual)
 
     def keep_diagnosis(self, number: int, study: Study, diagnosis: Diagnosis) -> None:
         """Cache a ranking, on which the recommendation of the next run is based."""

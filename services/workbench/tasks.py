@@ -11,7 +11,7 @@ from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
-from lacet.services.planning.separation import next_result, recommend
+from lacet.services.planning.separation import next_run
 from lacet.services.progress import planned
 from lacet.services.workbench.jobs import Do, JobProgress
 from lacet.services.workbench.run_files import FOLDER, RAW, RunFiles, find_run
@@ -141,10 +141,8 @@ class Tasks:
             if diagnosis is None:
                 diagnosis = session.diagnose()
                 self.cache.keep_diagnosis(study.current, study, diagnosis)
-            found = recommend(
-                session, diagnosis, _names(args, "effects"), without=_names(args, "without"), progress=teller.progress
-            )
-        return {"next": next_result(found) if found else None}
+            found = next_run(session, diagnosis, _names(args, "effects"), _names(args, "without"))
+        return {"next": found}
 
     def report(self, args: Mapping[str, Any], teller: JobProgress) -> dict[str, Any]:
         """Write the report into the study's folder."""

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.manoeuvre_phases import Phases, phases_of
 from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.derived import DamperCurve, damper_curves
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import Fit, fit
@@ -246,6 +248,22 @@ class KeptValues:
         self._cache.store.save("noise", key, found.noise.arrays())
         self._cache.store.save("ranking", key, diagnosis_record(found))
         return found
+
+    def residual_beside(
+        self, version: Version, effect: Effect, part: Comparison, compute: Callable[[], dict[Row, Array]]
+    ) -> dict[Row, Array]:
+        """Row → (n,) residual of a comparison's run after a one-step update by one more effect: kept, or computed."""
+        more = replace(version, effects={**version.effects, effect.key: dict(effect.shape)})
+        held = [] if part.used else self._cache.runs_key(held=True)
+        about = ["beside", list(version.effects), part.name, part.used, held]
+        key = self._cache.key("validation", more, self.runs.reference(version), *about)
+        return self._cache.kept("beside", key, compute)
+
+    def next_run(self, version: Version, about: object, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """What to drive next, as plain data: kept, or computed; `about` : what was asked for, and whose sources."""
+        draws, reference = self.runs.study.draws, self.runs.reference(version)
+        key = self._cache.key("design", version, reference, draws, about, catalogue=True)
+        return self._cache.kept("next", key, compute)
 
     # -- results, pictures and pages ----------------------------------------------------------------------------------
 

@@ -68,6 +68,16 @@ def test_what_was_not_used_for_longest_goes_first(tmp_path: Path) -> None:
     assert len(kept) == 3
 
 
+def test_what_an_older_lacet_kept_is_removed(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.save("fit", "1", VALUE)
+    for name in ("noise-0123.npz", "runs.json", "paces.json"):
+        (tmp_path / FOLDER / name).write_bytes(b"{}")
+    store.save("fit", "2", VALUE)
+    names = {file.name for file in (tmp_path / FOLDER).iterdir()}
+    assert names == {".gitignore", "fit-1.zip", "fit-2.zip", "runs.json", "paces.json"}
+
+
 def test_a_folder_that_cannot_be_written_to_costs_only_time(tmp_path: Path) -> None:
     (tmp_path / FOLDER).write_text("a file where the folder should be")
     store = Store(tmp_path)

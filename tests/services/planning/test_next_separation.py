@@ -89,6 +89,11 @@ def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsy
     def refuse(*_: Any, **__: Any) -> None:
         raise AssertionError("simulated again")
 
+    with monkeypatch.context() as patch:
+        patch.setattr("lacet.services.planning.separation.recommend", refuse)
+        assert asked(study, monkeypatch, "spring_cubic.front", "bump_stop.front") == pair
+        with pytest.raises(AssertionError, match="again"):
+            asked(study, monkeypatch, "spring_cubic.front", "bump_stop.rear")
     monkeypatch.setattr("lacet.services.planning.simulated_plans.drive_car", refuse)
     nothing: Any = SimpleNamespace(best=None, candidates=(), noise_ratio={})
     shown = recommend(Session(Study.open(study)), nothing, ["tyre_damping.front"])

@@ -7,13 +7,16 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import lacet.services.workspace.kept.kept_values
 from lacet.daq.formats.exchange import write_table
+from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -226,3 +229,28 @@ def test_a_session_holds_few_versions_and_reads_the_others_again(folder: Path, c
     for one, theta in zip(versions, first, strict=True):
         np.testing.assert_array_equal(session.values.fitted(one).theta, theta)
     assert calls["fit"] == 1, "read, not fitted again"
+
+
+def test_a_preview_is_kept_for_its_effect_its_constants_and_its_run(folder: Path):
+    values = Session(Study.open(folder)).values
+    version = replace(Study.open(folder).version(), result={"wheel_reference": "hub"})
+    known = Study.open(folder).effects("hub")
+    row = next(iter(ROWS))
+    made: list[str] = []
+
+    def beside(key: str, run: str, used: bool = True, **shape: float) -> float:
+        def compute() -> dict[Row, NDArray[np.float64]]:
+            made.append(key)
+            return {row: np.full(3, float(len(made)))}
+
+        effect = replace(known[key], shape={**known[key].shape, **shape})
+        part: Any = SimpleNamespace(name=run, used=used)
+        return float(values.residual_beside(version, effect, part, compute)[row][0])
+
+    first = [
+        beside("coulomb.rear", "one"), beside("coulomb.rear", "one", v0=0.123), beside("coulomb.rear", "two"),
+        beside("coulomb.front", "one"), beside("coulomb.rear", "one", used=False),
+    ]  # fmt: skip
+    assert first == [1.0, 2.0, 3.0, 4.0, 5.0]
+    values = Session(Study.open(folder)).values
+    assert [beside("coulomb.rear", "one"), beside("coulomb.rear", "one", v0=0.123)] == [1.0, 2.0]
