@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.signals.filters import Filters
+from lacet.services.cache.keys import service_sources, simulator_sources
 from lacet.services.cache.store import FOLDER
 from lacet.services.commands.progress import Line
 from lacet.services.planning.manoeuvre_library import KMH, Limits, check, kinds, library
@@ -121,24 +122,36 @@ def run(args: argparse.Namespace) -> int:
     names = kinds(_split(args.only), _split(args.without))
     with Line("plan") as line:
         line.progress(planned(_stretches(args)))
-        start = _start(args, line)
-        if start.fitted is not None:  # unknown names are refused before the long computation
-            chosen(quantities(start.fitted, start.vehicle), args.want)
-        runs, assumed, problems = _runs(args, start, limits, names, line)
-        if not runs:
-            raise UsageError("no motion could be made:\n" + "\n".join(problems))
-        goal = (0.0 if args.want else 0.02) if args.goal is None else args.goal / 100.0
-        values = start.fitted or first_fit(start.model, runs)
-        wanted = chosen(quantities(values, start.vehicle), args.want)
-        measured = start.fitted is not None
-        fitted, rankings = next_runs(
-            values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.progress
-        )
-    present = quantities(fitted, start.vehicle)
-    result = plan_result(start, runs, rankings, present, assumed, [*start.warnings, *problems])
+        study = Study.open(args.given[0]) if len(args.given) == 1 and args.given[0].is_dir() else None
+        if study is None or args.like or args.rig or args.vehicle or args.cutoff or args.add:
+            result = _planned(args, limits, names, line)
+        else:
+            about = ["plan", asdict(limits), names, args.want, args.goal, args.runs, SECONDS, simulator_sources()]
+            about.append(service_sources("planning", "render", "commands"))
+            values = Session(study).values
+            result = values.next_run(study.version(), about, lambda: _planned(args, limits, names, line))
     _print(result, args.most)
     write_result(args.json, "plan", result)
     return WITH_LOSSES if result["warnings"] else DONE
+
+
+def _planned(args: argparse.Namespace, limits: Limits, names: Sequence[str], line: Line) -> dict[str, Any]:
+    """The plan as plain data."""
+    start = _start(args, line)
+    if start.fitted is not None:  # unknown names are refused before the long computation
+        chosen(quantities(start.fitted, start.vehicle), args.want)
+    runs, assumed, problems = _runs(args, start, limits, names, line)
+    if not runs:
+        raise UsageError("no motion could be made:\n" + "\n".join(problems))
+    goal = (0.0 if args.want else 0.02) if args.goal is None else args.goal / 100.0
+    values = start.fitted or first_fit(start.model, runs)
+    wanted = chosen(quantities(values, start.vehicle), args.want)
+    measured = start.fitted is not None
+    fitted, rankings = next_runs(
+        values, measured, runs, start.vehicle, limits.duration, wanted, goal, args.runs, line.progress
+    )
+    present = quantities(fitted, start.vehicle)
+    return plan_result(start, runs, rankings, present, assumed, [*start.warnings, *problems])
 
 
 def _stretches(args: argparse.Namespace) -> list[Stretch]:

@@ -119,3 +119,18 @@ def test_what_cannot_be_asked_is_refused(study: Path, monkeypatch: pytest.Monkey
         recommend(session, nothing, ["spring.fl"])
     with pytest.raises(UsageError, match="no manoeuvre"):
         recommend(session, nothing, ["bump_stop.front"], without=["looping"])
+
+
+def test_a_plan_of_a_study_is_kept_for_what_was_asked(study: Path, monkeypatch: pytest.MonkeyPatch):
+    made: list[int] = []
+    shown: list[Any] = []
+
+    def planned(*_: Any) -> dict[str, Any]:
+        made.append(len(made))
+        return {"warnings": [], "says": f"plan {len(made)}"}
+
+    monkeypatch.setattr("lacet.services.commands.plan._planned", planned)
+    monkeypatch.setattr("lacet.services.commands.plan._print", lambda result, _: shown.append(result["says"]))
+    for more in ([], [], ["--max-speed", "60"], ["--goal", "5"], ["--only", "liftoff"], []):
+        assert main(["plan", str(study), *more]) == 0
+    assert shown == ["plan 1", "plan 1", "plan 2", "plan 3", "plan 4", "plan 1"]
