@@ -24,6 +24,9 @@ from lacet.daq.formats.wire import (
 from lacet.daq.frames import Frames
 from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
 
+PIECE_SECONDS = 20.0
+"""Stretch of a log whose messages are joined before more are read [s]: thousands of small arrays cost memory."""
+
 
 class LogReader:
     """Reader of one run log, complete or damaged.
@@ -102,11 +105,14 @@ class LogReader:
         than the chunks around them, as long as the stamps of the messages do not step back.
         """
         parts: dict[str, list[Block]] = defaultdict(list)
-        for _, block in self._stamped_blocks(channels, between):
-            if between is not None:
-                block = _within(block, *between)
-            if between is None or len(block):
-                parts[block.channel].append(block)
+        if between is None:
+            for piece in self.pieces(PIECE_SECONDS, channels):
+                for name, block in piece.items():
+                    parts[name].append(block)
+        else:
+            for _, block in self._stamped_blocks(channels, between):
+                if len(inside := _within(block, *between)):
+                    parts[block.channel].append(inside)
         return {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
 
     def pieces(self, seconds: float, channels: Iterable[str] | None = None) -> Iterator[dict[str, Block]]:

@@ -114,6 +114,8 @@ def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) 
     if dropped:
         remedy = ' (clock = "device" in the rig would part them)' if block.device_ns is not None else ""
         problems.append(f"{block.channel}: {dropped} samples not later than the one before are left out{remedy}")
+    if good.all():
+        return Signal((t_ns - start_ns) / 1e9, block.values, block.flags)
     return Signal((t_ns[good] - start_ns) / 1e9, block.values[good], block.flags[good])
 
 
