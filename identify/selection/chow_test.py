@@ -178,6 +178,6 @@ def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:
 def _run_products(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
     """(w, w) products of one run's columns, and (w, D) products with its simulated noise, its zeros eliminated."""
     blocks = [block for block in sums.blocks if block.run == run]
-    products = RunProducts.of(blocks, blocks[0].zeros.shape[1], sums.layout.width, len(blocks[0].draws))
+    products = RunProducts.of(blocks, blocks[0].zeros.shape[1], sums.layout.width, len(blocks[0].choice))
     noise = np.sum([space.noise_ratio[row] * drawn for row, drawn in products.noise.items()], axis=0)
     return products.eliminated[1], products.remaining(noise)

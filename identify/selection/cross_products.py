@@ -118,7 +118,7 @@ class Block:
     zeros : (n, z) columns of the run's sensor zeros, for 1 σ of their priors.
     columns : (n, a) the columns that act on the row, at places `active` of the layout.
     number : (n,) number of each sample's block of `block_seconds`, counted over all runs.
-    draws : (D, n) simulated noise of the row.
+    draws : (d, n) simulated noise of the row; `choice` (D,) which of them are the D simulated runs'.
     """
 
     run: int
@@ -128,6 +128,7 @@ class Block:
     active: NDArray[np.intp]
     number: NDArray[np.intp]
     draws: Array
+    choice: NDArray[np.intp]
 
 
 @dataclass(frozen=True)
@@ -138,26 +139,34 @@ class RunProducts:
     ----------
     zeros : z, the number of its sensor zeros.
     inside : (folds, z + w, z + w) products over the samples inside each fold.
-    noise : row → (z + w, D) products with the row's simulated noise.
+    by_row : row → (z + w, z + w) products over the row's samples.
+    noise : row → (z + w, D) products with the row's simulated noise; `noise_squares` (D,) its squares.
     """
 
     zeros: int
     inside: Array
+    by_row: Mapping[Row, Array]
     noise: Mapping[Row, Array]
+    noise_squares: Mapping[Row, Array]
 
     @classmethod
     def of(cls, blocks: Sequence[Block], z: int, w: int, draws: int) -> RunProducts:
         """Products of a run's samples: of `z` zeros and `w` columns, with `draws` simulated runs."""
         inside = np.zeros((SELECTION.folds, z + w, z + w))
-        noise = {block.row: np.zeros((z + w, draws)) for block in blocks}
+        by_row = {block.row: np.zeros((z + w, z + w)) for block in blocks}
+        noise = {row: np.zeros((z + w, draws)) for row in by_row}
+        squares = {row: np.zeros(draws) for row in by_row}
         for block in blocks:
             both = np.concatenate([block.zeros, block.columns], axis=1)
             place = np.concatenate([np.arange(z), z + block.active])
             for fold in range(SELECTION.folds):
                 part = both[block.number % SELECTION.folds == fold]
-                inside[fold][np.ix_(place, place)] += part.T @ part
-            noise[block.row][place] += both.T @ block.draws.T
-        return cls(z, inside, noise)
+                products = part.T @ part
+                inside[fold][np.ix_(place, place)] += products
+                by_row[block.row][np.ix_(place, place)] += products
+            noise[block.row][place] += (both.T @ block.draws.T)[:, block.choice]
+            squares[block.row] += np.sum(block.draws**2, axis=1)[block.choice]
+        return cls(z, inside, by_row, noise, squares)
 
     @cached_property
     def whole(self) -> Array:
@@ -190,6 +199,46 @@ class RunProducts:
         pushed = np.sum([products[:z] for products in self.noise.values()], axis=0)
         return np.asarray(np.linalg.solve(self.whole[:z, :z] + np.eye(z), pushed), float)
 
+    def row(self, row: Row) -> RowProducts:
+        """Products over one row's samples, less the regression of columns and simulated noise on the zeros."""
+        z, gain, drawn = self.zeros, self.eliminated[0], self.noise_zeros
+        normal, noise = self.by_row[row], self.noise[row]
+        remaining = noise - normal[:, :z] @ drawn
+        squares = self.noise_squares[row] - np.einsum("zd,zd->d", drawn, noise[:z] + remaining[:z])
+        return RowProducts(at_zeros(normal, gain), remaining[z:] - gain.T @ remaining[:z], squares)
+
+
+@dataclass(frozen=True)
+class RowProducts:
+    """Sums of products over the samples of one row, every run's zeros eliminated.
+
+    Attributes
+    ----------
+    columns : (w, w) products of the columns.
+    noise : (w, D) products with the simulated noise; `squares` (D,) its squares.
+    """
+
+    columns: Array
+    noise: Array
+    squares: Array
+
+    def __add__(self, other: RowProducts) -> RowProducts:
+        return RowProducts(self.columns + other.columns, self.noise + other.noise, self.squares + other.squares)
+
+    def squares_of(self, coefficients: Array) -> Array:
+        """(k,) sums of squares of the columns · coefficients (w, k)."""
+        used = self._used
+        return np.einsum("wk,wk->k", coefficients[used], self.columns[np.ix_(used, used)] @ coefficients[used])
+
+    def squares_with_noise(self, coefficients: Array) -> Array:
+        """(D,) sums of squares of the simulated noise plus columns · coefficients (w, D)."""
+        across = np.einsum("wd,wd->d", self.noise, coefficients)
+        return self.squares + 2.0 * across + self.squares_of(coefficients)
+
+    @property
+    def _used(self) -> NDArray[np.intp]:
+        return np.flatnonzero(np.diag(self.columns))
+
 
 @dataclass
 class _Sums:
@@ -200,12 +249,14 @@ class _Sums:
     test: Array
     null: dict[Row, Array]
     null_sheet: Array
+    rows: dict[Row, RowProducts]
 
     @classmethod
     def zero(cls, w: int, rows: Iterable[Row], draws: int) -> _Sums:
         """The sums over no run, of `w` columns and `draws` simulated runs."""
         train, test = np.zeros((2, SELECTION.folds, w, w))
-        return cls(np.zeros((w, w)), train, test, {row: np.zeros((w, draws)) for row in rows}, np.zeros((w, draws)))
+        null = {row: np.zeros((w, draws)) for row in rows}
+        return cls(np.zeros((w, w)), train, test, null, np.zeros((w, draws)), {})
 
     def add(self, products: RunProducts) -> None:
         """Add the products of a run: of all its samples, of its folds, and with its simulated noise."""
@@ -216,6 +267,8 @@ class _Sums:
             self.test[fold] += inside
         for row, noise in products.noise.items():
             self.null[row] += products.remaining(noise)
+            found = products.row(row)
+            self.rows[row] = self.rows[row] + found if row in self.rows else found
 
     def add_sheet(self, products: Iterable[Array]) -> None:
         """Add products (w, D) with errors of the sensors that are drawn for a run."""
@@ -236,6 +289,7 @@ class CrossProducts:
     total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
         zeros found outside.
     null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
+    rows : row → sums over its samples alone.
     prior_stiffening : 1 σ of the sensor sheet ÷ 1 σ of the zeros' priors.
     zero_gains : for each run (z, w) regression of each column on its zeros.
     noise_zeros : for each run (z, D) regression of its simulated noise on its zeros.
@@ -250,6 +304,7 @@ class CrossProducts:
     test: Array
     null: Mapping[Row, Array]
     null_sheet: Array
+    rows: Mapping[Row, RowProducts]
     prior_stiffening: float
     zero_gains: tuple[Array, ...]
     noise_zeros: tuple[Array, ...]
@@ -283,7 +338,7 @@ class CrossProducts:
             noise_zeros.append(products.noise_zeros)
         return cls(
             layout, turn, _model_prior(fitted, turn), tuple(blocks), sums.total, sums.train, sums.test, sums.null,
-            sums.null_sheet, prior_stiffening, tuple(zero_gains), tuple(noise_zeros),
+            sums.null_sheet, sums.rows, prior_stiffening, tuple(zero_gains), tuple(noise_zeros),
         )  # fmt: skip
 
     @property
@@ -291,16 +346,16 @@ class CrossProducts:
         """Number of blocks of the cross-validation over all runs."""
         return 1 + max(int(block.number.max()) for block in self.blocks)
 
-    def series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """For each block (n, k) columns · coefficients (w, k), less their regression on the run's zeros."""
-        for block in self.blocks:
+    def series(self, coefficients: Array, row: Row | None = None) -> Iterator[tuple[Block, Array]]:
+        """For each block, or each of a `row`, (n, k) columns · coefficients (w, k), less their regression on zeros."""
+        for block in self.blocks if row is None else [block for block in self.blocks if block.row == row]:
             nuisance = self.zero_gains[block.run] @ coefficients
             yield block, block.columns @ coefficients[block.active] - block.zeros @ nuisance
 
-    def noise_series(self, coefficients: Array) -> Iterator[tuple[Block, Array]]:
-        """For each block (n, D) noise plus columns · coefficients (w, D), less the regression on the run's zeros."""
-        for block, moved in self.series(coefficients):
-            yield block, block.draws.T - block.zeros @ self.noise_zeros[block.run] + moved
+    def noise_series(self, coefficients: Array, row: Row) -> Iterator[tuple[Block, Array]]:
+        """For each block of a row (n, D) noise plus columns · coefficients (w, D), less the regression on zeros."""
+        for block, moved in self.series(coefficients, row):
+            yield block, block.draws.T[:, block.choice] - block.zeros @ self.noise_zeros[block.run] + moved
 
 
 def _sheet_draws(
@@ -352,12 +407,12 @@ def _blocks(
             time = piece.instants[row] * (filters.step / filters.rate)
             number = first + (time // SELECTION.block_seconds).astype(np.intp)
             zeros = piece.blocks[row][:, : len(priors)] * (priors / floor.sigma[row])
-            noise = floor.draws[run][row][:, start : seen[row]] / floor.sigma[row]
+            noise, choice = floor.draws[run].piece(row, start, seen[row])
             model = columns[:, : layout.model]
             # The right side is what the fit leaves: priors then hold on to the fit, and not to a smaller scale.
             columns[:, -1] -= model @ fitted.solution
             columns[:, : layout.model] = model @ turn
-            yield Block(run, row, zeros, columns, active, number, noise)
+            yield Block(run, row, zeros, columns, active, number, noise / floor.sigma[row], choice)
 
     # Mapped, so that a piece's motion and slopes are gone before the next piece is made.
     return chain.from_iterable(map(of_piece, fitted.assembly.pieces_of(run)))

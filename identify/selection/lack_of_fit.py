@@ -19,6 +19,44 @@ from lacet.identify.validation.whiteness import whiteness
 
 
 @dataclass(frozen=True)
+class Remainder:
+    """Residual after regression on a set of columns, and simulated runs after the same regression.
+
+    Attributes
+    ----------
+    sums : products of all columns.
+    measured, simulated : (w, 1) and (w, D) coefficients of the columns in the residual, and in simulated noise.
+    """
+
+    sums: CrossProducts
+    measured: Array
+    simulated: Array
+
+    @classmethod
+    def of(
+        cls, sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
+    ) -> Remainder:
+        """After regression on the columns at `nuisance`; parameters as of `residual_after`."""
+        right, w = sums.layout.right, sums.layout.width
+        noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
+        sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
+        found = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
+        measured, simulated = np.zeros((w, 1)), np.zeros((w, noise.shape[1]))
+        measured[right], measured[nuisance], simulated[nuisance] = 1.0, -found[:, :1], -found[:, 1:]
+        return cls(sums, measured, simulated)
+
+    def series(self, row: Row) -> dict[int, tuple[Array, Array]]:
+        """Run → (n,) weighted residual of a row, and (D, n) those of simulated runs."""
+        residual: dict[int, list[Array]] = {}
+        draws: dict[int, list[Array]] = {}
+        for block, series in self.sums.series(self.measured, row):
+            residual.setdefault(block.run, []).append(series[:, 0])
+        for block, series in self.sums.noise_series(self.simulated, row):
+            draws.setdefault(block.run, []).append(series.T)
+        return {run: (np.concatenate(parts), np.concatenate(draws[run], axis=1)) for run, parts in residual.items()}
+
+
+@dataclass(frozen=True)
 class LackOfFit:
     """Residual after regression on a set of columns, compared with simulated runs after the same regression.
 
@@ -27,43 +65,37 @@ class LackOfFit:
     ratios : row → RMS ÷ RMS of simulated runs.
     squares : row → weighted squares less the mean of simulated runs.
     p : row → probability that any row of a simulated run is as far above its mean; `family` the smallest of them.
-    residual : run and row → (n,) weighted residual; `draws` (D, n) those of simulated runs.
     null : row → (D,) weighted squares of simulated runs less their mean.
+    remainder : the residual and those of the simulated runs.
     """
 
     ratios: dict[Row, float]
     squares: dict[Row, float]
     p: dict[Row, float]
     family: float
-    residual: dict[tuple[int, Row], Array]
-    draws: dict[tuple[int, Row], Array]
     null: dict[Row, Array]
+    remainder: Remainder
 
     @classmethod
-    def of(cls, residual: dict[tuple[int, Row], Array], draws: dict[tuple[int, Row], Array]) -> LackOfFit:
-        """The comparison of a residual, by run and row (n,), with simulated ones (D, n)."""
-        runs: dict[Row, list[tuple[int, Row]]] = {}
-        for key in residual:
-            runs.setdefault(key[1], []).append(key)
-        squares = {row: sum(float(np.sum(residual[key] ** 2)) for key in keys) for row, keys in runs.items()}
-        null: dict[Row, Array] = {
-            row: np.sum([np.sum(draws[key] ** 2, axis=1) for key in keys], axis=0) for row, keys in runs.items()
-        }
+    def of(cls, remainder: Remainder) -> LackOfFit:
+        """The comparison of a residual with simulated ones."""
+        rows = remainder.sums.rows
+        squares = {row: float(rows[row].squares_of(remainder.measured)[0]) for row in rows}
+        null = {row: rows[row].squares_with_noise(remainder.simulated) for row in rows}
         means = {row: float(np.mean(each)) for row, each in null.items()}
         spread = {row: float(np.std(each)) for row, each in null.items()}
-        worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in runs], axis=0)
+        worst: Array = np.max([(null[row] - means[row]) / spread[row] for row in rows], axis=0)
         p = {
             row: (1 + int(np.count_nonzero(worst >= (squares[row] - means[row]) / spread[row]))) / (1 + worst.size)
-            for row in runs
+            for row in rows
         }
         return cls(
-            ratios={row: float(np.sqrt(squares[row] / means[row])) for row in runs},
-            squares={row: squares[row] - means[row] for row in runs},
+            ratios={row: float(np.sqrt(squares[row] / means[row])) for row in rows},
+            squares={row: squares[row] - means[row] for row in rows},
             p=p,
             family=min(p.values()),
-            residual=residual,
-            draws=draws,
-            null={row: null[row] - means[row] for row in runs},
+            null={row: null[row] - means[row] for row in rows},
+            remainder=remainder,
         )
 
     def chance(self, rows: Sequence[Row]) -> float:
@@ -93,30 +125,7 @@ def residual_after(
     `prior` (a, a) and `prior_side` (a,) are normal matrix and right side of the priors of their parameters; `total`
     (w, w) the products of the columns of `sums`, less the noise in them where it is known.
     """
-    own, drawn = _remainders(sums, total, nuisance, prior, prior_side)
-    residual: dict[tuple[int, Row], list[Array]] = {(b.run, b.row): [] for b in sums.blocks}
-    draws: dict[tuple[int, Row], list[Array]] = {key: [] for key in residual}
-    for block, series in sums.series(own):
-        residual[block.run, block.row].append(series[:, 0])
-    for block, series in sums.noise_series(drawn):
-        draws[block.run, block.row].append(series.T)
-    return LackOfFit.of(
-        {key: np.concatenate(parts) for key, parts in residual.items()},
-        {key: np.concatenate(parts, axis=1) for key, parts in draws.items()},
-    )
-
-
-def _remainders(
-    sums: CrossProducts, total: Array, nuisance: NDArray[np.intp], prior: Array, prior_side: Array
-) -> tuple[Array, Array]:
-    """Coefficients for the residual: (w, 1) for `CrossProducts.series`, and (w, D) for `noise_series`."""
-    right, w = sums.layout.right, sums.layout.width
-    noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
-    sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
-    found = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
-    own, drawn = np.zeros((w, 1)), np.zeros((w, noise.shape[1]))
-    own[right], own[nuisance], drawn[nuisance] = 1.0, -found[:, :1], -found[:, 1:]
-    return own, drawn
+    return LackOfFit.of(Remainder.of(sums, total, nuisance, prior, prior_side))
 
 
 def noise_ratios(sums: CrossProducts, nuisance: NDArray[np.intp], prior: Array, prior_side: Array) -> dict[Row, float]:
@@ -184,16 +193,14 @@ def prior_stiffening(linearisation: Linearisation) -> float:
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
-def excess_is_coloured(remainder: LackOfFit) -> bool:
+def excess_is_coloured(lack: LackOfFit) -> bool:
     """Whether the spectrum of the excess above the floor differs from that of the noise, at any level of the noise.
 
     The level of the noise is that of the quietest bands of each row's spectrum: most of the excess must be above it.
     """
     smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
-    for key, residual in remainder.residual.items():
-        if key[1] not in remainder.above:
-            continue
-        found = whiteness(residual, remainder.draws[key], np.arange(residual.size), 1.0)
+    for residual, draws in (pair for row in lack.above for pair in lack.remainder.series(row).values()):
+        found = whiteness(residual, draws, np.arange(residual.size), 1.0)
         if found is not None and found.frequency.size > 1:
             smallest, count = min(smallest, found.ljung_box), count + 1
             width = np.gradient(found.frequency)

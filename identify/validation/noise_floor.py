@@ -1,12 +1,19 @@
-"""Noise floor: the residual that sensor noise alone causes, by Monte Carlo through filters, kinematics and rows."""
+"""Noise floor: the residual that sensor noise alone causes, by Monte Carlo through filters, kinematics and rows.
+
+The noise of one piece of a run says nothing of that of the next. So a long run needs fewer draws of each piece than of
+the whole: combined in several orders, they are as many draws of sums over the run as are asked for.
+"""
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
@@ -21,6 +28,85 @@ LEAST_DRAWS = 19
 """Least number of simulated draws with which a p of 0.05 can be reached."""
 SCORE_DRAWS = 20
 """Simulated draws behind the floor of a score; its RMS is then known to about 1 %."""
+LEAST_OF_PIECE = 20
+"""Least number of draws of a piece of a long run: its noise level is then known to a few per cent."""
+
+
+@dataclass(frozen=True)
+class RunDraws:
+    """Simulated noise of one run, D draws.
+
+    Attributes
+    ----------
+    series : row → (d, n) noise after filter and decimation [N or N·m], d ≤ D, the pieces of the run end to end.
+    ends : row → (P,) index one past the last sample of each of its P pieces.
+    choice : (P, D) which of the d draws of a piece is part of which of the D.
+    """
+
+    series: Mapping[Row, Array]
+    ends: Mapping[Row, NDArray[np.intp]]
+    choice: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, series: Mapping[Row, Array]) -> RunDraws:
+        """Draws (D, n) of a run in one piece."""
+        count = next(iter(series.values())).shape[0]
+        ends = {row: np.array([a.shape[1]], np.intp) for row, a in series.items()}
+        return cls(series, ends, np.arange(count, dtype=np.intp)[None])
+
+    @classmethod
+    def joined(cls, pieces: Sequence[Mapping[Row, Array]], count: int, rng: np.random.Generator) -> RunDraws:
+        """`count` draws from those of the pieces, row → (d, n) each; every draw of a piece is used equally often."""
+        if len(pieces) == 1:
+            return cls.of(pieces[0])
+        drawn = next(series.shape[0] for piece in pieces for series in piece.values())
+        rows = dict.fromkeys(row for piece in pieces for row in piece)
+        empty = np.zeros((drawn, 0))
+        each = {row: [piece.get(row, empty) for piece in pieces] for row in rows}
+        return cls(
+            {row: np.concatenate(parts, axis=1) for row, parts in each.items()},
+            {row: np.cumsum([part.shape[1] for part in parts]) for row, parts in each.items()},
+            np.stack([rng.permutation(np.resize(np.arange(drawn), count)) for _ in pieces]),
+        )
+
+    @property
+    def count(self) -> int:
+        """D, the number of draws."""
+        return self.choice.shape[1]
+
+    @property
+    def drawn(self) -> int:
+        """d, the number of draws of each piece."""
+        return next(iter(self.series.values())).shape[0]
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """The rows drawn."""
+        return tuple(self.series)
+
+    def of_type(self, number: type[np.floating[Any]]) -> RunDraws:
+        """The same in another precision."""
+        return replace(self, series={row: a.astype(number) for row, a in self.series.items()})
+
+    def whole(self, row: Row) -> Array:
+        """(D, n) draws of a row."""
+        if len(self.choice) == 1:
+            return self.series[row]
+        starts = np.concatenate([[0], self.ends[row][:-1]])
+        parts = zip(self.choice, starts, self.ends[row], strict=True)
+        return np.concatenate([self.series[row][choice, start:end] for choice, start, end in parts], axis=1)
+
+    def piece(self, row: Row, start: int, end: int) -> tuple[Array, NDArray[np.intp]]:
+        """Draws (d, m) of a row's samples from `start` to `end`, of one piece, and their choice (D,)."""
+        place = int(np.searchsorted(self.ends[row], start, side="right"))
+        if end > self.ends[row][place]:
+            raise ValueError(f"samples {start} to {end} of {row} are not of one piece")
+        return self.series[row][:, start:end], self.choice[place]
+
+
+def draws_of_piece(draws: int, pieces: int) -> int:
+    """Number of draws of each piece of a run, for `draws` of the run in so many `pieces`."""
+    return draws if pieces == 1 else min(draws, max(LEAST_OF_PIECE, math.ceil(draws / pieces)))
 
 
 @dataclass(frozen=True)
@@ -29,30 +115,30 @@ class NoiseFloor:
 
     Attributes
     ----------
-    draws : for each run, row → (D, n) residual after filter and decimation, from the channels' noise alone.
+    draws : for each run, residuals after filter and decimation from the channels' noise alone.
     by_run : for each run, row → RMS of its draws [N or N·m].
     sigma : row → RMS over all runs: the weights of the ranking.
     """
 
-    draws: tuple[Mapping[Row, Array], ...]
+    draws: tuple[RunDraws, ...]
     by_run: tuple[Mapping[Row, float], ...]
     sigma: Mapping[Row, float]
 
     @classmethod
-    def of(cls, draws: Sequence[Mapping[Row, Array]]) -> NoiseFloor:
-        """The noise floor of given draws, for each run row → (D, n)."""
-        rows = dict.fromkeys(row for part in draws for row in part)
-        every = {row: np.concatenate([part[row].ravel() for part in draws if row in part]) for row in rows}
+    def of(cls, draws: Sequence[RunDraws]) -> NoiseFloor:
+        """The noise floor of given draws."""
+        rows = dict.fromkeys(row for run in draws for row in run.rows)
+        every = {row: np.concatenate([run.series[row].ravel() for run in draws if row in run.series]) for row in rows}
         return cls(
             tuple(draws),
-            tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in part.items()} for part in draws),
+            tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in run.series.items()} for run in draws),
             {row: float(np.sqrt(np.mean(a**2))) for row, a in every.items()},
         )
 
     @property
     def count(self) -> int:
         """Number of draws."""
-        return next(iter(self.draws[0].values())).shape[0]
+        return self.draws[0].count
 
     def redrawn(self, fitted: Fit, physics: Array | None = None) -> NoiseFloor:
         """The noise floor of another fit, with as many draws; `physics` (p,): values of its physics, if not its own."""
@@ -64,7 +150,8 @@ class NoiseFloor:
 
     def without_draws(self) -> NoiseFloor:
         """The floor's levels without its draws, for storage."""
-        return replace(self, draws=tuple({row: a[:0] for row, a in part.items()} for part in self.draws))
+        none = (RunDraws.of({row: a[:0] for row, a in run.series.items()}) for run in self.draws)
+        return replace(self, draws=tuple(none))
 
 
 PiecesOfRun = Iterable[tuple[PreparedRun, Sensitivity]]
@@ -75,24 +162,24 @@ def simulate_floor(
     runs: Sequence[PreparedRun], pieces: Callable[[int], PiecesOfRun], draws: int, seed: int = 0,
     progress: Progress = silent,
 ) -> NoiseFloor:  # fmt: skip
-    """The noise floor of runs, `draws` times drawn; each piece of a long run has draws of its own.
+    """The noise floor of runs, `draws` times drawn; the pieces of a long run less often (`RunDraws`).
 
     `pieces` : gives those of the run of an index.
     """
-    out: list[dict[Row, Array]] = []
-    done, total = itertools.count(1), draws * sum(run.piece_count for run in runs)
-    for number in range(len(runs)):
-        found: dict[Row, list[Array]] = {}
+    out: list[RunDraws] = []
+    often = [draws_of_piece(draws, run.piece_count) for run in runs]
+    done, total = itertools.count(1), sum(n * run.piece_count for n, run in zip(often, runs, strict=True))
+    for number, count in enumerate(often):
+        found: list[dict[Row, Array]] = []
         for place, (piece, sensitivity) in enumerate(pieces(number)):
             rng = np.random.default_rng([seed, number, place] if place else [seed, number])
             parts: dict[Row, list[Array]] = {row: [] for row in piece.rows}
-            for _ in range(draws):
+            for _ in range(count):
                 for row, series in piece.decimated(sensitivity.noise(rng)).items():
                     parts[row].append(series)
                 progress(Step(Stage.NOISE_FLOOR, next(done), total))
-            for row, series in parts.items():
-                found.setdefault(row, []).append(np.stack(series))
-        out.append({row: np.concatenate(series, axis=1) for row, series in found.items()})
+            found.append({row: np.stack(series) for row, series in parts.items()})
+        out.append(RunDraws.joined(found, draws, np.random.default_rng([seed, number, 29])))
     return NoiseFloor.of(out)
 
 

@@ -23,18 +23,21 @@ Draws = tuple[Mapping[Row, Array], ...]
 
 
 def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int = 0) -> Draws:
-    """The draws of a fit's noise floor after the same weighted fit.
+    """The draws of a fit's noise floor after the same weighted fit, as many as of each piece of the longest run.
 
     `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
     pieces = [list[Piece]() for _ in fitted.runs]
     noise = [list[dict[Row, Array]]() for _ in fitted.runs]
-    for run, part in enumerate(floor.draws):
-        start = dict.fromkeys(part, 0)
+    count = min(drawn.drawn for drawn in floor.draws)
+    for run, drawn in enumerate(floor.draws):
+        start = dict.fromkeys(drawn.rows, 0)
         for piece in fitted.assembly.pieces_of(run):
-            stop = {row: start[row] + len(block) for row, block in piece.blocks.items()}
-            own = {row: part[row][:, start[row] : end] for row, end in stop.items()}
-            start |= stop
+            own: dict[Row, Array] = {}
+            for row, block in piece.blocks.items():
+                series, choice = drawn.piece(row, start[row], start[row] + len(block))
+                own[row] = series[choice[:count]]
+                start[row] += len(block)
             noise[run].append(_with_tolerances(fitted, piece, own, seed) if sheet else own)
             pieces[run].append(piece.uncached())
     solved: list[tuple[Array, Array, int]] = []
@@ -48,7 +51,7 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
         right.append(c[z:])
     known = fitted.equations.known
     lower.append(known[:, : lower[0].shape[1]])
-    right.append(np.zeros((len(known), floor.count)))
+    right.append(np.zeros((len(known), count)))
     A = np.concatenate(lower)
     lengths = np.linalg.norm(A, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)

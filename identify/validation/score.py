@@ -129,7 +129,7 @@ def compare_values(
     for row in run.rows:
         residual = run.measured[row] - modelled[row]
         score = score_row(row, run.measured[row], residual, floor[row])
-        colour = whiteness(residual, noise.draws[0][row], run.index[row] // step, step / rate)
+        colour = whiteness(residual, noise.draws[0].whole(row), run.index[row] // step, step / rate)
         scores[row] = _judged(_coloured(score, colour), *open_.get(row, (0.0, None)))
         if colour is not None:
             colours[row] = colour

@@ -82,7 +82,7 @@ def row_spectrum(
         spacing = filters.step / filters.rate
         states = clear.blurred(i, row, names)
         stacked = np.stack([states[name].series for name in names]) if names else np.zeros((0, run.recording.t.size))
-        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i][row], filtered(run, row, stacked)])
+        series = np.concatenate([fitted.residual[i][row][None], floor.draws[i].whole(row), filtered(run, row, stacked)])
         place = run.index[row] // filters.step
         lines = _segments(series, place, max(8, 2 * round(segment / spacing / 2.0)), spacing)
         found.append(lines)

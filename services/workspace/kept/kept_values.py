@@ -22,7 +22,7 @@ from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.validation.contributions import Shares, shares_of
 from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_failure
-from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
 from lacet.services.cache.keys import service_sources
@@ -198,13 +198,12 @@ class KeptValues:
         if version.number not in self._floors:
             _make_room(self._floors, VERSIONS_AT_HAND)
 
-            def simulated() -> tuple[dict[Row, NDArray[np.float32]], ...]:
+            def simulated() -> tuple[RunDraws, ...]:
                 made = floor_of(self.fitted(version), self.runs.study.draws, progress=self.runs.progress)
-                return tuple({row: a.astype(np.float32) for row, a in part.items()} for part in made.draws)
+                return tuple(run.of_type(np.float32) for run in made.draws)
 
             single = self._cache.kept("floor", self._key("floor", version), simulated)
-            draws = tuple({row: a.astype(float) for row, a in part.items()} for part in single)
-            self._floors[version.number] = NoiseFloor.of(draws)
+            self._floors[version.number] = NoiseFloor.of([run.of_type(np.float64) for run in single])
         self._floors.move_to_end(version.number)
         return self._floors[version.number]
 

@@ -143,7 +143,7 @@ class Dense:
 
     def noise(self, draw: int) -> Array:
         """(n,) one simulated run."""
-        return np.concatenate([self.floor.draws[r][row][draw] / self.floor.sigma[row] for r, row in self.parts()])
+        return np.concatenate([self.floor.draws[r].whole(row)[draw] / self.floor.sigma[row] for r, row in self.parts()])
 
     @cached_property
     def mean(self) -> Array:

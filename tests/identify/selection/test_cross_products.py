@@ -169,15 +169,18 @@ def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: Scor
     left = space.residual_beside([])
     measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
     start = 0
-    for key in dense.parts():
-        n = left.residual[key].size
-        np.testing.assert_allclose(left.residual[key], measured[start : start + n], atol=2e-6)
-        np.testing.assert_allclose(left.draws[key][3], drawn[start : start + n], atol=2e-6)
+    for run, row in dense.parts():
+        residual, draws = left.remainder.series(row)[run]
+        n = residual.size
+        np.testing.assert_allclose(residual, measured[start : start + n], atol=2e-6)
+        np.testing.assert_allclose(draws[3], drawn[start : start + n], atol=2e-6)
         start += n
     for row, ratio in left.ratios.items():
-        keys = [key for key in left.residual if key[1] == row]
-        null = np.mean([np.sum(left.draws[key] ** 2, axis=1) for key in keys], axis=1).sum()
-        assert ratio == pytest.approx(np.sqrt(sum(np.sum(left.residual[key] ** 2) for key in keys) / null))
+        series = left.remainder.series(row).values()
+        null = sum(np.mean(np.sum(draws**2, axis=1)) for _, draws in series)
+        squares = sum(np.sum(residual**2) for residual, _ in series)
+        assert ratio == pytest.approx(np.sqrt(squares / null), rel=1e-10)
+        assert left.squares[row] == pytest.approx(squares - null, abs=1e-10 * squares)
 
 
 def test_block_by_block_a_candidate_takes_off_what_it_takes_off_in_all(space: ScoreTests, dense: Dense):
@@ -278,9 +281,10 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
             one, other = (size(s, t.place, measure) for s, t in ((whole, a), (parts, b)))
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
     one, other = (s.residual_beside([]) for s in (whole, parts))
-    for key, draws in one.draws.items():
-        assert np.std(other.draws[key] - draws) < 0.05 * np.std(draws), key
-        assert np.std(other.residual[key] - one.residual[key]) < 0.05 * np.std(one.residual[key]), key
+    for row in one.squares:
+        (residual, draws), (its, drawn) = one.remainder.series(row)[0], other.remainder.series(row)[0]
+        assert np.std(drawn - draws) < 0.05 * np.std(draws), row
+        assert np.std(its - residual) < 0.05 * np.std(residual), row
     order = [
         [c.key for c in sorted(s.try_all(), key=lambda c: -c.drop) if c.tested and c.drop > 20.0]
         for s in (whole, parts)

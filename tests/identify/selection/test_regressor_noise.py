@@ -17,7 +17,7 @@ from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_of
 from tests.identify.exact_car import KNOWN, MODEL, RIG, SECONDS, driven, exact, fit_of
 from tests.identify.selection.exact_ranking import CANDIDATES
 
@@ -150,7 +150,9 @@ def test_noise_is_taken_out_of_every_fold_by_its_share(space: ScoreTests):
 def test_noise_weighted_otherwise_is_what_would_be_drawn(fitted: Fit, floor: NoiseFloor, space: ScoreTests):
     """Noise kept for one floor, used beside another: rows a tenth louder or quieter."""
     factors = dict(zip(floor.sigma, np.resize([1.1, 1.0 / 1.1], len(floor.sigma)), strict=True))
-    other = NoiseFloor.of([{row: factors[row] * draws for row, draws in part.items()} for part in floor.draws])
+    other = NoiseFloor.of(
+        [RunDraws.of({row: factors[row] * draws for row, draws in part.series.items()}) for part in floor.draws]
+    )
     own = ScoreTests.of(Linearisation.of(fitted, other), CANDIDATES, 0, space.noise)
     assert own.noise is space.noise
     drawn = RegressorNoise.of(fitted, own.sums, other.sigma)

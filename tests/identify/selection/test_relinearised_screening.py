@@ -16,7 +16,7 @@ from lacet.identify.selection.diagnose import Screening, diagnose
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_at, floor_of
+from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_at, floor_of
 from lacet.services.render.progress import in_words
 from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
@@ -28,7 +28,9 @@ AGAIN = "the noise floor at the parameters that the sensor sheet leads to"
 
 def scaled(floor: NoiseFloor, factor: float) -> NoiseFloor:
     """Each draw so many times as large."""
-    return NoiseFloor.of([{row: factor * draws for row, draws in part.items()} for part in floor.draws])
+    return NoiseFloor.of(
+        [RunDraws.of({row: factor * draws for row, draws in part.series.items()}) for part in floor.draws]
+    )
 
 
 @pytest.fixture
@@ -118,9 +120,9 @@ def test_what_columns_leave_of_latencies_is_about_what_they_do(fitted: Fit):
     """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
     off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
     space = ScoreTests.of(Linearisation.of(off, floor_of(off, 9)), TRIED, 0)
-    left = {key: float(np.sum(series**2)) for key, series in space.residual_beside([]).residual.items()}
-    assert ranking._second_order_squares(space) > 0.3 * sum(left.values())
-    assert ranking._second_order_squares(space) < 30.0 * sum(left.values())
+    remainder = space.residual_beside([]).remainder
+    left = sum(float(np.sum(series**2)) for row in remainder.sums.rows for series, _ in remainder.series(row).values())
+    assert 0.3 * left < ranking._second_order_squares(space) < 30.0 * left
 
 
 def test_the_sheet_leads_to_the_parameters_of_the_right_scale(fitted: Fit):

@@ -20,7 +20,7 @@ from lacet.identify.signals.filters import zero_phase_of
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.validation.blocks import block_numbers
 from lacet.identify.validation.explainable_residual import explainable_residual
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.projected_noise import Draws, refitted_draws
 from lacet.identify.validation.residual_map import conditional_mean, followed_states
 from lacet.identify.validation.restoring_force import restoring_surfaces, surface
@@ -158,18 +158,18 @@ def test_a_fit_takes_away_what_its_parameters_can(fitted: Fit, floor: NoiseFloor
     x = rng.standard_normal((fitted.place.size, 1)) * np.sqrt(np.diag(fitted.covariance))[fitted.place][:, None]
     moved = []
     for drive, part in zip(fitted.runs, floor.draws, strict=True):
-        added = {row: (drive.matrix(fitted.model.physics, row)[:, fitted.place] @ x).T for row in part}
-        moved.append({row: series + added[row] for row, series in part.items()})
+        added = {row: (drive.matrix(fitted.model.physics, row)[:, fitted.place] @ x).T for row in part.rows}
+        moved.append(RunDraws.of({row: series + added[row] for row, series in part.series.items()}))
     plain = refitted_draws(fitted, floor, sheet=False)
     after = refitted_draws(fitted, replace(floor, draws=tuple(moved)), sheet=False)
     for one, other, part in zip(plain, after, floor.draws, strict=True):
         for row in one:
-            size = float(np.sqrt(np.mean(part[row] ** 2)))
+            size = float(np.sqrt(np.mean(part.series[row] ** 2)))
             assert np.max(np.abs(one[row] - other[row])) < 0.15 * size, row
     # Fewer squares are left, never more.
     weighted = [
         sum(float(np.sum((part[row] / fitted.sigma[row]) ** 2)) for part in parts for row in part)
-        for parts in (plain, floor.draws)
+        for parts in (plain, [part.series for part in floor.draws])
     ]
     assert 0.9 * weighted[1] < weighted[0] < weighted[1]
 
