@@ -28,8 +28,8 @@ LEAST_DRAWS = 19
 """Least number of simulated draws with which a p of 0.05 can be reached."""
 SCORE_DRAWS = 20
 """Simulated draws behind the floor of a score; its RMS is then known to about 1 %."""
-LEAST_OF_PIECE = 20
-"""Least number of draws of a piece of a long run: its noise level is then known to a few per cent."""
+LEAST_OF_PIECE = 40
+"""Least number of draws of a piece of a long run: an effect may act in one alone, and p is then 1 ÷ 41 or more."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class RunDraws:
         return cls(
             {row: np.concatenate(parts, axis=1) for row, parts in each.items()},
             {row: np.cumsum([part.shape[1] for part in parts]) for row, parts in each.items()},
-            np.stack([rng.permutation(np.resize(np.arange(drawn), count)) for _ in pieces]),
+            np.stack([rng.permutation(np.arange(count) % drawn) for _ in pieces]),
         )
 
     @property

@@ -33,12 +33,12 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     for run, drawn in enumerate(floor.draws):
         start = dict.fromkeys(drawn.rows, 0)
         for piece in fitted.assembly.pieces_of(run):
-            own: dict[Row, Array] = {}
+            noises: dict[Row, Array] = {}
             for row, block in piece.blocks.items():
                 series, choice = drawn.piece(row, start[row], start[row] + len(block))
-                own[row] = series[choice[:count]]
+                noises[row] = series[choice[:count]]
                 start[row] += len(block)
-            noise[run].append(_with_tolerances(fitted, piece, own, seed) if sheet else own)
+            noise[run].append(_with_tolerances(fitted, piece, noises, seed) if sheet else noises)
             pieces[run].append(piece.uncached())
     solved: list[tuple[Array, Array, int]] = []
     lower: list[Array] = []

@@ -136,7 +136,7 @@ def _periodograms(series: Array, usable: NDArray[np.bool_], spacing: float) -> t
     n = series.shape[1]
     middle: Array = (np.arange(n, dtype=float) + 0.5) / n
     taper: Array = np.sin(np.pi * middle) ** 2
-    spectrum = np.asarray(np.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
+    spectrum = np.asarray(scipy.fft.rfft(np.asarray(series * taper, float), axis=1), np.complex128)
     power = 2.0 * spacing * np.abs(spectrum) ** 2 / float(np.sum(taper[usable] ** 2))
     return np.asarray(np.fft.rfftfreq(n, spacing), float)[1:], power[:, 1:]
 
@@ -184,10 +184,10 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
     # Smoothed over seven bins, so that the draws' own scatter does not enter the whitened series.
     padded = np.pad(others, ((0, 0), (3, 3)), mode="edge")
     smooth = np.asarray(np.lib.stride_tricks.sliding_window_view(padded, kernel.size, axis=1) @ kernel, float)
-    spectrum = np.fft.rfft(series, axis=1)
+    spectrum = scipy.fft.rfft(series, axis=1)
     spectrum[:, 1:] /= np.sqrt(np.maximum(smooth, 1e-6 * smooth.max(axis=1, keepdims=True)))
     spectrum[:, 0] = 0.0
-    white = np.where(usable, np.fft.irfft(spectrum, series.shape[1], axis=1), 0.0)
+    white = np.where(usable, scipy.fft.irfft(spectrum, series.shape[1], axis=1), 0.0)
     n = int(np.count_nonzero(usable))
     lags = min(_LAGS, n // 5)
     q = n * (n + 2.0) * np.sum(_acf(white, usable, lags)[:, 1:] ** 2 / (n - np.arange(1, lags + 1)), axis=1)
@@ -200,9 +200,10 @@ def _ljung_box(series: Array, usable: NDArray[np.bool_], power: Array) -> float:
 
 def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:
     """(k, lags + 1) autocorrelation; pairs with a gap do not count."""
-    size = 2 * series.shape[1]
-    spectrum = np.fft.rfft(series, size, axis=1)
-    sums = np.fft.irfft(np.abs(spectrum) ** 2, size, axis=1)[:, : lags + 1]
-    pairs = np.fft.irfft(np.abs(np.fft.rfft(usable.astype(float), size)) ** 2, size)[: lags + 1]
+    # Padded by zeros, so that what is correlated does not meet its own other end.
+    size = scipy.fft.next_fast_len(series.shape[1] + lags, real=True)
+    spectrum = scipy.fft.rfft(series, size, axis=1)
+    sums = np.asarray(scipy.fft.irfft(np.abs(spectrum) ** 2, size, axis=1), float)[:, : lags + 1]
+    pairs = np.asarray(scipy.fft.irfft(np.abs(scipy.fft.rfft(usable.astype(float), size)) ** 2, size), float)[: lags + 1]
     covariance = sums * (pairs[0] / np.maximum(pairs, 1.0))
     return covariance / np.where(covariance[:, :1] > 0, covariance[:, :1], 1.0)
