@@ -24,7 +24,8 @@ from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.samples import HeldSamples
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import floor_of
@@ -48,20 +49,23 @@ def timed(what: str, function: Callable[[], T]) -> tuple[T, float]:
 def dense(space: ScoreTests) -> Callable[[int], float]:
     """Dense weighted least squares of everything and one candidate."""
     base = [*range(space.layout.model), *range(space.layout.model, space.layout.model + len(space.layout.sheet))]
-    starts = np.concatenate([[0], np.cumsum([len(b.columns) for b in space.sums.blocks])])
-    widths = [f.shape[0] for f in space.sums.following]
+    samples = space.sums.samples
+    assert isinstance(samples, HeldSamples)
+    blocks = [(number, block) for number, run in enumerate(samples.runs) for block in run.blocks]
+    starts = np.concatenate([[0], np.cumsum([len(block.columns) for _, block in blocks])])
+    widths = [len(run.zero_gain) for run in samples.runs]
     offsets = np.concatenate([[0], np.cumsum(widths)]) + len(base)
     whole = np.zeros((starts[-1], offsets[-1] + 2))
     wanted = {place: column for column, place in enumerate(base)}
 
     def solved(place: int) -> float:
-        for block, start, stop in zip(space.sums.blocks, starts[:-1], starts[1:], strict=True):
+        for (run, block), start, stop in zip(blocks, starts[:-1], starts[1:], strict=True):
             for column, at in enumerate(block.active.tolist()):
                 if at in wanted:
                     whole[start:stop, wanted[at]] = block.columns[:, column]
                 if at == place:
                     whole[start:stop, -2] = block.columns[:, column]
-            whole[start:stop, offsets[block.run] : offsets[block.run] + widths[block.run]] = block.zeros
+            whole[start:stop, offsets[run] : offsets[run] + widths[run]] = block.zeros
             whole[start:stop, -1] = block.columns[:, -1]
         return float(np.linalg.lstsq(whole[:, :-1], whole[:, -1], rcond=None)[0][-1])
 

@@ -17,10 +17,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import CrossProducts, RunProducts, solved
+from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.run_products import RunProducts
+from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.lack_of_fit import with_columns
-from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -73,7 +76,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
     Parameters of the model, of the sensor tolerances and of the others are the same in all runs; each run has its own
     sensor zeros. Shape constants are those of the candidates.
     """
-    if len(space.fitted.runs) < 2:
+    if len(space.linearisation.runs.names) < 2:
         return None
     inside, trials = space.beside([replace(space.effects[one.key], shape=one.shape) for one in (c, *others)])
     sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
@@ -146,19 +149,19 @@ def _groups(
     noise in the columns is drawn for each run by itself; that of the last group is `noise` (w, w), of all runs, less
     those.
     """
-    drives = space.fitted.runs
-    found = [_run_products(space, sums, run) for run in range(len(drives))]
+    runs = space.linearisation.runs
+    found = sums.samples.sum(SingleRunsTask(sums.layout.width, space.floor.count, space.noise_ratio))
     budget, single = SELECTION.chow_seconds, list[int]()
-    seconds = [float(np.ptp(drive.recording.t)) for drive in drives]
-    for run in sorted(range(len(drives)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
+    seconds = runs.seconds
+    for run in sorted(range(len(seconds)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
         budget -= seconds[run]
         if budget >= 0.0 or not single:
             single.append(run)
-    rest = [run for run in range(len(drives)) if run not in single]
-    names = _distinct_names([drive.name for drive in drives], single)
+    rest = [run for run in range(len(seconds)) if run not in single]
+    names = _distinct_names(runs.names, single)
     products, chance = list[Array](), [found[run][1] for run in single]
     for run in single:
-        drawn = RegressorNoise.of_run(space.fitted, sums, space.floor.sigma, run, SELECTION.chow_noise_pairs)
+        drawn = runs.regressor_noise_of(run, sums, space.floor.sigma, SELECTION.chow_noise_pairs)
         own = drawn.products(sums, space.noise_ratio, space.floor.sigma)
         products.append(found[run][0] - own)
         noise = noise - own
@@ -175,9 +178,26 @@ def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:
     return [names[run] if often[names[run]] == 1 else f"{names[run]} ({run + 1})" for run in runs]
 
 
-def _run_products(space: ScoreTests, sums: CrossProducts, run: int) -> tuple[Array, Array]:
-    """(w, w) products of one run's columns, and (w, D) products with its simulated noise, its zeros eliminated."""
-    blocks = [block for block in sums.blocks if block.run == run]
-    products = RunProducts.of(blocks, blocks[0].zeros.shape[1], sums.layout.width, len(blocks[0].choice))
-    noise = np.sum([space.noise_ratio[row] * drawn for row, drawn in products.noise.items()], axis=0)
-    return products.eliminated[1], products.remaining(noise)
+@dataclass(frozen=True)
+class SingleRunsTask:
+    """Products of each run by itself, as a task for the samples of each run.
+
+    Attributes
+    ----------
+    width, draws : number of columns w, and of simulated runs D.
+    noise_ratio : row → noise ÷ noise by the sensor sheet.
+    """
+
+    width: int
+    draws: int
+    noise_ratio: Mapping[Row, float]
+
+    def of_run(self, run: RunSamples) -> tuple[tuple[Array, Array], ...]:
+        """(w, w) products of the columns, and (w, D) with the simulated noise, the run's zeros eliminated."""
+        products = RunProducts.of(run.blocks, len(run.zero_gain), self.width, self.draws)
+        noise = np.sum([self.noise_ratio[row] * drawn for row, drawn in products.noise.items()], axis=0)
+        return ((products.eliminated[1], products.remaining(noise)),)
+
+    def merged(self, parts: Sequence[tuple[tuple[Array, Array], ...]]) -> tuple[tuple[Array, Array], ...]:
+        """Those of several runs, one after the other."""
+        return tuple(one for part in parts for one in part)

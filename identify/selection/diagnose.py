@@ -17,12 +17,14 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
-from lacet.identify.selection.cross_products import Linearisation, sheet_products
+from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
+from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.forward_selection import best_set, refined, with_ties
 from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
-from lacet.identify.selection.regressor_noise import RegressorNoise, noise_through_effect
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, without_fault
 from lacet.identify.selection.score_tests import (
     Answer,
@@ -155,9 +157,8 @@ def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: C
         return True
     progress(Step(Stage.REGRESSOR_NOISE_OF_EFFECT, subject=best.key))
     c = refined(space, best)
-    through = noise_through_effect(
-        space.fitted, space.floor.sigma, space.noise_ratio, replace(effect, shape=c.shape), np.array(c.values)
-    )
+    law = replace(effect, shape=c.shape)
+    through = space.linearisation.runs.noise_through(law, np.array(c.values), space.floor.sigma, space.noise_ratio)
     return remainder - sum(max(0.0, through[row]) for row in now.above) > most
 
 
@@ -249,9 +250,17 @@ def diagnose(
     `floor` is the noise floor of this fit's runs; its σ are the weights. `noise` in the columns from an earlier ranking
     of the same candidates saves time; without it, it is computed. `progress` receives each step.
     """
+    return diagnose_runs(LocalRuns(fitted), floor, candidates, seed, noise, progress)
+
+
+def diagnose_runs(
+    runs: RankedRuns, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0,
+    noise: RegressorNoise | None = None, progress: Progress = silent,
+) -> Diagnosis:  # fmt: skip
+    """The same for runs wherever they are; what needs new fits is passed over where these cannot be made."""
     progress(Step(Stage.SENSOR_TOLERANCES))
-    found, seen = _screened(Linearisation.of(fitted, floor), candidates, seed, noise, progress)
-    if fault_may_leave_more(seen) and seen.best is not None:
+    found, seen = _screened(Linearisation.of_runs(runs, floor), candidates, seed, noise, progress)
+    if fault_may_leave_more(seen) and seen.best is not None and runs.refittable is not None:
         _, beside = _screened(without_fault(seen.space, seen.best.key, progress), candidates, seed, None, progress)
         seen = explained_with_fault(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
@@ -260,7 +269,7 @@ def diagnose(
         best = replace(best, reason=judged(best, seen.effects[best.key]).reason)
         ranked = [best if c.key == best.key else c for c in ranked]
     ranked = [_with_final_answer(c, best) for c in ranked]
-    ratios, formulas = _ratios(fitted, floor), list[Formula]()
+    ratios, formulas = runs.row_ratios(floor), list[Formula]()
     if seen.unlisted:
         progress(Step(Stage.SYMBOLIC_LAWS))
         hidden = seen.tolerance_exceeded or not failing
@@ -284,6 +293,8 @@ def _screened(
     columns = relinearised_columns(linearisation, candidates, seed, progress)
     seen = screen(ScoreTests(columns, noise, progress), progress)
     found = seen.space.noise
+    if linearisation.runs.refittable is None:
+        return found, seen
     for closer in (_relinearised, _with_floor_at_tolerances):
         if _in_doubt(seen):
             space = seen.space
@@ -335,8 +346,11 @@ def _relinearised(space: ScoreTests, progress: Progress) -> Linearisation:
 def _with_floor_at_tolerances(space: ScoreTests, progress: Progress) -> Linearisation:
     """Linearisation with the noise floor at the parameters estimated with sensor tolerances in place of the fit's."""
     progress(Step(Stage.FLOOR_AT_TOLERANCES))
-    floor = space.floor.redrawn(space.fitted, space.tolerated_parameters)
-    return replace(space.linearisation, floor=floor, sums=sheet_products(space.fitted, floor))
+    runs = space.linearisation.runs
+    if runs.refittable is None:
+        return space.linearisation
+    floor = space.floor.redrawn(runs.refittable, space.tolerated_parameters)
+    return replace(space.linearisation, floor=floor, sums=sheet_products(runs, floor))
 
 
 def fault_may_leave_more(seen: Screening) -> bool:
@@ -361,20 +375,11 @@ def explained_with_fault(seen: Screening, beside: Screening) -> Screening:
     return replace(seen, best=best, unlisted=False, excess=whole, explained=1.0 - remainder / whole, together=together)
 
 
-def _as_fitted(fault: Candidate, fitted: Fit) -> Candidate:
+def _as_fitted(fault: Candidate, fitted: FittedModel) -> Candidate:
     """A sensor fault as candidate, with size and interval from the fit by which it was removed."""
     (at,) = (i for i, name in enumerate(fitted.model.names) if name.startswith(f"{fault.key}."))
     wide = np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at])
     return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
-
-
-def _ratios(fitted: Fit, floor: NoiseFloor) -> dict[Row, float]:
-    """Residual ÷ floor of each row over the runs used."""
-    out: dict[Row, float] = {}
-    for row in fitted.rows:
-        squares = np.concatenate([part[row] ** 2 for part in fitted.residual if row in part])
-        out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
-    return out
 
 
 def _with_final_answer(c: Candidate, best: Candidate | None) -> Candidate:

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import CandidateColumns, CrossProducts, Linearisation, solved
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns, solved
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.partial_regression import PartialRegression, beside
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.whiteness import whiteness
@@ -38,22 +41,12 @@ class Remainder:
     ) -> Remainder:
         """After regression on the columns at `nuisance`; parameters as of `residual_after`."""
         right, w = sums.layout.right, sums.layout.width
-        noise = np.sum([products[nuisance] for products in sums.null.values()], axis=0)
+        noise = np.sum([products[nuisance] for products in sums.over_runs.null.values()], axis=0)
         sides = np.concatenate([(total[nuisance, right] + prior_side)[:, None], noise], axis=1)
         found = solved(total[np.ix_(nuisance, nuisance)] + prior, sides)
         measured, simulated = np.zeros((w, 1)), np.zeros((w, noise.shape[1]))
         measured[right], measured[nuisance], simulated[nuisance] = 1.0, -found[:, :1], -found[:, 1:]
         return cls(sums, measured, simulated)
-
-    def series(self, row: Row) -> dict[int, tuple[Array, Array]]:
-        """Run → (n,) weighted residual of a row, and (D, n) those of simulated runs."""
-        residual: dict[int, list[Array]] = {}
-        draws: dict[int, list[Array]] = {}
-        for block, series in self.sums.series(self.measured, row):
-            residual.setdefault(block.run, []).append(series[:, 0])
-        for block, series in self.sums.noise_series(self.simulated, row):
-            draws.setdefault(block.run, []).append(series.T)
-        return {run: (np.concatenate(parts), np.concatenate(draws[run], axis=1)) for run, parts in residual.items()}
 
 
 @dataclass(frozen=True)
@@ -79,7 +72,7 @@ class LackOfFit:
     @classmethod
     def of(cls, remainder: Remainder) -> LackOfFit:
         """The comparison of a residual with simulated ones."""
-        rows = remainder.sums.rows
+        rows = remainder.sums.over_runs.rows
         squares = {row: float(rows[row].squares_of(remainder.measured)[0]) for row in rows}
         null = {row: rows[row].squares_with_noise(remainder.simulated) for row in rows}
         means = {row: float(np.mean(each)) for row, each in null.items()}
@@ -193,20 +186,79 @@ def prior_stiffening(linearisation: Linearisation) -> float:
     return max(1.0, float(np.sqrt(np.mean(np.square(list(ratios.values()))))))
 
 
+@dataclass(frozen=True)
+class Colour:
+    """Spectrum of a residual above that of the noise, summed over rows and runs.
+
+    Attributes
+    ----------
+    smallest : smallest p of the Ljung-Box tests, of `count` tests.
+    excess : power above the noise floor; `coloured` the part of it above any level of the noise.
+    """
+
+    smallest: float = 1.0
+    count: int = 0
+    excess: float = 0.0
+    coloured: float = 0.0
+
+    def __add__(self, other: Colour) -> Colour:
+        return Colour(
+            min(self.smallest, other.smallest), self.count + other.count, self.excess + other.excess,
+            self.coloured + other.coloured,
+        )  # fmt: skip
+
+    @classmethod
+    def of(cls, residual: Array, draws: Array) -> Colour:
+        """Of one row of a run: residual (n,) and simulated ones (D, n)."""
+        found = whiteness(residual, draws, np.arange(residual.size), 1.0)
+        if found is None or found.frequency.size < 2:
+            return cls()
+        width = np.gradient(found.frequency)
+        level = min(
+            SELECTION.most_noise_ratio**2, float(np.quantile(found.spectrum / found.floor, SELECTION.quiet_bands))
+        )
+        above = found.spectrum - max(1.0, level) * found.floor
+        return cls(
+            found.ljung_box, 1, float(np.sum(width * (found.spectrum - found.floor))),
+            float(np.sum(width * np.maximum(0.0, above))),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ColourTask:
+    """Colour of the residual in some rows, as a task for the samples of each run.
+
+    Attributes
+    ----------
+    measured, simulated : (w, 1) and (w, D) coefficients of the columns in the residual, and in simulated noise.
+    rows : the rows.
+    """
+
+    measured: Array
+    simulated: Array
+    rows: tuple[Row, ...]
+
+    def of_run(self, run: RunSamples) -> Colour:
+        """The colour in one run."""
+        found = Colour()
+        for row in self.rows:
+            if (series := run.whole_series(self.measured, self.simulated, row)) is not None:
+                found = found + Colour.of(*series)
+        return found
+
+    def merged(self, parts: Sequence[Colour]) -> Colour:
+        """The colour in several runs."""
+        return sum(parts, Colour())
+
+
 def excess_is_coloured(lack: LackOfFit) -> bool:
     """Whether the spectrum of the excess above the floor differs from that of the noise, at any level of the noise.
 
     The level of the noise is that of the quietest bands of each row's spectrum: most of the excess must be above it.
     """
-    smallest, count, excess, coloured = 1.0, 0, 0.0, 0.0
-    for residual, draws in (pair for row in lack.above for pair in lack.remainder.series(row).values()):
-        found = whiteness(residual, draws, np.arange(residual.size), 1.0)
-        if found is not None and found.frequency.size > 1:
-            smallest, count = min(smallest, found.ljung_box), count + 1
-            width = np.gradient(found.frequency)
-            level = min(
-                SELECTION.most_noise_ratio**2, float(np.quantile(found.spectrum / found.floor, SELECTION.quiet_bands))
-            )
-            excess += float(np.sum(width * (found.spectrum - found.floor)))
-            coloured += float(np.sum(width * np.maximum(0.0, found.spectrum - max(1.0, level) * found.floor)))
-    return smallest * count <= SELECTION.significance and coloured > SELECTION.coloured_share * excess > 0.0
+    if not lack.above:
+        return False
+    remainder = lack.remainder
+    found = remainder.sums.samples.sum(ColourTask(remainder.measured, remainder.simulated, lack.above))
+    likely = found.smallest * found.count <= SELECTION.significance
+    return likely and found.coloured > SELECTION.coloured_share * found.excess > 0.0

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy
@@ -17,8 +19,13 @@ from numpy.typing import NDArray
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import CandidateColumns, CrossProducts, Layout, Trial
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.layout import Layout, Trial
+from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.settings import SELECTION
+
+V = TypeVar("V", bound=Any)
 
 
 class PartialRegression:
@@ -69,7 +76,7 @@ class PartialRegression:
     def outside(self) -> list[tuple[Array, Array, Array]]:
         """For each fold, `inverse`, `gain` and `reduced` of the samples outside it."""
         out: list[tuple[Array, Array, Array]] = []
-        for normal in self.sums.train - (1.0 - 1.0 / SELECTION.folds) * self.column_noise:
+        for normal in self.sums.over_runs.train - (1.0 - 1.0 / SELECTION.folds) * self.column_noise:
             inverse = _inverted(normal[np.ix_(self.nuisance, self.nuisance)] + self.prior)
             out.append((inverse, *self._without(normal)))
         return out
@@ -77,7 +84,7 @@ class PartialRegression:
     @cached_property
     def inside(self) -> Array:
         """(SELECTION.folds, w, w) products of the samples in each fold, without noise."""
-        return self.sums.test - self.column_noise / SELECTION.folds
+        return self.sums.over_runs.test - self.column_noise / SELECTION.folds
 
     @cached_property
     def folds(self) -> list[tuple[Array, Array]]:
@@ -154,29 +161,50 @@ class BlockGains:
     counts: Mapping[Row, int]
     whole: float
 
-    @classmethod
-    def of(cls, sums: CrossProducts, effects: Array, before: Array) -> BlockGains:
-        """The falls by m effects, from one pass over the samples.
 
-        Parameters
-        ----------
-        effects : (w, m + 1) coefficients for `CrossProducts.series`: of each effect at its estimated size, and of the
-            residual.
-        before : (w, m) coefficients of the residual before each effect: for a sensor fault without its own tolerance.
-        """
-        m, rows = before.shape[1], sums.null.keys()
-        blocks = np.zeros((sums.block_count, m))
-        squares, taken = ({row: np.zeros(m) for row in rows} for _ in range(2))
-        counts, whole = dict.fromkeys(rows, 0), 0.0
-        for block, series in sums.series(np.concatenate([effects, before], axis=1)):
+@dataclass(frozen=True)
+class GainsTask:
+    """Gains by m effects, as a task for the samples of each run.
+
+    Attributes
+    ----------
+    effects : (w, m + 1) coefficients of the columns: of each effect at its estimated size, and of the residual.
+    before : (w, m) coefficients of the residual before each effect: for a sensor fault without its own tolerance.
+    """
+
+    effects: Array
+    before: Array
+
+    def of_run(self, run: RunSamples) -> BlockGains:
+        """The gains in one run."""
+        m = self.before.shape[1]
+        blocks = np.zeros((run.block_count, m))
+        squares: dict[Row, Array] = {}
+        taken: dict[Row, Array] = {}
+        counts: dict[Row, int] = {}
+        whole = 0.0
+        for block, series in run.series(np.concatenate([self.effects, self.before], axis=1)):
             effect, remainder, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
             after = (without - effect) ** 2
             np.add.at(blocks, block.number, remainder**2 - after)
-            squares[block.row] += np.sum(without**2, axis=0)
-            taken[block.row] += np.sum(without**2 - after, axis=0)
-            counts[block.row] += len(series)
+            squares[block.row] = squares.get(block.row, 0.0) + np.sum(without**2, axis=0)
+            taken[block.row] = taken.get(block.row, 0.0) + np.sum(without**2 - after, axis=0)
+            counts[block.row] = counts.get(block.row, 0) + len(series)
             whole += float(np.sum(remainder**2))
-        return cls(blocks, squares, taken, counts, whole)
+        return BlockGains(blocks, squares, taken, counts, whole)
+
+    def merged(self, parts: Sequence[BlockGains]) -> BlockGains:
+        """The gains in several runs."""
+
+        def added(each: Sequence[Mapping[Row, V]]) -> dict[Row, V]:
+            rows = dict.fromkeys(row for part in each for row in part)
+            return {row: reduce(add, (part[row] for part in each if row in part)) for row in rows}
+
+        return BlockGains(
+            np.concatenate([part.blocks for part in parts]), added([part.before for part in parts]),
+            added([part.taken for part in parts]), added([part.counts for part in parts]),
+            sum(part.whole for part in parts),
+        )  # fmt: skip
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:
@@ -212,12 +240,12 @@ def beside(
 
     `grid` : key → place among `columns` of the effect's best shape, whose noise is used; None without simulated runs.
     """
-    fitted, floor, old_layout = columns.linearisation.fitted, columns.linearisation.floor, columns.sums.layout
+    linearisation, old_layout = columns.linearisation, columns.sums.layout
     own = {trial.place.start: trial.effect for trial in old_layout.trials}
     faults = [place for place in before.nuisance.tolist() if place in own]
     layout = Layout.of(old_layout.model, old_layout.sheet, [*(own[place] for place in faults), *effects])
-    floor = floor.without_draws() if grid is None else floor
-    sums = CrossProducts.of(fitted, floor, layout, columns.sums.prior_stiffening, {}, np.random.default_rng(0))
+    floor = linearisation.floor.without_draws() if grid is None else linearisation.floor
+    sums = linearisation.runs.products(floor, layout, columns.sums.how.prior_stiffening, {}, 0)
     # The sheet's faults now stand one behind the other; their priors stay those of the space.
     plain = before.nuisance[: len(before.nuisance) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]

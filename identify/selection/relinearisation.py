@@ -24,7 +24,9 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.tolerances import SheetEntry
-from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, Trial, solved
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns, solved
+from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.forward_selection import select_forward
 from lacet.identify.selection.lack_of_fit import prior_stiffening
 from lacet.identify.selection.partial_regression import PartialRegression
@@ -53,10 +55,11 @@ def relinearise(
 ) -> Linearisation:
     """The runs linearised at their latencies, iterated until steps are small; as recorded below `largest_phase` [rad].
 
-    `largest_phase` : ω τ at the fit's cut-off up to which no latency is removed.
+    `largest_phase` : ω τ at the fit's cut-off up to which no latency is removed. As recorded, too, where the fit cannot
+    be made again here.
     """
-    entries, first = list(recorded.latency_tolerances), recorded.fitted
-    if not entries:
+    entries, first = list(recorded.latency_tolerances), recorded.runs.refittable
+    if not entries or first is None:
         return recorded
     tolerances, now = np.array(list(recorded.latency_tolerances.values())), recorded
 
@@ -77,7 +80,9 @@ def relinearise(
     if now is recorded:
         return recorded
     removed = dict(zip(entries, latencies.tolist(), strict=True))
-    fitted = first.refitted_to(now.fitted)
+    refittable = now.runs.refittable
+    assert refittable is not None
+    fitted = first.refitted_to(refittable)
     progress(Step(Stage.FLOOR_AT_LATENCIES, values=_by_channel(removed)))
     return replace(Linearisation.of(fitted, recorded.floor.redrawn(fitted)), latencies=removed)
 
@@ -96,6 +101,8 @@ def relinearised_columns(
     def far(latencies: Array) -> bool:
         return bool(np.any(np.abs(recorded.omega * latencies * tolerances) >= SELECTION.first_order_phase))
 
+    if recorded.runs.refittable is None:
+        return columns
     if not far(remaining_latencies(recorded, np.zeros(len(tolerances)))) or not far(_beside_effects(columns)):
         return columns
     closer = relinearise(recorded, progress, SELECTION.first_order_phase)
@@ -127,9 +134,15 @@ def _not_latency(trial: Trial) -> bool:
 
 
 def without_fault(space: ScoreTests, key: str, progress: Progress) -> Linearisation:
-    """The runs with a sensor fault of estimated size removed, with a new fit and noise floor."""
+    """The runs with a sensor fault of estimated size removed, with a new fit and noise floor.
+
+    Raises ValueError for a fit that cannot be made again here.
+    """
+    before = space.linearisation.runs.refittable
+    if before is None:
+        raise ValueError("these runs cannot be fitted again here")
     progress(Step(Stage.EFFECT_REMOVED, subject=key))
-    fitted = space.fitted.with_effect(space.effects[key])
+    fitted = before.with_effect(space.effects[key])
     progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=key))
     floor = space.floor.redrawn(fitted)
     return replace(Linearisation.of(fitted, floor), latencies=space.linearisation.latencies)

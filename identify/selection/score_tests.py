@@ -15,7 +15,11 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import Unmeasured
-from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, Trial
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns
+from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.lack_of_fit import (
     LackOfFit,
     noise_ratios,
@@ -23,8 +27,7 @@ from lacet.identify.selection.lack_of_fit import (
     residual_beside,
     residual_without_tolerance,
 )
-from lacet.identify.selection.partial_regression import BlockGains, PartialRegression, beside
-from lacet.identify.selection.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.partial_regression import BlockGains, GainsTask, PartialRegression, beside
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
 
@@ -187,7 +190,7 @@ class ScoreTests:
         self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
         if noise is None or not noise.matches(regressor_labels(self.fitted, self.layout), self.floor.sigma):
             progress(Step(Stage.REGRESSOR_NOISE))
-            noise = RegressorNoise.of(self.fitted, self.sums, self.floor.sigma, progress=progress)
+            noise = self.linearisation.runs.regressor_noise(self.sums, self.floor.sigma, progress)
         self.noise = noise
         self.noise_ratio = noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
         noisy = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
@@ -199,10 +202,13 @@ class ScoreTests:
             and (own := tolerances_like(self.regression, trial.place.start, self._tolerances_of(trial))).size
             and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         }
-        loud = [self.noise_ratio[row] * products for row, products in self.sums.null.items()]
+        over_runs = self.sums.over_runs
+        loud = [self.noise_ratio[row] * products for row, products in over_runs.null.items()]
         there = columns.nuisance[self.layout.model :]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
-        self.null = self.sums.null_sheet + self.regression.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
+        self.null = (
+            self.sums.over_runs.null_sheet + self.regression.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
+        )
 
     @classmethod
     def of(
@@ -321,13 +327,7 @@ class ScoreTests:
             parts.append(self.regression.coefficients(places))
             owner += [i] * len(scales)
         columns = np.concatenate(parts, axis=1)
-        energy = np.zeros((self.sums.block_count, columns.shape[1]))
-        for block, series in self.sums.series(columns):
-            np.add.at(energy, block.number, series**2)
-        joined = np.zeros((self.sums.block_count, len(tried)))
-        np.add.at(joined.T, np.array(owner), energy.T)
-        total = joined.sum(axis=0)
-        squares = np.sum(joined**2, axis=0)
+        total, squares = self.sums.samples.sum(EnergyTask(columns, np.array(owner), len(tried)))
         return [float(x) for x in np.divide(total**2, squares, out=np.zeros_like(total), where=squares > 0)]
 
     def _size(self, one: ScoreTest) -> float:
@@ -384,23 +384,15 @@ class ScoreTests:
         )
         return tuple(ranked)
 
-    @cached_property
-    def _acting(self) -> dict[Row, NDArray[np.bool_]]:
-        """Which columns act on each row: row → (w,)."""
-        out = {row: np.zeros(self.layout.width, bool) for row in self.sums.null}
-        for block in self.sums.blocks:
-            out[block.row][block.active] = True
-        return out
-
     def _rows(self, place: slice) -> tuple[Row, ...]:
-        return tuple(row for row, acting in self._acting.items() if np.any(acting[place]))
+        return tuple(row for row, acting in self.sums.over_runs.acting.items() if np.any(acting[place]))
 
     def _with_gains(self, found: Sequence[Candidate]) -> list[Candidate]:
         """The candidates with their gains, by block and as shares of the residual of the rows acted on."""
         tested = [c.key for c in found if c.tested]
         if not tested:
             return list(found)
-        gains = BlockGains.of(self.sums, *self._gain_coefficients(tested))
+        gains = self.sums.samples.sum(GainsTask(*self._gain_coefficients(tested)))
         # In cross-validation the model alone leaves more than on all data.
         right = self.layout.right
         more = max(0.0, sum(float(test[right, right]) for _, test in self.regression.folds) - gains.whole)
@@ -408,7 +400,7 @@ class ScoreTests:
         return [self._with_gain(c, gains, place[c.key], more) if c.tested else c for c in found]
 
     def _gain_coefficients(self, tested: Sequence[str]) -> tuple[Array, Array]:
-        """Coefficients for `BlockGains.of`: (w, m + 1) of effects and residual, (w, m) of the residual before.
+        """Coefficients for `GainsTask`: (w, m + 1) of effects and residual, (w, m) of the residual before.
 
         For a sensor fault with a tolerance the residual before is that without this tolerance.
         """
@@ -514,6 +506,34 @@ class ScoreTests:
         )
         across = np.linalg.solve(A, self.regression.reduced_noisy[first, second])
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
+
+
+@dataclass(frozen=True)
+class EnergyTask:
+    """Energy of trials by blocks, as a task for the samples of each run.
+
+    Attributes
+    ----------
+    columns : (w, k) coefficients of the trials' columns, nuisance removed.
+    owner : (k,) number of each column's trial, of `count` trials.
+    """
+
+    columns: Array
+    owner: NDArray[np.intp]
+    count: int
+
+    def of_run(self, run: RunSamples) -> Array:
+        """(2, count) sums over the blocks of one run: of each trial's energy, and of its square."""
+        energy = np.zeros((run.block_count, self.columns.shape[1]))
+        for block, series in run.series(self.columns):
+            np.add.at(energy, block.number, series**2)
+        joined = np.zeros((run.block_count, self.count))
+        np.add.at(joined.T, self.owner, energy.T)
+        return np.stack([joined.sum(axis=0), np.sum(joined**2, axis=0)])
+
+    def merged(self, parts: Sequence[Array]) -> Array:
+        """The sums over several runs."""
+        return np.sum(parts, axis=0)
 
 
 def judged(c: Candidate, effect: Effect) -> Candidate:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import one_line_effects
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -62,14 +62,14 @@ class Formula:
 
 def propose(linearisation: Linearisation, failing: Sequence[Row], seed: int) -> list[Formula]:
     """Laws that the residual of the `failing` rows follows, largest gain first, one for each set of rows."""
-    recording = linearisation.fitted.runs[0].recording
+    runs = linearisation.runs
     laws_by_name: dict[str, tuple[str, str]] = {}
     effects: list[Effect] = []
     for kind, laws in _places(failing):
         for number, law in enumerate(laws, start=1):
             name = f"own_{kind.replace('.', '_')}_{number}"
             laws_by_name[name] = kind, law.removesuffix(_BAND)
-            effects += one_line_effects(f"{name} = {kind}: {law}", recording.vehicle, recording.reference)
+            effects += one_line_effects(f"{name} = {kind}: {law}", runs.vehicle, runs.wheel_reference)
     if not effects:
         return []
     space = ScoreTests.of(linearisation, effects, seed)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.selection.cross_products import CandidateColumns
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.settings import SELECTION
 
@@ -168,7 +168,7 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
             continue
         size, among = float(found[position]) / columns.sigma[place], place - layout.model
         entry = layout.sheet[among] if among < len(layout.sheet) else None
-        name = columns.sheet[place] if entry is None else linearisation.fitted.entry_name(entry)
+        name = columns.sheet[place] if entry is None else linearisation.runs.entry_name(entry)
         if entry is not None and entry in linearisation.latency_tolerances:
             removed = linearisation.latencies.get(entry, 0.0) / linearisation.latency_tolerances[entry]
             sizes[name] = size + removed

@@ -12,8 +12,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sums.prepared_runs import without_faults
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnose import Diagnosis
-from lacet.identify.selection.regressor_noise import RegressorNoise
 
 _LIVE = ("model", "runs", "assembly")
 """What a fit holds beside its values: it is made again from the study."""

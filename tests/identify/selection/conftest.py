@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of

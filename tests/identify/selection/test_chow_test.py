@@ -11,15 +11,16 @@ import scipy.linalg
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact_with
 from tests.identify.selection.exact_ranking import DRAWS
+from tests.identify.selection.held import blocks_of, runs_of
 
 CUBIC = KNOWN["spring_cubic.front"]
 TRIED = [CUBIC, *(KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "sensor_gain.force.rr"))]
@@ -72,18 +73,18 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
 
     def fall(groups: list[list[int]]) -> tuple[float, np.ndarray]:
         """Fall of the squares with the law's columns once for each group of runs, and its parameters."""
-        zeros = [next(b for b in same.sums.blocks if b.run == r).zeros.shape[1] for r in (0, 1)]
+        zeros = [len(run.zero_gain) for run in runs_of(same.sums)]
         start = np.cumsum([0, *zeros, len(shared)])
         size = start[-1] + len(groups)
         normal, right, squares = np.zeros((size, size)), np.zeros(size), 0.0
-        for block in same.sums.blocks:
+        for run, block in blocks_of(same.sums):
             wide = np.zeros((len(block.columns), w))
             wide[:, block.active] = block.columns
             rows = np.zeros((len(wide), size))
-            rows[:, start[block.run] : start[block.run + 1]] = block.zeros
+            rows[:, start[run] : start[run + 1]] = block.zeros
             rows[:, start[2] : start[3]] = wide[:, shared]
             for g, group in enumerate(groups):
-                if block.run in group:
+                if run in group:
                     rows[:, start[3] + g] = wide[:, tried.trial.place.start]
             normal += rows.T @ rows
             right += rows.T @ wide[:, same.layout.right]

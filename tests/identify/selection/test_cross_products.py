@@ -15,9 +15,11 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.cross_products import CrossProducts, Linearisation, Trial
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.layout import Trial
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import RegressorNoise, regressor_labels
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.score_tests import Answer, ScoreTests
 from lacet.identify.selection.settings import SELECTION
@@ -25,6 +27,7 @@ from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.verdicts import says
 from tests.identify import cars
 from tests.identify.selection.dense_ranking import Dense
+from tests.identify.selection.held import remainder_of
 
 VEHICLE, RIG = cars.reference_car()
 KNOWN = catalogue(VEHICLE, "hub")
@@ -131,7 +134,7 @@ def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: Sc
     tilt = next(t for t in trials(space) if t.effect.name == "sensor_misalignment")
     gain = next(t for t in trials(space) if t.effect.key == "sensor_gain.hub.fl")
     latencies = next(t for t in trials(space) if t.effect.name == "sensor_latency")
-    null = np.sum(list(space.sums.null.values()), axis=0)
+    null = np.sum(list(space.sums.over_runs.null.values()), axis=0)
     for trial, place in ((tilt, len(inverse) - 1), (gain, hub), (latencies, clock)):
         without_tolerance, bare = space.without_tolerance[trial.place.start], dense.without(place)
         C, right = dense.column(trial.effect), bare.base[2]
@@ -155,7 +158,7 @@ def test_falls_are_those_of_fits_to_the_other_blocks(space: ScoreTests, dense: D
 
 def test_simulated_runs_are_treated_as_the_measured_one(space: ScoreTests, dense: Dense):
     """A draw of noise in the place of the residual falls as far, candidate by candidate."""
-    null = np.sum(list(space.sums.null.values()), axis=0)
+    null = np.sum(list(space.sums.over_runs.null.values()), axis=0)
     right = dense.noise(7)
     before = dense.solve(right, drawn=True)[0]
     for trial in trials(space)[:4]:
@@ -170,13 +173,13 @@ def test_what_is_left_is_the_residual_of_the_fit_with_all_tolerances(space: Scor
     measured, drawn = dense.solve(dense.base[2])[2], dense.solve(dense.noise(3), drawn=True)[2]
     start = 0
     for run, row in dense.parts():
-        residual, draws = left.remainder.series(row)[run]
+        residual, draws = remainder_of(left, row)[run]
         n = residual.size
         np.testing.assert_allclose(residual, measured[start : start + n], atol=2e-6)
         np.testing.assert_allclose(draws[3], drawn[start : start + n], atol=2e-6)
         start += n
     for row, ratio in left.ratios.items():
-        series = left.remainder.series(row).values()
+        series = remainder_of(left, row).values()
         null = sum(np.mean(np.sum(draws**2, axis=1)) for _, draws in series)
         squares = sum(np.sum(residual**2) for residual, _ in series)
         assert ratio == pytest.approx(np.sqrt(squares / null), rel=1e-10)
@@ -282,7 +285,7 @@ def test_a_run_in_pieces_is_ranked_as_the_whole(monkeypatch: pytest.MonkeyPatch)
             assert other == pytest.approx(one, rel=0.02, abs=1.0), (a.effect.key, measure)
     one, other = (s.residual_beside([]) for s in (whole, parts))
     for row in one.squares:
-        (residual, draws), (its, drawn) = one.remainder.series(row)[0], other.remainder.series(row)[0]
+        (residual, draws), (its, drawn) = remainder_of(one, row)[0], remainder_of(other, row)[0]
         assert np.std(drawn - draws) < 0.05 * np.std(draws), row
         assert np.std(its - residual) < 0.05 * np.std(residual), row
     order = [

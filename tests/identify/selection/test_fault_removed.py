@@ -11,7 +11,7 @@ from lacet.identify.effects.base import SensorFault
 from lacet.identify.progress import silent
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import FitOptions, extended, fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Diagnosis, diagnose, screen
 from lacet.identify.selection.relinearisation import without_fault
 from lacet.identify.selection.score_tests import ScoreTests

@@ -9,13 +9,14 @@ import pytest
 
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.regressor_noise import noise_through_effect
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.regressor_noise import noise_through_effect
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of, simulate_floor
 from tests.identify.exact_car import KNOWN
 from tests.identify.selection.exact_ranking import CANDIDATES, HIDDEN, SIZE, leaving
+from tests.identify.selection.held import blocks_of
 
 FRICTION = KNOWN["coulomb.front"]
 
@@ -34,7 +35,7 @@ def test_it_is_what_the_floor_of_the_model_with_the_law_has_more(space: ScoreTes
     after = simulate_floor(fitted.runs, lambda run: fitted.runs[run].sensitive_pieces(physics, theta), 199).sigma
     said = noise_through_effect(space.fitted, space.floor.sigma, space.noise_ratio, effect, values)
     counts = dict.fromkeys(said, 0)
-    for block in space.sums.blocks:
+    for _, block in blocks_of(space.sums):
         counts[block.row] += len(block.columns)
     for row, sigma in space.floor.sigma.items():
         more = counts[row] * (after[row] ** 2 - before[row] ** 2) / sigma**2
@@ -58,6 +59,6 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
         return {row: share * a for row, a in before.items()}
 
     monkeypatch.setattr("lacet.identify.selection.score_tests.ScoreTests.residual_beside", leaving(0.2, family=0.01))
-    monkeypatch.setattr("lacet.identify.selection.diagnose.noise_through_effect", through)
+    monkeypatch.setattr("lacet.identify.selection.columns.ranked_runs.noise_through_effect", through)
     monkeypatch.setattr("lacet.identify.selection.diagnose.excess_is_coloured", lambda left: True)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.forward_selection import refined
 from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests

@@ -11,9 +11,11 @@ import scipy.linalg
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.cross_products import CandidateColumns, Linearisation, columns_of
+from lacet.identify.selection.columns.candidate_columns import CandidateColumns
+from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
+from lacet.identify.selection.columns.weighted_columns import columns_of
 from lacet.identify.selection.partial_regression import PartialRegression, at_gain
-from lacet.identify.selection.regressor_noise import RegressorNoise
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance
@@ -45,11 +47,11 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
     combined[places, range(len(places))] = 1.0
     combined[layout.right, -1] = 1.0
     combined = space.regression.coefficients(combined)
-    nuisance = sums.zero_gains[0] @ combined
+    nuisance = sums.over_runs.zero_gains[0] @ combined
     combined[: layout.model] = sums.turn @ combined[: layout.model]
     (piece,) = fitted.assembly.pieces_of(0)
     zeros = {
-        row: block[:, : len(nuisance)] * fitted.zeros[0][1] / sums.prior_stiffening
+        row: block[:, : len(nuisance)] * fitted.zeros[0][1] / sums.how.prior_stiffening
         for row, block in piece.blocks.items()
     }
 
@@ -123,7 +125,7 @@ def test_noise_of_many_runs_is_that_of_some_scaled_up(
     counted = list[int]()
     whole = RegressorNoise.of(four, own, floor.sigma, progress=lambda step: counted.append(step.total))
     monkeypatch.setattr(
-        "lacet.identify.selection.regressor_noise.SELECTION", replace(SELECTION, noise_seconds=1.9 * SECONDS)
+        "lacet.identify.selection.columns.regressor_noise.SELECTION", replace(SELECTION, noise_seconds=1.9 * SECONDS)
     )
     some = RegressorNoise.of(four, own, floor.sigma, progress=lambda step: counted.append(step.total))
     assert (counted[0], counted[-1]) == (4 * SELECTION.noise_pairs, 2 * SELECTION.noise_pairs)
@@ -177,4 +179,4 @@ def test_noise_of_what_was_tried_is_taken_out_where_it_is_tried_together(space: 
 
 def _at_other_zeros(space: ScoreTests) -> Array:
     """What the zeros found outside of each fold add to the sums inside."""
-    return space.sums.test.sum(axis=0) - space.sums.total
+    return space.sums.over_runs.test.sum(axis=0) - space.sums.total

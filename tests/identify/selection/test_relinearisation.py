@@ -14,7 +14,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, remaining_latencies

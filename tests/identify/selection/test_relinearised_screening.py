@@ -11,7 +11,7 @@ from lacet.identify.progress import Progress
 from lacet.identify.regression.sums.prepared_runs import recording_without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection import diagnose as ranking
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import Screening, diagnose
 from lacet.identify.selection.relinearisation import relinearise
 from lacet.identify.selection.score_tests import ScoreTests
@@ -21,6 +21,7 @@ from lacet.services.render.progress import in_words
 from lacet.services.render.verdicts import says
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
+from tests.identify.selection.held import remainder_of
 
 TRIED = [KNOWN["coulomb.rear"], KNOWN["anti_roll_bar.front"]]
 AGAIN = "the noise floor at the parameters that the sensor sheet leads to"
@@ -120,8 +121,8 @@ def test_what_columns_leave_of_latencies_is_about_what_they_do(fitted: Fit):
     """Squares of what is left after the columns, for one instrument 3 ms late in a run without noise."""
     off = fit_of(later("sensor_latency.imu", 0.003, 5, 0.0), fitted)
     space = ScoreTests.of(Linearisation.of(off, floor_of(off, 9)), TRIED, 0)
-    remainder = space.residual_beside([]).remainder
-    left = sum(float(np.sum(series**2)) for row in remainder.sums.rows for series, _ in remainder.series(row).values())
+    lack = space.residual_beside([])
+    left = sum(float(np.sum(series**2)) for row in lack.squares for series, _ in remainder_of(lack, row).values())
     assert 0.3 * left < ranking._second_order_squares(space) < 30.0 * left
 
 

@@ -8,7 +8,7 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import Linearisation
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose, screen
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.symbolic_laws import propose

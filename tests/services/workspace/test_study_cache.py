@@ -21,7 +21,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
-from lacet.identify.selection.regressor_noise import RegressorNoise
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.workspace.kept.kept_values import VERSIONS_AT_HAND
 from lacet.services.workspace.kept.study_cache import StudyCache

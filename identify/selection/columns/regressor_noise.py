@@ -25,8 +25,12 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
+from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
-from lacet.identify.selection.cross_products import CrossProducts, Layout, at_zeros, columns_of
+from lacet.identify.selection.columns.cross_products import CrossProducts
+from lacet.identify.selection.columns.layout import Layout
+from lacet.identify.selection.columns.run_products import at_zeros
+from lacet.identify.selection.columns.weighted_columns import columns_of
 from lacet.identify.selection.settings import SELECTION
 
 _Products = dict[Row, tuple[NDArray[np.intp], Array]]
@@ -112,7 +116,7 @@ class RegressorNoise:
         return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
 
 
-def regressor_labels(fitted: Fit, layout: Layout) -> tuple[str, ...]:
+def regressor_labels(fitted: FittedModel, layout: Layout) -> tuple[str, ...]:
     """Descriptions of the columns of model and layout."""
     return (*fitted.columns, *layout.labels)
 
@@ -139,11 +143,11 @@ def _run_products(
     """Row → (w, w) products of the noise in the `chosen` pieces of one run, its zeros eliminated."""
     layout, (_, priors, values) = sums.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
-    side = np.concatenate([priors / sums.prior_stiffening, np.ones(w)])
+    side = np.concatenate([priors / sums.how.prior_stiffening, np.ones(w)])
     # The right side here is the residual, from which the zeros that were found are taken already.
-    further = sums.zero_gains[run].copy()
+    further = sums.over_runs.zero_gains[run].copy()
     further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
-    further[:, layout.right] -= values * sums.prior_stiffening / priors
+    further[:, layout.right] -= values * sums.how.prior_stiffening / priors
     whole: dict[Row, Array] = {}
 
     def of_piece(piece: Piece) -> _Products:

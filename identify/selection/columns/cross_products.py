@@ -1,0 +1,204 @@
+"""Cross products of the columns of model, sensor sheet and all candidates, and of the measured rows.
+
+All tests of a candidate follow from such sums of products: its columns without the part that the model explains, the
+fall of the weighted squares, and that fall in parts of the runs that were not fitted to. So one pass over the samples
+serves every candidate. Each run's zeros are eliminated in its sums; the model's columns are first made nearly
+orthonormal, so that the sums lose few digits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import add
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.car.rows import Row
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.sums.tree import merged
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.layout import Layout
+from lacet.identify.selection.columns.run_products import RowProducts, RunProducts
+from lacet.identify.selection.columns.samples import HeldSamples, RunSamples, Samples
+from lacet.identify.selection.columns.weighted_columns import Weighting, blocks_of
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.noise_floor import NoiseFloor
+
+V = TypeVar("V")
+
+
+@dataclass(frozen=True)
+class SumsOfRuns:
+    """Sums of products over several runs, each run's zeros eliminated.
+
+    Attributes
+    ----------
+    total : (w, w) of all samples; `train`, `test` (folds, w, w) of those outside and inside a fold, `test` at the
+        zeros found outside.
+    null : row → (w, D) products with the row's simulated noise; `null_sheet` (w, D) with simulated zeros and drifts.
+    rows : row → sums over its samples alone.
+    acting : row → (w,) whether a column acts on it.
+    zero_gains : for each run (z, w) regression of each column on its zeros.
+    block_count : number of blocks of the cross-validation.
+    """
+
+    total: Array
+    train: Array
+    test: Array
+    null: Mapping[Row, Array]
+    null_sheet: Array
+    rows: Mapping[Row, RowProducts]
+    acting: Mapping[Row, NDArray[np.bool_]]
+    zero_gains: tuple[Array, ...]
+    block_count: int
+
+    @classmethod
+    def of(
+        cls,
+        products: RunProducts,
+        samples: RunSamples,
+        how: Weighting,
+        drifts: Mapping[str, float],
+        seed: Sequence[int],
+    ) -> SumsOfRuns:
+        """The sums of one run.
+
+        Parameters
+        ----------
+        products, samples : of the run.
+        how : its weights.
+        drifts : key → 1 σ of the sensor faults whose size is another in each run.
+        seed : of its simulated zeros and drifts.
+        """
+        rows = products.by_row
+        train, test = zip(*(products.fold(fold) for fold in range(SELECTION.folds)), strict=True)
+        acting = {row: np.zeros(how.layout.width, bool) for row in rows}
+        for block in samples.blocks:
+            acting[block.row][block.active] = True
+        return cls(
+            products.eliminated[1], np.stack(train), np.stack(test),
+            {row: products.remaining(noise) for row, noise in products.noise.items()},
+            np.sum(list(_sheet_draws(products, how, drifts, np.random.default_rng(seed))), axis=0),
+            {row: products.row(row) for row in rows}, acting, (products.eliminated[0],), samples.block_count,
+        )  # fmt: skip
+
+    @staticmethod
+    def merged(parts: Sequence[SumsOfRuns]) -> SumsOfRuns:
+        """Sums of several parts, in their order."""
+        first, *others = parts
+        for other in others:
+            first = first + other
+        return first
+
+    def __add__(self, other: SumsOfRuns) -> SumsOfRuns:
+        return SumsOfRuns(
+            self.total + other.total, self.train + other.train, self.test + other.test,
+            _both(self.null, other.null, add),
+            self.null_sheet + other.null_sheet, _both(self.rows, other.rows, add),
+            _both(self.acting, other.acting, np.logical_or),
+            self.zero_gains + other.zero_gains, self.block_count + other.block_count,
+        )  # fmt: skip
+
+
+def _both(mine: Mapping[Row, V], theirs: Mapping[Row, V], add: Callable[[V, V], V]) -> dict[Row, V]:
+    """Values by row of two parts, added where both have the row."""
+    return {**mine, **{row: add(mine[row], value) if row in mine else value for row, value in theirs.items()}}
+
+
+def _sheet_draws(
+    products: RunProducts, how: Weighting, drifts: Mapping[str, float], rng: np.random.Generator
+) -> Iterator[Array]:
+    """(w, D) products of a run's columns with simulated zeros of its sensors, then with each simulated drift."""
+    # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
+    draws = products.draws
+    yield products.with_drawn_zeros(how.prior_stiffening * rng.standard_normal((products.zeros, draws)))
+    for place, drift in how.layout.of_keys(drifts):
+        yield products.eliminated[1][:, place] @ (drift * rng.standard_normal((1, draws)))
+
+
+@dataclass(frozen=True)
+class CrossProducts:
+    """Sums of products of weighted columns over all runs, and the samples behind them.
+
+    Attributes
+    ----------
+    how : order of the w columns, and their weights.
+    prior : (p, p) normal matrix of the priors of the model's parameters, for the orthonormal columns.
+    over_runs : sums over all runs.
+    samples : of all runs.
+    """
+
+    how: Weighting
+    prior: Array
+    over_runs: SumsOfRuns
+    samples: Samples
+
+    @classmethod
+    def of(
+        cls, fitted: Fit, floor: NoiseFloor, layout: Layout, prior_stiffening: float,
+        drifts: Mapping[str, float] | None = None, seed: int = 0,
+    ) -> CrossProducts:  # fmt: skip
+        """Cross products of all columns of a fit, from one pass over the samples of its runs.
+
+        Parameters
+        ----------
+        fitted : the model, on its runs.
+        floor : weights and simulated noise.
+        layout : order of the columns.
+        prior_stiffening : 1 σ of the sensor sheet ÷ 1 σ of the zeros' priors.
+        drifts : key → 1 σ of the sensor faults whose size is another in each run.
+        seed : of simulated zeros and drifts.
+        """
+        how = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
+        held: list[RunSamples] = []
+
+        def each() -> Iterator[SumsOfRuns]:
+            first = 0
+            for run in range(len(fitted.runs)):
+                samples, products = samples_of(fitted, floor, how, run, first)
+                held.append(samples)
+                first += samples.block_count
+                yield SumsOfRuns.of(products, samples, how, drifts or {}, [seed, 6, run])
+
+        sums = merged(each(), SumsOfRuns.merged)
+        return cls(how, model_prior(fitted.equations.known, fitted.solution, how.turn), sums, HeldSamples(tuple(held)))
+
+    @property
+    def layout(self) -> Layout:
+        """Order of the columns."""
+        return self.how.layout
+
+    @property
+    def turn(self) -> Array:
+        """(p, p) matrix T; the model's columns times T are nearly orthonormal and stand in place of them."""
+        return self.how.turn
+
+    @property
+    def total(self) -> Array:
+        """(w, w) products over all samples."""
+        return self.over_runs.total
+
+
+def samples_of(
+    fitted: Fit, floor: NoiseFloor, how: Weighting, run: int, first: int = 0
+) -> tuple[RunSamples, RunProducts]:
+    """Samples of one run of a fit and their sums of products; `first` is the number of its first block."""
+    blocks = tuple(blocks_of(fitted, floor, how, run))
+    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), how.layout.width, floor.count, first)
+    return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products
+
+
+def model_prior(equations: Array, solution: Array, turn: Array) -> Array:
+    """(p, p) normal matrix of the priors of a model's parameters, for its orthonormal columns.
+
+    `equations` (k, p) what is known beforehand; `solution` (p,) values of the fit.
+
+    The priors are centred on the fit. Where the fit is many σ away from a prior (a late laser moves a wheel's moment by
+    twelve), the prior is widened to that distance: else a candidate would gain by moving the parameter back.
+    """
+    widening = np.hypot(1.0, equations @ solution)
+    prior = (equations / widening[:, None]) @ turn
+    return prior.T @ prior

@@ -1,0 +1,63 @@
+"""Order of the columns that a ranking compares: those of the model, of the sensor sheet and of all candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from lacet.identify.effects.base import Effect, with_places
+from lacet.identify.regression.tolerances import SheetEntry
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Effect with one set of shape constants, and the place of its columns."""
+
+    effect: Effect
+    place: slice
+
+    @property
+    def fault(self) -> bool:
+        """Whether it is a sensor fault."""
+        return self.effect.as_fault is not None
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Order of the w columns in cross products: model, sensor sheet, trials, residual.
+
+    Attributes
+    ----------
+    model : number of the model's columns, which come first.
+    sheet : entries of the sensor sheet, one column for a tolerance of each.
+    trials : effects whose columns follow; the residual is the last column.
+    """
+
+    model: int
+    sheet: tuple[SheetEntry, ...]
+    trials: tuple[Trial, ...]
+
+    @classmethod
+    def of(cls, model: int, sheet: Sequence[SheetEntry], effects: Sequence[Effect]) -> Layout:
+        """The layout with trials of these effects at their present shapes."""
+        trials = (Trial(effect, place) for effect, place in with_places(effects, start=model + len(sheet)))
+        return cls(model, tuple(sheet), tuple(trials))
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Descriptions of the columns of sheet and trials, equal for equal layouts."""
+        return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
+
+    def of_keys(self, sizes: Mapping[str, float]) -> Iterator[tuple[slice, float]]:
+        """Place of each trial whose effect is a key of `sizes`, with its size."""
+        return ((t.place, sizes[t.effect.key]) for t in self.trials if t.effect.key in sizes)
+
+    @property
+    def right(self) -> int:
+        """Index of the residual's column."""
+        return self.trials[-1].place.stop if self.trials else self.model + len(self.sheet)
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.right + 1
