@@ -38,6 +38,13 @@ def scaled_triangle(stacked: Array) -> tuple[Array, Array]:
     return triangle(stacked / lengths), lengths
 
 
+def orthonormaliser(stacked: Array) -> Array:
+    """(q, q) matrix T for which the columns (n, q), or their R factor, times T are nearly orthonormal."""
+    R, lengths = scaled_triangle(stacked)
+    q = stacked.shape[1]
+    return np.asarray(scipy.linalg.solve_triangular(R[:q], np.eye(q)), float) / lengths[:, None]
+
+
 def narrow_triangle(stacked: Array) -> Array:
     """R factor computed from the columns with any entry only; the others are zero in it."""
     active = np.flatnonzero(np.any(stacked != 0.0, axis=0))

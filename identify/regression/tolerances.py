@@ -32,6 +32,15 @@ def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[s
     return out
 
 
+def entry_name(entry: SheetEntry, rig: Rig) -> str:
+    """Name of an entry of a rig's sensor sheet, ``latency of <sensor>`` or ``gain of <channel.component>``."""
+    what, channel, component = entry
+    if what != "latency":
+        return f"{what} of {CHANNELS[channel].columns[component]}"
+    sensor = rig.sensor_of(channel)
+    return f"latency of {sensor.name if sensor else channel}"
+
+
 def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
     """Responses of a run to the sensor sheet: entry → row → (n,) change of Y − W θ for one tolerance, filtered."""
     recording = run.recording

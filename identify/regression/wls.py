@@ -7,9 +7,7 @@ from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 
-from lacet.daq.channels import CHANNELS
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.sensors.sensor_latency import SensorLatency
@@ -21,7 +19,7 @@ from lacet.identify.regression.gauss_newton import StepRule
 from lacet.identify.regression.huber import BadSecond, bad_seconds
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.qr_accumulation import Equations, scaled_triangle
+from lacet.identify.regression.qr_accumulation import Equations, orthonormaliser
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sums.linear_fit import (
     FitOptions,
@@ -31,7 +29,7 @@ from lacet.identify.regression.sums.linear_fit import (
     solve_runs,
 )
 from lacet.identify.regression.sums.prepared_runs import PreparedEquations, PreparedRuns, without_faults
-from lacet.identify.regression.tolerances import SheetEntry, sheet_entries
+from lacet.identify.regression.tolerances import SheetEntry, entry_name, sheet_entries
 from lacet.identify.regression.uncertainty import block_bootstrap, spread_of
 
 
@@ -126,18 +124,12 @@ class Fit(FittedModel):
 
     def entry_name(self, entry: SheetEntry) -> str:
         """Name of an entry of the sensor sheet, ``latency of <sensor>`` or ``gain of <channel.component>``."""
-        what, channel, component = entry
-        if what != "latency":
-            return f"{what} of {CHANNELS[channel].columns[component]}"
-        sensor = self.runs[0].recording.rig.sensor_of(channel)
-        return f"latency of {sensor.name if sensor else channel}"
+        return entry_name(entry, self.runs[0].recording.rig)
 
     def orthonormaliser(self, sigma: Mapping[Row, float]) -> Array:
         """(q, q) matrix T for which W T has nearly orthonormal columns, W weighted by `sigma`, zeros eliminated."""
         root = self.equations.root({row: sigma.get(row, own) for row, own in self.sigma.items()})
-        p = len(self.place)
-        R, lengths = scaled_triangle(root[:, :p])
-        return np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float) / lengths[:, None]
+        return orthonormaliser(root[:, : len(self.place)])
 
     def with_effect(self, effect: Effect) -> Fit:
         """Fit of the model with one more effect to the same runs, with the same options (`extended`)."""

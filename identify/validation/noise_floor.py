@@ -55,11 +55,16 @@ class RunDraws:
         return cls(series, ends, np.arange(count, dtype=np.intp)[None])
 
     @classmethod
+    def none(cls, samples: Mapping[Row, int]) -> RunDraws:
+        """No draws, of a run with so many samples in each row."""
+        return cls.of({row: np.zeros((0, n)) for row, n in samples.items()})
+
+    @classmethod
     def joined(cls, pieces: Sequence[Mapping[Row, Array]], count: int, rng: np.random.Generator) -> RunDraws:
         """`count` draws from those of the pieces, row → (d, n) each; every draw of a piece is used equally often."""
-        if len(pieces) == 1:
-            return cls.of(pieces[0])
         drawn = next(series.shape[0] for piece in pieces for series in piece.values())
+        if len(pieces) == 1 and drawn == count:
+            return cls.of(pieces[0])
         rows = dict.fromkeys(row for piece in pieces for row in piece)
         empty = np.zeros((drawn, 0))
         each = {row: [piece.get(row, empty) for piece in pieces] for row in rows}
@@ -90,7 +95,7 @@ class RunDraws:
 
     def whole(self, row: Row) -> Array:
         """(D, n) draws of a row."""
-        if len(self.choice) == 1:
+        if len(self.choice) == 1 and self.drawn == self.count:
             return self.series[row]
         starts = np.concatenate([[0], self.ends[row][:-1]])
         parts = zip(self.choice, starts, self.ends[row], strict=True)
@@ -118,11 +123,13 @@ class NoiseFloor:
     draws : for each run, residuals after filter and decimation from the channels' noise alone.
     by_run : for each run, row → RMS of its draws [N or N·m].
     sigma : row → RMS over all runs: the weights of the ranking.
+    count : number of draws.
     """
 
     draws: tuple[RunDraws, ...]
     by_run: tuple[Mapping[Row, float], ...]
     sigma: Mapping[Row, float]
+    count: int
 
     @classmethod
     def of(cls, draws: Sequence[RunDraws]) -> NoiseFloor:
@@ -133,12 +140,8 @@ class NoiseFloor:
             tuple(draws),
             tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in run.series.items()} for run in draws),
             {row: float(np.sqrt(np.mean(a**2))) for row, a in every.items()},
+            draws[0].count,
         )
-
-    @property
-    def count(self) -> int:
-        """Number of draws."""
-        return self.draws[0].count
 
     def redrawn(self, fitted: Fit, physics: Array | None = None) -> NoiseFloor:
         """The noise floor of another fit, with as many draws; `physics` (p,): values of its physics, if not its own."""
@@ -150,8 +153,8 @@ class NoiseFloor:
 
     def without_draws(self) -> NoiseFloor:
         """The floor's levels without its draws, for storage."""
-        none = (RunDraws.of({row: a[:0] for row, a in run.series.items()}) for run in self.draws)
-        return replace(self, draws=tuple(none))
+        none = (RunDraws.none({row: a.shape[1] for row, a in run.series.items()}) for run in self.draws)
+        return replace(self, draws=tuple(none), count=0)
 
 
 PiecesOfRun = Iterable[tuple[PreparedRun, Sensitivity]]
@@ -160,14 +163,15 @@ PiecesOfRun = Iterable[tuple[PreparedRun, Sensitivity]]
 
 def simulate_floor(
     runs: Sequence[PreparedRun], pieces: Callable[[int], PiecesOfRun], draws: int, seed: int = 0,
-    progress: Progress = silent,
+    progress: Progress = silent, of_piece: int | None = None,
 ) -> NoiseFloor:  # fmt: skip
     """The noise floor of runs, `draws` times drawn; the pieces of a long run less often (`RunDraws`).
 
-    `pieces` : gives those of the run of an index.
+    `pieces` : gives those of the run of an index; `of_piece` : number of draws of each piece, where these runs are some
+    of many.
     """
     out: list[RunDraws] = []
-    often = [draws_of_piece(draws, run.piece_count) for run in runs]
+    often = [of_piece or draws_of_piece(draws, run.piece_count) for run in runs]
     done, total = itertools.count(1), sum(n * run.piece_count for n, run in zip(often, runs, strict=True))
     for number, count in enumerate(often):
         found: list[dict[Row, Array]] = []

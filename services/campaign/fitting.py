@@ -15,7 +15,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.sums.linear_fit import FitOptions, FittedModel, solve_runs
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
-from lacet.services.campaign.campaign_runs import CampaignRuns
+from lacet.services.campaign.campaign_runs import CampaignEquations, CampaignRuns
 from lacet.services.campaign.cluster import BrokenRuns, Cluster
 from lacet.services.campaign.run_reference import Settings, references
 from lacet.services.campaign.tasks import Broken, RunScores, ScoresAt, Survey, joined_scores
@@ -106,12 +106,14 @@ class CampaignFit:
     fitted : the model.
     counts : row → number of samples.
     scores : run → row → score, as plain data.
+    equations : of the last step, held by the workers.
     """
 
     campaign: Campaign
     fitted: FittedModel
     counts: Mapping[Row, int]
     scores: RunScores
+    equations: CampaignEquations
 
     @property
     def faults(self) -> Array:
@@ -144,7 +146,7 @@ def _fit(cluster: Cluster, campaign: Campaign, options: FitOptions, draws: int) 
         refs, settings, ScoresAt(fitted.physics, fitted.theta[model.physics_size :], draws), joined_scores,
         "noise floor and scores",
     )  # fmt: skip
-    return CampaignFit(campaign, fitted, counts, scored)
+    return CampaignFit(campaign, fitted, counts, scored, found.runs)
 
 
 def _model(campaign: Campaign) -> Model:

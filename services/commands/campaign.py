@@ -12,15 +12,19 @@ from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.sensor_offsets import PayloadSpread
 from lacet.identify.regression.sums.linear_fit import FitOptions
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.identify.validation.score import fails, worst_row
 from lacet.services.campaign.cluster import Cluster, connected
 from lacet.services.campaign.fitting import Campaign, fit_campaign
+from lacet.services.campaign.ranking import diagnosed
 from lacet.services.campaign.results import campaign_result
 from lacet.services.campaign.run_reference import Settings
 from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, Stretch, planned
 from lacet.services.render import tables
+from lacet.services.render.verdicts import print_diagnosis
 from lacet.services.workspace.loading import default_filters
+from lacet.services.workspace.session import MOST_EFFECTS
 
 HELP = "fit a model to many runs, on one machine or several"
 DESCRIPTION = """\
@@ -33,6 +37,8 @@ was interrupted goes on where it was, from the sums in its folder. Needs the ext
   lacet campaign runs/*.mcap --workers 4 --keep sums
   lacet campaign --list runs.txt --scheduler tcp://host:8786  the same on a Dask cluster elsewhere
   lacet campaign *.parquet --rig rig.toml --vehicle vehicle.toml --add anti_roll_bar.front
+  lacet campaign runs/*.mcap --diagnose                       and which physical effect is missing
+  lacet campaign runs/*.mcap --auto                           add the first, fit again, until nothing is missing
 
 Exit code 3: done, but a run was damaged or left out, or nothing is identifiable."""
 
@@ -63,6 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="each run has a payload of its own, so much (1 σ) from that of the others",
     )  # fmt: skip
     parser.add_argument("--most", metavar="N", type=int, default=10, help="worst runs printed (default 10)")
+    parser.add_argument("--diagnose", action="store_true", help="find out which physical effect is missing")
+    parser.add_argument("--auto", action="store_true", help="the same, and add effects until nothing is missing")
+    parser.add_argument(
+        "--draws", type=int, default=DEFAULT_DRAWS,
+        help=f"with --diagnose: noise-floor simulations (default {DEFAULT_DRAWS})",
+    )  # fmt: skip
 
 
 def run(args: argparse.Namespace) -> int:
@@ -73,6 +85,8 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--workers {args.workers}: at least one")
     if args.payload is not None and not args.payload > 0.0:
         raise UsageError(f"--payload {args.payload:g}: a mass above 0 kg")
+    if args.draws < LEAST_DRAWS:
+        raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     payload = None if args.payload is None else PayloadSpread(args.payload)
     places = [*args.runs, *_listed(args.list)]
     settings = Settings(
@@ -93,9 +107,19 @@ def run(args: argparse.Namespace) -> int:
             line.progress(planned(Stretch(stage, len(places) * usual, what) for what, usual in _PASSES.items()))
             cluster = Cluster(client, line.progress)
             campaign = Campaign.of(cluster, places, settings)
-            found = fit_campaign(cluster, campaign, FitOptions(robust=args.robust, payload=payload))
-    result = campaign_result(found, cluster)
+            options = FitOptions(robust=args.robust, payload=payload)
+            found = fit_campaign(cluster, campaign, options)
+            most = MOST_EFFECTS if args.auto else 0
+            steps = list(diagnosed(cluster, found, options, most, args.draws)) if args.diagnose or args.auto else []
+    if steps:
+        found = steps[-1].found
+    result = campaign_result(found, cluster, steps)
     _print(result, args.most)
+    for step in result["diagnose"]["steps"] if steps else []:
+        print()
+        print_diagnosis(step, args.most, False)
+    if result["added"]:
+        print(f"\nAdded: {', '.join(result['added'])}. The parameters above are those of the model with them.")
     write_result(args.json, "campaign", result)
     return WITH_LOSSES if result["warnings"] or not result["parameters"] else DONE
 

@@ -30,7 +30,7 @@ from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.run_products import at_zeros
-from lacet.identify.selection.columns.weighted_columns import columns_of
+from lacet.identify.selection.columns.weighted_columns import Weighting, columns_of
 from lacet.identify.selection.settings import SELECTION
 
 _Products = dict[Row, tuple[NDArray[np.intp], Array]]
@@ -65,7 +65,8 @@ class RegressorNoise:
             progress(Step(Stage.REGRESSOR_NOISE, next(done), total))
 
         for run, pieces in chosen.items():
-            for row, products in _run_products(fitted, sums, sigma, run, pieces, pairs, drawn).items():
+            gain = sums.over_runs.zero_gains[run]
+            for row, products in _run_products(fitted, sums.how, gain, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
         return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
@@ -74,8 +75,7 @@ class RegressorNoise:
         cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, pairs: int
     ) -> RegressorNoise:
         """Noise of one run."""
-        pieces = range(sum(1 for _ in fitted.assembly.pieces_of(run)))
-        totals = _run_products(fitted, sums, sigma, run, pieces, pairs, lambda: None)
+        totals = noise_of_run(fitted, sums.how, sums.over_runs.zero_gains[run], sigma, run, pairs)
         return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
 
     def matches(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
@@ -136,18 +136,26 @@ def _pieces_drawn(fitted: Fit) -> tuple[dict[int, list[int]], float]:
     return chosen, sum(counts[place] for place in nuisance) / sum(counts.values())
 
 
+def noise_of_run(
+    fitted: Fit, how: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int
+) -> dict[Row, Array]:
+    """Row → (w, w) products of the noise in the columns of one run, its zeros eliminated by `zero_gain` (z, w)."""
+    pieces = range(fitted.runs[run].piece_count)
+    return _run_products(fitted, how, zero_gain, sigma, run, pieces, pairs, lambda: None)
+
+
 def _run_products(
-    fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, chosen: Sequence[int], pairs: int,
-    drawn: Callable[[], None],
+    fitted: Fit, how: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, chosen: Sequence[int],
+    pairs: int, drawn: Callable[[], None],
 ) -> dict[Row, Array]:  # fmt: skip
     """Row → (w, w) products of the noise in the `chosen` pieces of one run, its zeros eliminated."""
-    layout, (_, priors, values) = sums.layout, fitted.zeros[run]
+    layout, (_, priors, values) = how.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
-    side = np.concatenate([priors / sums.how.prior_stiffening, np.ones(w)])
+    side = np.concatenate([priors / how.prior_stiffening, np.ones(w)])
     # The right side here is the residual, from which the zeros that were found are taken already.
-    further = sums.over_runs.zero_gains[run].copy()
-    further[:, :p] = np.linalg.solve(sums.turn.T, further[:, :p].T).T
-    further[:, layout.right] -= values * sums.how.prior_stiffening / priors
+    further = zero_gain.copy()
+    further[:, :p] = np.linalg.solve(how.turn.T, further[:, :p].T).T
+    further[:, layout.right] -= values * how.prior_stiffening / priors
     whole: dict[Row, Array] = {}
 
     def of_piece(piece: Piece) -> _Products:
@@ -173,7 +181,7 @@ def _piece_products(
     # The right side is the fit's own residual, so that the mean shift of a bent law meets no static load.
     for row, (columns, _) in clean.items():
         columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
-    place = (piece.run,) if piece.number is None else (piece.run, piece.number)
+    place = (piece.seed,) if piece.number is None else (piece.seed, piece.number)
     out: _Products = {}
     for row, (_, active) in clean.items():
         places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
@@ -226,7 +234,7 @@ def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Arra
     remainder = {row: piece.right[row] - run.matrix(physics, row) @ theta for row in force}
     out = dict.fromkeys(force, 0.0)
     for draw in range(SELECTION.law_noise_draws):
-        noisy = next(run.noisy([2005, piece.run, piece.number or 0, draw], loads=True))
+        noisy = next(run.noisy([2005, piece.seed, piece.number or 0, draw], loads=True))
         for row, columns in noisy.columns(law).items():
             plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
             both = plain - (values @ columns - force[row])

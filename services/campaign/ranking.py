@@ -1,0 +1,248 @@
+"""Ranking on a campaign: which effect its model lacks, by the tests of `lacet diagnose`, a pass a task for each run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Effect, PhysicalEffect
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Progress
+from lacet.identify.regression.prepared_run import Unmeasured
+from lacet.identify.regression.qr_accumulation import orthonormaliser
+from lacet.identify.regression.sums.linear_fit import FitOptions, FittedModel
+from lacet.identify.regression.tolerances import SheetEntry, entry_name
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.cross_products import CrossProducts, SumsOfRuns, model_prior
+from lacet.identify.selection.columns.layout import Layout
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
+from lacet.identify.selection.columns.samples import SampleTask, T
+from lacet.identify.selection.columns.weighted_columns import Weighting
+from lacet.identify.selection.diagnose import Diagnosis, diagnose_runs
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, NoiseFloor, draws_of_piece
+from lacet.identify.validation.score import row_ratios
+from lacet.services.campaign.cluster import Cluster
+from lacet.services.campaign.fitting import CampaignFit, fit_campaign
+from lacet.services.campaign.ranking_tasks import (
+    ColumnNoiseAt,
+    Draws,
+    FitAt,
+    NoiseThroughAt,
+    PlainEffect,
+    PlainWeighting,
+    ProductsAt,
+    RunSurvey,
+    SamplesAt,
+    SurveyAt,
+    added,
+)
+from lacet.services.campaign.run_reference import RunReference
+from lacet.services.campaign.tasks import State
+
+
+@dataclass(frozen=True)
+class CampaignSamples:
+    """Weighted samples of a campaign's runs, made by the workers anew for each task."""
+
+    runs: CampaignRanking
+    draws: Draws
+    how: PlainWeighting
+    sigma: Mapping[Row, float]
+
+    def sum(self, task: SampleTask[T]) -> T:
+        """The result of a task over all runs."""
+        state = SamplesAt(self.runs.plain, self.draws, self.how, self.sigma, task)
+        return self.runs.reduce(state, task.merged, "tests of candidates")
+
+
+@dataclass(frozen=True)
+class CampaignRanking:
+    """A campaign's fit and its runs, as a ranking asks for them (`RankedRuns`).
+
+    Attributes
+    ----------
+    cluster : the workers.
+    found : the fit.
+    draws : number of simulated campaigns.
+    """
+
+    cluster: Cluster
+    found: CampaignFit
+    draws: int = DEFAULT_DRAWS
+
+    @property
+    def fitted(self) -> FittedModel:
+        """The fitted model."""
+        return self.found.fitted
+
+    @property
+    def refittable(self) -> Fit | None:
+        """None: latencies and faults are not removed from a campaign's runs."""
+        return None
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Names of the runs."""
+        return [run.reference.name for run in self.found.campaign.runs]
+
+    @property
+    def seconds(self) -> Sequence[float]:
+        """Lengths of the runs [s]."""
+        return [run.seconds for run in self.found.campaign.runs]
+
+    @property
+    def rig(self) -> Rig:
+        """The rig of the first run."""
+        return Rig.parse(self.found.campaign.runs[0].rig)
+
+    @property
+    def vehicle(self) -> Vehicle:
+        """The car."""
+        return self.found.campaign.vehicle
+
+    @property
+    def wheel_reference(self) -> str:
+        """``contact`` or ``hub``."""
+        return self.found.campaign.settings.wheel_reference
+
+    @property
+    def sheet_entries(self) -> tuple[SheetEntry, ...]:
+        """Gains and latencies of the sensor sheet that the rows depend on, without those in the model as faults."""
+        return self.survey.sheet
+
+    @property
+    def omega(self) -> float:
+        """Angular frequency of the fit's cut-off [rad/s]."""
+        return 2.0 * np.pi * self.found.campaign.settings.filters.fit_cutoff
+
+    def entry_name(self, entry: SheetEntry) -> str:
+        """Name of an entry of the sensor sheet."""
+        return entry_name(entry, self.rig)
+
+    @cached_property
+    def plain(self) -> FitAt:
+        """The fit as plain values."""
+        return FitAt.of(self.fitted, self.found.equations.where)
+
+    @cached_property
+    def simulated(self) -> Draws:
+        """How often the noise is drawn."""
+        return Draws(self.draws, draws_of_piece(self.draws, len(self.names)))
+
+    @cached_property
+    def candidates(self) -> dict[str, Effect]:
+        """Key → effect of the catalogue that is not in the model."""
+        known = self.found.campaign.settings.known_effects()
+        return {key: effect for key, effect in known.items() if not effect.base and key not in self.fitted.model}
+
+    @cached_property
+    def survey(self) -> RunSurvey:
+        """Noise of all runs, the sensor sheet's entries, and what cannot be computed."""
+        state = SurveyAt(self.plain, self.simulated, tuple(self.candidates))
+        return self.reduce(state, RunSurvey.merged, "noise floor of the ranking")
+
+    @property
+    def floor(self) -> NoiseFloor:
+        """The noise floor's levels; the draws stay with the workers."""
+        return NoiseFloor((), (), self.survey.sigma, self.draws)
+
+    def row_ratios(self, floor: NoiseFloor) -> Mapping[Row, float]:
+        """Row → RMS residual ÷ noise floor over all runs, as scored after the fit."""
+        found = row_ratios(self.found.scores)
+        return {row: found[str(row)] for row in floor.sigma if str(row) in found}
+
+    def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
+        """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
+        return {effect.key: lack for effect in effects if (lack := self.survey.lacks.get(effect.key)) is not None}
+
+    def products(
+        self, floor: NoiseFloor, layout: Layout, prior_stiffening: float, drifts: Mapping[str, float], seed: int
+    ) -> CrossProducts:
+        """Cross products of the columns of a layout, from one pass over the samples."""
+        sigma, fitted = dict(floor.sigma), self.fitted
+        equations = self.found.equations.equations
+        root = equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})
+        how = Weighting(layout, orthonormaliser(root[:, : len(fitted.place)]), prior_stiffening)
+        plain, draws = PlainWeighting.of(how), self.simulated if floor.count else Draws(0, 0)
+        state = ProductsAt(self.plain, draws, plain, sigma, dict(drifts), seed)
+        sums = self.reduce(state, SumsOfRuns.merged, "products of columns")
+        prior = model_prior(equations.known, fitted.solution, how.turn)
+        return CrossProducts(how, prior, sums, CampaignSamples(self, draws, plain, sigma))
+
+    def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
+        """Noise in the columns, drawn for as many of the runs as are `noise_seconds` together."""
+        del progress  # that of the cluster
+        step = max(1, int(sum(self.seconds) // SELECTION.noise_seconds))
+        chosen = range(0, len(self.names), step)
+        share = sum(self.seconds[run] for run in chosen) / sum(self.seconds)
+        found = self._column_noise(list(chosen), sums, sigma, SELECTION.noise_pairs)
+        zero = np.zeros((sums.layout.width,) * 2)
+        totals = {row: found[row] / share if row in found else zero for row in sigma}
+        return RegressorNoise(regressor_labels(self.fitted, sums.layout), totals, dict(sigma))
+
+    def regressor_noise_of(
+        self, run: int, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
+    ) -> RegressorNoise:
+        """Noise in the columns of one run, from so many pairs of draws."""
+        totals = self._column_noise([run], sums, sigma, pairs)
+        return RegressorNoise(regressor_labels(self.fitted, sums.layout), totals, {row: sigma[row] for row in totals})
+
+    def _column_noise(
+        self, chosen: Sequence[int], sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
+    ) -> dict[Row, Array]:
+        state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(sums.how), dict(sigma), pairs)
+        return self.reduce(state, added, "noise in the columns", [self.references[run] for run in chosen])
+
+    def noise_through(
+        self, effect: PhysicalEffect, values: Array, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float]
+    ) -> Mapping[Row, float]:
+        """Weighted squares that noise adds to the residual through an effect."""
+        state = NoiseThroughAt(self.plain, PlainEffect.of(effect), values, dict(sigma), dict(noise_ratio))
+        return {**dict.fromkeys(sigma, 0.0), **self.reduce(state, added, "noise through a law")}
+
+    @property
+    def references(self) -> list[RunReference]:
+        """The runs as the workers find them."""
+        return [run.reference for run in self.found.campaign.runs]
+
+    def reduce(
+        self, state: State, how: Callable[[Sequence[T]], T], what: str, runs: Sequence[RunReference] | None = None
+    ) -> T:
+        """The sums of all runs, or of some, merged; they are not kept: the products of one run are 20 MB."""
+        settings = replace(self.found.campaign.settings, store="")
+        return self.cluster.reduce(self.references if runs is None else runs, settings, state, how, what)
+
+
+def diagnose_campaign(cluster: Cluster, found: CampaignFit, draws: int = DEFAULT_DRAWS) -> Diagnosis:
+    """Which effect a campaign's model lacks; what needs new fits with a latency or fault removed is passed over."""
+    runs = CampaignRanking(cluster, found, draws)
+    return diagnose_runs(runs, runs.floor, list(runs.candidates.values()))
+
+
+@dataclass(frozen=True)
+class DiagnosedFit:
+    """A campaign's fit, and what its model lacks."""
+
+    found: CampaignFit
+    diagnosis: Diagnosis
+
+
+def diagnosed(
+    cluster: Cluster, found: CampaignFit, options: FitOptions, most: int, draws: int = DEFAULT_DRAWS
+) -> Iterator[DiagnosedFit]:
+    """The diagnosis of a campaign, and of its fits with up to `most` effects added, until nothing is missing."""
+    for step in range(most + 1):
+        diagnosis = diagnose_campaign(cluster, found, draws)
+        yield DiagnosedFit(found, diagnosis)
+        if diagnosis.best is None or step == most:
+            return
+        settings = found.campaign.settings
+        extended = replace(settings, effects=(*settings.effects, diagnosis.best.key))
+        found = fit_campaign(cluster, replace(found.campaign, settings=extended), options)

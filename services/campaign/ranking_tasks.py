@@ -1,0 +1,268 @@
+"""Tasks of a ranking on a campaign: what each run gives to the tests of all candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.base_parameters import BaseParameters
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.corrected_scores import NoiseMoments
+from lacet.identify.regression.prepared_run import Unmeasured
+from lacet.identify.regression.sums.linear_fit import FitOptions, FittedModel
+from lacet.identify.regression.tolerances import SheetEntry
+from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.cross_products import SumsOfRuns, samples_of
+from lacet.identify.selection.columns.layout import Layout
+from lacet.identify.selection.columns.regressor_noise import noise_of_run, noise_through_effect
+from lacet.identify.selection.columns.samples import SampleTask
+from lacet.identify.selection.columns.weighted_columns import Weighting
+from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, simulate_floor
+from lacet.services.campaign.tasks import EquationsAt, SingleRun
+
+
+@dataclass(frozen=True)
+class PlainEffect:
+    """An effect by its key and shape constants: a worker has the law itself."""
+
+    key: str
+    shape: tuple[tuple[str, float], ...]
+
+    @classmethod
+    def of(cls, effect: Effect) -> PlainEffect:
+        """The key and shape constants of an effect."""
+        return cls(effect.key, tuple(effect.shape.items()))
+
+    def among(self, known: Mapping[str, Effect]) -> Effect:
+        """The effect."""
+        return replace(known[self.key], shape=dict(self.shape))
+
+
+@dataclass(frozen=True)
+class PlainWeighting:
+    """A `Weighting` whose effects are plain."""
+
+    model: int
+    sheet: tuple[SheetEntry, ...]
+    effects: tuple[PlainEffect, ...]
+    turn: Array
+    prior_stiffening: float
+
+    @classmethod
+    def of(cls, how: Weighting) -> PlainWeighting:
+        """The plain form of a weighting."""
+        layout = how.layout
+        effects = tuple(PlainEffect.of(trial.effect) for trial in layout.trials)
+        return cls(layout.model, layout.sheet, effects, how.turn, how.prior_stiffening)
+
+    def weighting(self, known: Mapping[str, Effect]) -> Weighting:
+        """The weighting, with the effects `known` to the worker."""
+        layout = Layout.of(self.model, self.sheet, [effect.among(known) for effect in self.effects])
+        return Weighting(layout, self.turn, self.prior_stiffening)
+
+
+@dataclass(frozen=True)
+class FitAt:
+    """A fitted model as plain values, with which a worker makes the fit of its own run.
+
+    Attributes
+    ----------
+    where : the equations of the last step of the fit.
+    base, theta, … : as of the `FittedModel`.
+    """
+
+    where: EquationsAt
+    base: BaseParameters
+    theta: Array
+    covariance: Array
+    covariance_iid: Array
+    covariance_sheet: Array
+    sigma: Mapping[Row, float]
+    correction: Array
+    moments: NoiseMoments
+    place: NDArray[np.intp]
+    root: Array
+    options: FitOptions
+    removed: Array
+
+    @classmethod
+    def of(cls, fitted: FittedModel, where: EquationsAt) -> FitAt:
+        """The plain values of a fitted model."""
+        return cls(where, **{one.name: getattr(fitted, one.name) for one in fields(cls) if one.name != "where"})
+
+    def fit(self, run: SingleRun) -> Fit:
+        """The fit, on one run alone; its residual is not computed."""
+        found = self.where.linearised(run)
+        x = self.theta[self.place]
+        x[len(x) - len(self.removed) :] -= self.removed
+        (zeros,) = found.equations.zeros(x, self.sigma)
+        (equations,) = found.equations.runs
+        values: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "where"}
+        return Fit(
+            model=run.model, **values, runs=found.assembly.runs, residual=(), assembly=found.assembly,
+            zeros=((equations.zeros, equations.priors, zeros),), equations=found.equations,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Draws:
+    """How often the noise of a campaign is drawn: `count` simulated campaigns, from `of_piece` draws of each piece."""
+
+    count: int
+    of_piece: int
+
+    def floor(self, fit: Fit, run: SingleRun) -> NoiseFloor:
+        """The noise floor of one run, drawn with its content as seed."""
+        return simulate_floor(fit.runs, fit.sensitive_pieces, self.count, run.reference.seed, of_piece=self.of_piece)
+
+
+@dataclass(frozen=True)
+class RunSurvey:
+    """What a ranking has to know of runs before it begins.
+
+    Attributes
+    ----------
+    squares, counts : row → sum of squares of the simulated noise over draws and samples, and their number.
+    sheet : gains and latencies of the sensor sheet that the rows depend on.
+    lacks : key → what the first run that cannot show an effect lacks for it.
+    """
+
+    squares: Mapping[Row, float]
+    counts: Mapping[Row, int]
+    sheet: tuple[SheetEntry, ...]
+    lacks: Mapping[str, Unmeasured]
+
+    @staticmethod
+    def merged(parts: Sequence[RunSurvey]) -> RunSurvey:
+        """Of several runs."""
+        rows = dict.fromkeys(row for part in parts for row in part.counts)
+        return RunSurvey(
+            {row: sum(part.squares.get(row, 0.0) for part in parts) for row in rows},
+            {row: sum(part.counts.get(row, 0) for part in parts) for row in rows},
+            tuple(dict.fromkeys(entry for part in parts for entry in part.sheet)),
+            {key: lack for part in reversed(parts) for key, lack in part.lacks.items()},
+        )
+
+    @property
+    def sigma(self) -> dict[Row, float]:
+        """Row → RMS of the simulated noise [N or N·m]."""
+        return {row: float(np.sqrt(self.squares[row] / count)) for row, count in self.counts.items()}
+
+
+class _OfSelection:
+    """Sums that are made by the room of selection."""
+
+    @property
+    def room(self) -> str:
+        """The room that makes the sums."""
+        return "selection"
+
+
+@dataclass(frozen=True)
+class SurveyAt(_OfSelection):
+    """The survey of a run, for the candidates of these keys."""
+
+    fit: FitAt
+    draws: Draws
+    keys: tuple[str, ...]
+
+    def sums(self, run: SingleRun) -> RunSurvey:
+        """The survey."""
+        fit, known = self.fit.fit(run), run.settings.known_effects()
+        (drawn,) = self.draws.floor(fit, run).draws
+        lacks = ((key, fit.runs[0].lacks(known[key])) for key in self.keys)
+        return RunSurvey(
+            {row: float(np.sum(series**2)) for row, series in drawn.series.items()},
+            {row: series.size for row, series in drawn.series.items()},
+            fit.sheet_entries,
+            {key: lack for key, lack in lacks if lack is not None},
+        )
+
+
+@dataclass(frozen=True)
+class WeightedAt(_OfSelection):
+    """Samples of a run, weighted by `sigma`; the base of the tasks below."""
+
+    fit: FitAt
+    draws: Draws
+    how: PlainWeighting
+    sigma: Mapping[Row, float]
+
+    def floor(self, fit: Fit, run: SingleRun) -> NoiseFloor:
+        """The noise floor of the run with the campaign's weights."""
+        if not self.draws.count:
+            none = RunDraws.none({row: len(index) for row, index in fit.runs[0].index.items()})
+            return NoiseFloor((none,), (), self.sigma, 0)
+        return replace(self.draws.floor(fit, run), sigma=self.sigma)
+
+    def weighting(self, run: SingleRun) -> Weighting:
+        """Order and weights of the columns."""
+        return self.how.weighting(run.settings.known_effects())
+
+
+@dataclass(frozen=True)
+class ProductsAt(WeightedAt):
+    """Sums of products of a run; `drifts`, `seed` as of `CrossProducts.of`."""
+
+    drifts: Mapping[str, float]
+    seed: int
+
+    def sums(self, run: SingleRun) -> SumsOfRuns:
+        """The sums."""
+        fit, how = self.fit.fit(run), self.weighting(run)
+        samples, products = samples_of(fit, self.floor(fit, run), how, 0)
+        return SumsOfRuns.of(products, samples, how, self.drifts, [self.seed, 6, run.reference.seed])
+
+
+@dataclass(frozen=True)
+class SamplesAt(WeightedAt):
+    """A task for the samples of a run."""
+
+    task: SampleTask[Any]
+
+    def sums(self, run: SingleRun) -> Any:
+        """Its result."""
+        fit = self.fit.fit(run)
+        return self.task.of_run(samples_of(fit, self.floor(fit, run), self.weighting(run), 0)[0])
+
+
+@dataclass(frozen=True)
+class ColumnNoiseAt(WeightedAt):
+    """Noise in the columns of a run, from so many `pairs` of draws."""
+
+    pairs: int
+
+    def sums(self, run: SingleRun) -> dict[Row, Array]:
+        """Row → (w, w) products."""
+        fit, how = self.fit.fit(run), self.weighting(run)
+        samples, _ = samples_of(fit, self.floor(fit, run), how, 0)
+        return noise_of_run(fit, how, samples.zero_gain, self.sigma, 0, self.pairs)
+
+
+@dataclass(frozen=True)
+class NoiseThroughAt(_OfSelection):
+    """Weighted squares that noise adds to a run's residual through an effect; as `noise_through_effect`."""
+
+    fit: FitAt
+    effect: PlainEffect
+    values: Array
+    sigma: Mapping[Row, float]
+    noise_ratio: Mapping[Row, float]
+
+    def sums(self, run: SingleRun) -> dict[Row, float]:
+        """Row → squares."""
+        law = self.effect.among(run.settings.known_effects()).as_physics
+        assert law is not None
+        return noise_through_effect(self.fit.fit(run), self.sigma, self.noise_ratio, law, self.values)
+
+
+def added(parts: Sequence[Mapping[Row, Any]]) -> dict[Row, Any]:
+    """Values by row of several runs, added."""
+    rows = dict.fromkeys(row for part in parts for row in part)
+    return {row: sum(part[row] for part in parts if row in part) for row in rows}
