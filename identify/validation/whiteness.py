@@ -204,6 +204,8 @@ def _acf(series: Array, usable: NDArray[np.bool_], lags: int) -> Array:
     size = scipy.fft.next_fast_len(series.shape[1] + lags, real=True)
     spectrum = scipy.fft.rfft(series, size, axis=1)
     sums = np.asarray(scipy.fft.irfft(np.abs(spectrum) ** 2, size, axis=1), float)[:, : lags + 1]
-    pairs = np.asarray(scipy.fft.irfft(np.abs(scipy.fft.rfft(usable.astype(float), size)) ** 2, size), float)[: lags + 1]
+    pairs = np.asarray(scipy.fft.irfft(np.abs(scipy.fft.rfft(usable.astype(float), size)) ** 2, size), float)[
+        : lags + 1
+    ]
     covariance = sums * (pairs[0] / np.maximum(pairs, 1.0))
     return covariance / np.where(covariance[:, :1] > 0, covariance[:, :1], 1.0)
