@@ -145,6 +145,7 @@ class Sensitivity:
         """Change of the residual at full rate, row → (N,), for a change of channels."""
         rate = self.recording.filters.rate
         out: dict[Row, Array] = {}
+        term = np.empty(self.recording.t.size)
         for channel, change in perturbation.items():
             orders = {order for name, _, order in self.slopes if name == channel}
             series = [change, derivative(change, rate) if orders & {1, 2} else change]
@@ -152,11 +153,10 @@ class Sensitivity:
             for k in range(change.shape[0]):
                 for order in sorted(orders):
                     for row, slope in self.slopes.get((channel, k, order), {}).items():
-                        term = slope * series[order][k]
                         if row in out:
-                            out[row] += term
+                            out[row] += np.multiply(slope, series[order][k], out=term)
                         else:
-                            out[row] = term
+                            out[row] = slope * series[order][k]
         return out
 
     def zero(self, channel: str, component: int) -> dict[Row, Array]:
