@@ -183,7 +183,7 @@ def simulate_floor(
                     parts[row].append(series)
                 progress(Step(Stage.NOISE_FLOOR, next(done), total))
             found.append({row: np.stack(series) for row, series in parts.items()})
-        out.append(RunDraws.joined(found, draws, np.random.default_rng([seed, number, 29])))
+        out.append(RunDraws.joined(found, draws, np.random.default_rng([seed, number, 0, 29])))
     return NoiseFloor.of(out)
 
 

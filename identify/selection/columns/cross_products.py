@@ -152,6 +152,7 @@ class CrossProducts:
         drifts : key → 1 σ of the sensor faults whose size is another in each run.
         seed : of simulated zeros and drifts.
         """
+        # Runs count from one: NumPy fills seeds up with zeros, and the tolerances of all runs are drawn from [seed, 6].
         how = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
         held: list[RunSamples] = []
 
@@ -161,7 +162,7 @@ class CrossProducts:
                 samples, products = samples_of(fitted, floor, how, run, first)
                 held.append(samples)
                 first += samples.block_count
-                yield SumsOfRuns.of(products, samples, how, drifts or {}, [seed, 6, run])
+                yield SumsOfRuns.of(products, samples, how, drifts or {}, [seed, 6, 1 + run])
 
         sums = merged(each(), SumsOfRuns.merged)
         return cls(how, model_prior(fitted.equations.known, fitted.solution, how.turn), sums, HeldSamples(tuple(held)))
