@@ -38,10 +38,11 @@ def test_it_opens_and_its_fit_is_the_same(folder: Path):
     session = Session(study)
     version = study.version()
     fitted = session.values.fitted(version)
-    stored = {p["name"]: p["value"] for p in version.result["parameters"]}
+    stored = {p["name"]: p for p in version.result["parameters"]}
     bar = "anti_roll_bar.front.k"
     values = dict(zip((q.name for q in fitted.model.parameters), fitted.theta, strict=True))
-    assert values[bar] == pytest.approx(stored[bar], rel=1e-9)
+    # Noise is drawn in another way since, and so is the correction for it.
+    assert values[bar] == pytest.approx(stored[bar]["value"], abs=0.25 * stored[bar]["half95"])
     assert "mybar.front" in study.effects("hub")
 
 
