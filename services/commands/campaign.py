@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +17,11 @@ from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.identify.validation.score import fails, worst_row
 from lacet.services.campaign.cluster import Cluster, connected
 from lacet.services.campaign.fitting import Campaign, fit_campaign
-from lacet.services.campaign.ranking import diagnosed
+from lacet.services.campaign.ranking import DiagnosedFit, diagnosed
 from lacet.services.campaign.results import campaign_result
 from lacet.services.campaign.run_reference import Settings
 from lacet.services.commands.progress import Line
-from lacet.services.progress import ServiceStage, Stretch, planned
+from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.verdicts import print_diagnosis
 from lacet.services.workspace.loading import default_filters
@@ -48,6 +49,12 @@ _PASSES = {
     "noise in the regressors": 1.3, "spread of the scores": 0.7, "noise floor and scores": 1.4,
 }  # fmt: skip
 """Passes over the runs of a fit without sensor faults, and the usual time of each for a run [s]."""
+_PRODUCTS, _TESTS, _NOISE = ("products of columns", 1.4), ("tests of candidates", 1.4), ("noise in the columns", 2.5)
+_RANKING = (
+    ("noise floor of the ranking", 0.8), _PRODUCTS, _PRODUCTS, _NOISE, _TESTS, _TESTS, _PRODUCTS, _TESTS, _PRODUCTS,
+    _TESTS, _NOISE,
+)  # fmt: skip
+"""Passes of a ranking in which something is found missing; a pass more for each constant that is refined."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -103,14 +110,17 @@ def run(args: argparse.Namespace) -> int:
         line.show("starting the workers")
         with connected(args.scheduler, args.workers) as client:
             line.notify(f"dashboard: {client.dashboard_link}")
-            stage = ServiceStage.CAMPAIGN_PASS
-            line.progress(planned(Stretch(stage, len(places) * usual, what) for what, usual in _PASSES.items()))
+            ranking = _RANKING if args.diagnose or args.auto else ()
+            line.progress(_plan([*_PASSES.items(), *ranking], len(places)))
             cluster = Cluster(client, line.progress)
             campaign = Campaign.of(cluster, places, settings)
             options = FitOptions(robust=args.robust, payload=payload)
             found = fit_campaign(cluster, campaign, options)
             most = MOST_EFFECTS if args.auto else 0
-            steps = list(diagnosed(cluster, found, options, most, args.draws)) if args.diagnose or args.auto else []
+            steps: list[DiagnosedFit] = []
+            for step in diagnosed(cluster, found, options, most, args.draws) if ranking else ():
+                steps.append(step)
+                line.progress(_plan([*list(_PASSES.items())[1:], *ranking], len(places)))
     if steps:
         found = steps[-1].found
     result = campaign_result(found, cluster, steps)
@@ -122,6 +132,11 @@ def run(args: argparse.Namespace) -> int:
         print(f"\nAdded: {', '.join(result['added'])}. The parameters above are those of the model with them.")
     write_result(args.json, "campaign", result)
     return WITH_LOSSES if result["warnings"] or not result["parameters"] else DONE
+
+
+def _plan(passes: Sequence[tuple[str, float]], runs: int) -> ServiceStep:
+    """The step that says which passes are ahead; of a search for missing effects one more fit and ranking at a time."""
+    return planned(Stretch(ServiceStage.CAMPAIGN_PASS, runs * usual, what) for what, usual in passes)
 
 
 def _listed(file: Path | None) -> list[str]:
