@@ -245,7 +245,7 @@ def beside(
     faults = [place for place in before.nuisance.tolist() if place in own]
     layout = Layout.of(old_layout.model, old_layout.sheet, [*(own[place] for place in faults), *effects])
     floor = linearisation.floor.without_draws() if grid is None else linearisation.floor
-    sums = linearisation.runs.products(floor, layout, columns.sums.how.prior_stiffening, {}, 0)
+    sums = linearisation.runs.products(floor, layout, columns.sums.weighting.prior_stiffening, {}, 0)
     # The sheet's faults now stand one behind the other; their priors stay those of the space.
     plain = before.nuisance[: len(before.nuisance) - len(faults)]
     moved = [trial.place.start for trial in layout.trials[: len(faults)]]

@@ -23,7 +23,7 @@ Draws = tuple[Mapping[Row, Array], ...]
 
 
 def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int = 0) -> Draws:
-    """The draws of a fit's noise floor after the same weighted fit, as many as of each piece of the longest run.
+    """The draws of a fit's noise floor after the same weighted fit, as many as every piece of a run has of its own.
 
     `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
@@ -35,9 +35,8 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
         for piece in fitted.assembly.pieces_of(run):
             noises: dict[Row, Array] = {}
             for row, block in piece.blocks.items():
-                series, choice = drawn.piece(row, start[row], start[row] + len(block))
-                noises[row] = series[choice[:count]]
-                start[row] += len(block)
+                end = start[row] + len(block)
+                noises[row], start[row] = drawn.series[row][:count, start[row] : end], end
             noise[run].append(_with_tolerances(fitted, piece, noises, seed) if sheet else noises)
             pieces[run].append(piece.uncached())
     solved: list[tuple[Array, Array, int]] = []

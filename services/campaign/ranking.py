@@ -53,12 +53,12 @@ class CampaignSamples:
 
     runs: CampaignRanking
     draws: Draws
-    how: PlainWeighting
+    columns: PlainWeighting
     sigma: Mapping[Row, float]
 
     def sum(self, task: SampleTask[T]) -> T:
         """The result of a task over all runs."""
-        state = SamplesAt(self.runs.plain, self.draws, self.how, self.sigma, task)
+        state = SamplesAt(self.runs.plain, self.draws, self.columns, self.sigma, task)
         return self.runs.reduce(state, task.merged, "tests of candidates")
 
 
@@ -169,12 +169,12 @@ class CampaignRanking:
         sigma, fitted = dict(floor.sigma), self.fitted
         equations = self.found.equations.equations
         root = equations.root({row: sigma.get(row, own) for row, own in fitted.sigma.items()})
-        how = Weighting(layout, orthonormaliser(root[:, : len(fitted.place)]), prior_stiffening)
-        plain, draws = PlainWeighting.of(how), self.simulated if floor.count else Draws(0, 0)
+        weighting = Weighting(layout, orthonormaliser(root[:, : len(fitted.place)]), prior_stiffening)
+        plain, draws = PlainWeighting.of(weighting), self.simulated if floor.count else Draws(0, 0)
         state = ProductsAt(self.plain, draws, plain, sigma, dict(drifts), seed)
         sums = self.reduce(state, SumsOfRuns.merged, "products of columns")
-        prior = model_prior(equations.known, fitted.solution, how.turn)
-        return CrossProducts(how, prior, sums, CampaignSamples(self, draws, plain, sigma))
+        prior = model_prior(equations.known, fitted.solution, weighting.turn)
+        return CrossProducts(weighting, prior, sums, CampaignSamples(self, draws, plain, sigma))
 
     def regressor_noise(self, sums: CrossProducts, sigma: Mapping[Row, float], progress: Progress) -> RegressorNoise:
         """Noise in the columns, drawn for as many of the runs as are `noise_seconds` together."""
@@ -197,7 +197,7 @@ class CampaignRanking:
     def _column_noise(
         self, chosen: Sequence[int], sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
     ) -> dict[Row, Array]:
-        state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(sums.how), dict(sigma), pairs)
+        state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(sums.weighting), dict(sigma), pairs)
         return self.reduce(state, added, "noise in the columns", [self.references[run] for run in chosen])
 
     def noise_through(

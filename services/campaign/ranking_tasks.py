@@ -7,15 +7,13 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
-from lacet.identify.multibody.base_parameters import BaseParameters
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.corrected_scores import NoiseMoments
+from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import Unmeasured
-from lacet.identify.regression.sums.linear_fit import FitOptions, FittedModel
+from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import SumsOfRuns, samples_of
@@ -55,11 +53,11 @@ class PlainWeighting:
     prior_stiffening: float
 
     @classmethod
-    def of(cls, how: Weighting) -> PlainWeighting:
+    def of(cls, weighting: Weighting) -> PlainWeighting:
         """The plain form of a weighting."""
-        layout = how.layout
+        layout = weighting.layout
         effects = tuple(PlainEffect.of(trial.effect) for trial in layout.trials)
-        return cls(layout.model, layout.sheet, effects, how.turn, how.prior_stiffening)
+        return cls(layout.model, layout.sheet, effects, weighting.turn, weighting.prior_stiffening)
 
     def weighting(self, known: Mapping[str, Effect]) -> Weighting:
         """The weighting, with the effects `known` to the worker."""
@@ -74,40 +72,33 @@ class FitAt:
     Attributes
     ----------
     where : the equations of the last step of the fit.
-    base, theta, … : as of the `FittedModel`.
+    fitted : the fitted model without its effects, which a worker has itself.
     """
 
     where: EquationsAt
-    base: BaseParameters
-    theta: Array
-    covariance: Array
-    covariance_iid: Array
-    covariance_sheet: Array
-    sigma: Mapping[Row, float]
-    correction: Array
-    moments: NoiseMoments
-    place: NDArray[np.intp]
-    root: Array
-    options: FitOptions
-    removed: Array
+    fitted: FittedModel
 
     @classmethod
     def of(cls, fitted: FittedModel, where: EquationsAt) -> FitAt:
         """The plain values of a fitted model."""
-        return cls(where, **{one.name: getattr(fitted, one.name) for one in fields(cls) if one.name != "where"})
+        return cls(where, FittedModel(**{**_values(fitted), "model": Model.of(())}))
 
     def fit(self, run: SingleRun) -> Fit:
         """The fit, on one run alone; its residual is not computed."""
         found = self.where.linearised(run)
-        x = self.theta[self.place]
-        x[len(x) - len(self.removed) :] -= self.removed
-        (zeros,) = found.equations.zeros(x, self.sigma)
+        x, removed = self.fitted.solution, self.fitted.removed
+        x[len(x) - len(removed) :] -= removed
+        (zeros,) = found.equations.zeros(x, self.fitted.sigma)
         (equations,) = found.equations.runs
-        values: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(self) if one.name != "where"}
         return Fit(
-            model=run.model, **values, runs=found.assembly.runs, residual=(), assembly=found.assembly,
-            zeros=((equations.zeros, equations.priors, zeros),), equations=found.equations,
+            **{**_values(self.fitted), "model": run.model}, runs=found.assembly.runs, residual=(),
+            zeros=((equations.zeros, equations.priors, zeros),), assembly=found.assembly, equations=found.equations,
         )  # fmt: skip
+
+
+def _values(fitted: FittedModel) -> dict[str, Any]:
+    """Values of a fitted model, without those of a `Fit`."""
+    return {one.name: getattr(fitted, one.name) for one in fields(FittedModel)}
 
 
 @dataclass(frozen=True)
@@ -191,7 +182,7 @@ class WeightedAt(_OfSelection):
 
     fit: FitAt
     draws: Draws
-    how: PlainWeighting
+    columns: PlainWeighting
     sigma: Mapping[Row, float]
 
     def floor(self, fit: Fit, run: SingleRun) -> NoiseFloor:
@@ -203,7 +194,7 @@ class WeightedAt(_OfSelection):
 
     def weighting(self, run: SingleRun) -> Weighting:
         """Order and weights of the columns."""
-        return self.how.weighting(run.settings.known_effects())
+        return self.columns.weighting(run.settings.known_effects())
 
 
 @dataclass(frozen=True)
@@ -215,9 +206,9 @@ class ProductsAt(WeightedAt):
 
     def sums(self, run: SingleRun) -> SumsOfRuns:
         """The sums."""
-        fit, how = self.fit.fit(run), self.weighting(run)
-        samples, products = samples_of(fit, self.floor(fit, run), how, 0)
-        return SumsOfRuns.of(products, samples, how, self.drifts, [self.seed, 6, run.reference.seed])
+        fit, weighting = self.fit.fit(run), self.weighting(run)
+        samples, products = samples_of(fit, self.floor(fit, run), weighting, 0)
+        return SumsOfRuns.of(products, samples, weighting, self.drifts, [self.seed, 6, run.reference.seed])
 
 
 @dataclass(frozen=True)
@@ -240,9 +231,9 @@ class ColumnNoiseAt(WeightedAt):
 
     def sums(self, run: SingleRun) -> dict[Row, Array]:
         """Row → (w, w) products."""
-        fit, how = self.fit.fit(run), self.weighting(run)
-        samples, _ = samples_of(fit, self.floor(fit, run), how, 0)
-        return noise_of_run(fit, how, samples.zero_gain, self.sigma, 0, self.pairs)
+        fit, weighting = self.fit.fit(run), self.weighting(run)
+        samples, _ = samples_of(fit, self.floor(fit, run), weighting, 0)
+        return noise_of_run(fit, weighting, samples.zero_gain, self.sigma, 0, self.pairs)
 
 
 @dataclass(frozen=True)

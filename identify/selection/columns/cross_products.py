@@ -42,7 +42,6 @@ class SumsOfRuns:
     rows : row → sums over its samples alone.
     acting : row → (w,) whether a column acts on it.
     zero_gains : for each run (z, w) regression of each column on its zeros.
-    block_count : number of blocks of the cross-validation.
     """
 
     total: Array
@@ -53,14 +52,13 @@ class SumsOfRuns:
     rows: Mapping[Row, RowProducts]
     acting: Mapping[Row, NDArray[np.bool_]]
     zero_gains: tuple[Array, ...]
-    block_count: int
 
     @classmethod
     def of(
         cls,
         products: RunProducts,
         samples: RunSamples,
-        how: Weighting,
+        weighting: Weighting,
         drifts: Mapping[str, float],
         seed: Sequence[int],
     ) -> SumsOfRuns:
@@ -69,20 +67,20 @@ class SumsOfRuns:
         Parameters
         ----------
         products, samples : of the run.
-        how : its weights.
+        weighting : its weights.
         drifts : key → 1 σ of the sensor faults whose size is another in each run.
         seed : of its simulated zeros and drifts.
         """
         rows = products.by_row
         train, test = zip(*(products.fold(fold) for fold in range(SELECTION.folds)), strict=True)
-        acting = {row: np.zeros(how.layout.width, bool) for row in rows}
+        acting = {row: np.zeros(weighting.layout.width, bool) for row in rows}
         for block in samples.blocks:
             acting[block.row][block.active] = True
         return cls(
             products.eliminated[1], np.stack(train), np.stack(test),
             {row: products.remaining(noise) for row, noise in products.noise.items()},
-            np.sum(list(_sheet_draws(products, how, drifts, np.random.default_rng(seed))), axis=0),
-            {row: products.row(row) for row in rows}, acting, (products.eliminated[0],), samples.block_count,
+            np.sum(list(_sheet_draws(products, weighting, drifts, np.random.default_rng(seed))), axis=0),
+            {row: products.row(row) for row in rows}, acting, (products.eliminated[0],),
         )  # fmt: skip
 
     @staticmethod
@@ -99,7 +97,7 @@ class SumsOfRuns:
             _both(self.null, other.null, add),
             self.null_sheet + other.null_sheet, _both(self.rows, other.rows, add),
             _both(self.acting, other.acting, np.logical_or),
-            self.zero_gains + other.zero_gains, self.block_count + other.block_count,
+            self.zero_gains + other.zero_gains,
         )  # fmt: skip
 
 
@@ -109,13 +107,13 @@ def _both(mine: Mapping[Row, V], theirs: Mapping[Row, V], add: Callable[[V, V], 
 
 
 def _sheet_draws(
-    products: RunProducts, how: Weighting, drifts: Mapping[str, float], rng: np.random.Generator
+    products: RunProducts, weighting: Weighting, drifts: Mapping[str, float], rng: np.random.Generator
 ) -> Iterator[Array]:
     """(w, D) products of a run's columns with simulated zeros of its sensors, then with each simulated drift."""
     # Zeros are drawn from the sheet, whose σ the priors are `prior_stiffening` times stiffer than.
     draws = products.draws
-    yield products.with_drawn_zeros(how.prior_stiffening * rng.standard_normal((products.zeros, draws)))
-    for place, drift in how.layout.of_keys(drifts):
+    yield products.with_drawn_zeros(weighting.prior_stiffening * rng.standard_normal((products.zeros, draws)))
+    for place, drift in weighting.layout.of_keys(drifts):
         yield products.eliminated[1][:, place] @ (drift * rng.standard_normal((1, draws)))
 
 
@@ -125,13 +123,13 @@ class CrossProducts:
 
     Attributes
     ----------
-    how : order of the w columns, and their weights.
+    weighting : order of the w columns, and their weights.
     prior : (p, p) normal matrix of the priors of the model's parameters, for the orthonormal columns.
     over_runs : sums over all runs.
     samples : of all runs.
     """
 
-    how: Weighting
+    weighting: Weighting
     prior: Array
     over_runs: SumsOfRuns
     samples: Samples
@@ -153,29 +151,30 @@ class CrossProducts:
         seed : of simulated zeros and drifts.
         """
         # Runs count from one: NumPy fills seeds up with zeros, and the tolerances of all runs are drawn from [seed, 6].
-        how = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
+        weighting = Weighting(layout, fitted.orthonormaliser(floor.sigma), prior_stiffening)
         held: list[RunSamples] = []
 
         def each() -> Iterator[SumsOfRuns]:
             first = 0
             for run in range(len(fitted.runs)):
-                samples, products = samples_of(fitted, floor, how, run, first)
+                samples, products = samples_of(fitted, floor, weighting, run, first)
                 held.append(samples)
                 first += samples.block_count
-                yield SumsOfRuns.of(products, samples, how, drifts or {}, [seed, 6, 1 + run])
+                yield SumsOfRuns.of(products, samples, weighting, drifts or {}, [seed, 6, 1 + run])
 
         sums = merged(each(), SumsOfRuns.merged)
-        return cls(how, model_prior(fitted.equations.known, fitted.solution, how.turn), sums, HeldSamples(tuple(held)))
+        prior = model_prior(fitted.equations.known, fitted.solution, weighting.turn)
+        return cls(weighting, prior, sums, HeldSamples(tuple(held)))
 
     @property
     def layout(self) -> Layout:
         """Order of the columns."""
-        return self.how.layout
+        return self.weighting.layout
 
     @property
     def turn(self) -> Array:
         """(p, p) matrix T; the model's columns times T are nearly orthonormal and stand in place of them."""
-        return self.how.turn
+        return self.weighting.turn
 
     @property
     def total(self) -> Array:
@@ -184,11 +183,11 @@ class CrossProducts:
 
 
 def samples_of(
-    fitted: Fit, floor: NoiseFloor, how: Weighting, run: int, first: int = 0
+    fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0
 ) -> tuple[RunSamples, RunProducts]:
     """Samples of one run of a fit and their sums of products; `first` is the number of its first block."""
-    blocks = tuple(blocks_of(fitted, floor, how, run))
-    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), how.layout.width, floor.count, first)
+    blocks = tuple(blocks_of(fitted, floor, weighting, run))
+    products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first)
     return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products
 
 

@@ -66,7 +66,7 @@ class RegressorNoise:
 
         for run, pieces in chosen.items():
             gain = sums.over_runs.zero_gains[run]
-            for row, products in _run_products(fitted, sums.how, gain, sigma, run, pieces, pairs, drawn).items():
+            for row, products in _run_products(fitted, sums.weighting, gain, sigma, run, pieces, pairs, drawn).items():
                 totals[row] += products / share
         return cls(regressor_labels(fitted, sums.layout), totals, dict(sigma))
 
@@ -75,7 +75,7 @@ class RegressorNoise:
         cls, fitted: Fit, sums: CrossProducts, sigma: Mapping[Row, float], run: int, pairs: int
     ) -> RegressorNoise:
         """Noise of one run."""
-        totals = noise_of_run(fitted, sums.how, sums.over_runs.zero_gains[run], sigma, run, pairs)
+        totals = noise_of_run(fitted, sums.weighting, sums.over_runs.zero_gains[run], sigma, run, pairs)
         return cls(regressor_labels(fitted, sums.layout), totals, {row: sigma[row] for row in totals})
 
     def matches(self, labels: tuple[str, ...], rows: Iterable[Row]) -> bool:
@@ -137,25 +137,25 @@ def _pieces_drawn(fitted: Fit) -> tuple[dict[int, list[int]], float]:
 
 
 def noise_of_run(
-    fitted: Fit, how: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int
+    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, pairs: int
 ) -> dict[Row, Array]:
     """Row → (w, w) products of the noise in the columns of one run, its zeros eliminated by `zero_gain` (z, w)."""
     pieces = range(fitted.runs[run].piece_count)
-    return _run_products(fitted, how, zero_gain, sigma, run, pieces, pairs, lambda: None)
+    return _run_products(fitted, weighting, zero_gain, sigma, run, pieces, pairs, lambda: None)
 
 
 def _run_products(
-    fitted: Fit, how: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, chosen: Sequence[int],
+    fitted: Fit, weighting: Weighting, zero_gain: Array, sigma: Mapping[Row, float], run: int, chosen: Sequence[int],
     pairs: int, drawn: Callable[[], None],
 ) -> dict[Row, Array]:  # fmt: skip
     """Row → (w, w) products of the noise in the `chosen` pieces of one run, its zeros eliminated."""
-    layout, (_, priors, values) = how.layout, fitted.zeros[run]
+    layout, (_, priors, values) = weighting.layout, fitted.zeros[run]
     z, w, p = len(priors), layout.width, layout.model
-    side = np.concatenate([priors / how.prior_stiffening, np.ones(w)])
+    side = np.concatenate([priors / weighting.prior_stiffening, np.ones(w)])
     # The right side here is the residual, from which the zeros that were found are taken already.
     further = zero_gain.copy()
-    further[:, :p] = np.linalg.solve(how.turn.T, further[:, :p].T).T
-    further[:, layout.right] -= values * how.prior_stiffening / priors
+    further[:, :p] = np.linalg.solve(weighting.turn.T, further[:, :p].T).T
+    further[:, layout.right] -= values * weighting.prior_stiffening / priors
     whole: dict[Row, Array] = {}
 
     def of_piece(piece: Piece) -> _Products:

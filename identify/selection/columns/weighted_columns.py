@@ -56,10 +56,10 @@ class Weighting:
     prior_stiffening: float
 
 
-def blocks_of(fitted: Fit, floor: NoiseFloor, how: Weighting, run: int) -> Iterator[Block]:
+def blocks_of(fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int) -> Iterator[Block]:
     """Weighted samples of one run of a fit, row by row; a long run piece by piece."""
-    filters, layout = fitted.runs[run].recording.filters, how.layout
-    priors = fitted.zeros[run][1] / how.prior_stiffening
+    filters, layout = fitted.runs[run].recording.filters, weighting.layout
+    priors = fitted.zeros[run][1] / weighting.prior_stiffening
     seen: dict[Row, int] = {}
 
     def of_piece(piece: Piece) -> Iterator[Block]:
@@ -73,7 +73,7 @@ def blocks_of(fitted: Fit, floor: NoiseFloor, how: Weighting, run: int) -> Itera
             model = columns[:, : layout.model]
             # The right side is what the fit leaves: priors then hold on to the fit, and not to a smaller scale.
             columns[:, -1] -= model @ fitted.solution
-            columns[:, : layout.model] = model @ how.turn
+            columns[:, : layout.model] = model @ weighting.turn
             yield Block(row, zeros, columns, active, number, noise / floor.sigma[row], choice)
 
     # Mapped, so that a piece's motion and slopes are gone before the next piece is made.

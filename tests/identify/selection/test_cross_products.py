@@ -42,7 +42,7 @@ CANDIDATES = [KNOWN[key] for key in TRIED]
 @pytest.fixture(scope="module")
 def drives() -> list[PreparedRun]:
     """Two short runs of different length."""
-    runs = (cars.piece("rough", 0.0, 9.0), cars.piece("sine", 4.0, 11.0))
+    runs = (cars.piece("sine", 4.0, 11.0), cars.piece("rough", 0.0, 9.0))
     return [PreparedRun.of(run, VEHICLE, RIG) for run in runs]
 
 
@@ -151,6 +151,8 @@ def test_a_fault_is_weighed_where_its_own_tolerance_excuses_none_of_it(space: Sc
 def test_falls_are_those_of_fits_to_the_other_blocks(space: ScoreTests, dense: Dense):
     """Blocked cross-validation: fitted outside each fold, with and without the candidate, and compared inside."""
     assert dense.block.max() + 1 >= SELECTION.folds
+    # The second run's blocks follow on those of the first, which are not a whole number of folds.
+    assert space.sums.samples.runs[1].first % SELECTION.folds != 0
     for trial in trials(space)[::2]:
         C = dense.column(trial.effect)
         assert space.regression.fall(trial.place) == pytest.approx(dense.fall(C), rel=1e-5, abs=1e-5), trial.effect.key

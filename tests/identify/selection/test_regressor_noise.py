@@ -51,7 +51,7 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
     combined[: layout.model] = sums.turn @ combined[: layout.model]
     (piece,) = fitted.assembly.pieces_of(0)
     zeros = {
-        row: block[:, : len(nuisance)] * fitted.zeros[0][1] / sums.how.prior_stiffening
+        row: block[:, : len(nuisance)] * fitted.zeros[0][1] / sums.weighting.prior_stiffening
         for row, block in piece.blocks.items()
     }
 

@@ -160,6 +160,25 @@ def test_the_room_is_small_and_needs_few_names_from_below():
     assert len(needed) <= MOST_NAMES, sorted(needed)
 
 
+def test_the_columns_need_nothing_of_the_tests_but_their_settings():
+    """The sums over columns stand below the tests that read them."""
+    room, needed = "lacet.identify.selection", set[str]()
+    for file in WITH_COLUMNS:
+        if file.parent.name == "columns":
+            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+                match node:
+                    case ast.ImportFrom(module=str(module)) if module == room:
+                        needed |= {f"{module}.{alias.name}" for alias in node.names}
+                    case ast.ImportFrom(module=str(module)):
+                        needed.add(module)
+                    case ast.Import(names=names):
+                        needed |= {alias.name for alias in names}
+                    case _:
+                        pass
+    ours = {module for module in needed if module == room or module.startswith(f"{room}.")}
+    assert {module for module in ours if not module.startswith(f"{room}.columns.")} == {f"{room}.settings"}
+
+
 def test_nothing_below_calls_back():
     rooms = ("multibody", "signals", "car", "effects", "regression", "validation", "properties")
     files = [file for room in rooms for file in (HOME / "identify" / room).rglob("*.py")]
