@@ -28,7 +28,8 @@ class Case:
     state : what the residual is drawn against: a state of `validation.states`, or one of `residuals.FURTHER`.
     run : the run drawn, a manoeuvre with settings; `beside` : a second run, fitted together with it.
     rows : pattern of rows among which the one that stands out most is drawn.
-    hidden : name of the simulator's effect, ``""`` where nothing is hidden; `size` of it [its unit], `shape` constants.
+    hidden : name of the simulator's effect, ``""`` where nothing is hidden; `size` of it [its unit], of a law with
+        several parameters that of each; `shape` constants.
     only_there : whether the second run lacks it.
     loop : whether the path is drawn instead of points and their mean, for what has a memory.
     how : ``hidden``: simulated with the effect; ``law``: the simulator has no such effect, the catalogue's law stands
@@ -93,8 +94,14 @@ CASES: dict[str, Case] = {
     "damper_saturation": Case(
         "travel rate", SLALOM, "suspension.f*", "damper_saturation.front", 2000.0, {"v0": 0.1}, BUMPY, how="law"
     ),
+    "damper_knee": Case(
+        "travel rate", SLALOM, "suspension.f*", "damper_knee.front", -1000.0, {"v0": 0.06}, BUMPY, how="law"
+    ),
     "damper_hysteresis": _suspension("damper_hysteresis", 200.0, "travel", STEERING, loop=True, length=0.003),
     "damper_stroke": _suspension("damper_stroke", 2e4, "travel × travel rate"),
+    "damper_stroke_symmetric": Case(
+        "travel rate", SLALOM, "suspension.f*", "damper_stroke_symmetric.front", 4e4, beside=BUMPY, how="law"
+    ),
     "helper_spring": _suspension("helper_spring", 1e4, "travel", gap=0.005),
     "spring_quadratic": _suspension("spring_quadratic", 1e5, "travel"),
     "spring_cubic": _suspension("spring_cubic", 5e6, "travel"),

@@ -116,7 +116,8 @@ def entry(cls: type[Effect], found: list[Effect]) -> list[str]:
     case = CASES.get(cls.name)
     lines = [f"### {cls.name}", "", f"{_sentence(cls.about)}", "", *prose(cls), ""]
     lines += [f"- **rows**: {rows_of(cls)}", f"- **at**: {places(found)}", *parameters(found)]
-    lines += [f"- **{name} tried**: {_values(values)} (SI)" for name, values in cls.grids.items()]
+    if found:
+        lines += [_constant(name, values, *found[0].bounds_of(name)) for name, values in cls.grids.items()]
     if cls.needs:
         lines.append(f"- **needs**: {', '.join(f'`{channel}`' for channel in cls.needs)}")
     lines += [f"- **in the residual**: {cls.signature}", f"- **shown by**: {cls.shown_by}"]
@@ -229,6 +230,10 @@ def _command(case: Case) -> list[str]:
 def pictured() -> Mapping[str, Any]:
     """What each picture shows, by family."""
     return json.loads(PICTURED.read_text(encoding="utf-8")) if PICTURED.is_file() else {}
+
+
+def _constant(name: str, values: Iterable[float], low: float, high: float) -> str:
+    return f"- **{name} tried**: {_values(values)} (SI), plausible from {_number(low)} to {_number(high)}"
 
 
 def _values(values: Iterable[float]) -> str:

@@ -216,7 +216,7 @@ def _left_of_law(fitted: Fit, case: Case) -> dict[str, Array]:
     effect = replace(effect, shape={**effect.shape, **case.shape})
     pieces: list[tuple[int, str, Array, Array]] = []
     for number, run in enumerate(fitted.runs):
-        force = {row: case.size * columns[0] for row, columns in run.effect_columns(effect, None).items()}
+        force = {row: case.size * columns.sum(axis=0) for row, columns in run.effect_columns(effect, None).items()}
         pieces += [
             (number, row, run.matrix(fitted.model.physics, row), force.get(row, np.zeros(len(run.index[row]))))
             for row in run.rows

@@ -101,6 +101,9 @@ class Effect(ABC):
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}
     """Values tried for each shape constant [SI]."""
+    bounds: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    """Smallest and largest plausible value of shape constants [SI], between which the law is a continuous function of
+    them; of a constant that is not named, those of its grid (`bounds_of`)."""
 
     @property
     def key(self) -> str:
@@ -157,6 +160,18 @@ class Effect(ABC):
             out = [replace(one, shape={**one.shape, name: value}) for one in out for value in values]
         return out
 
+    def bounds_of(self, constant: str) -> tuple[float, float]:
+        """Smallest and largest plausible value of a shape constant [SI], between which it is searched.
+
+        Examples
+        --------
+        >>> stop = lacet.catalogue(runs)["bump_stop.front"]
+        >>> stop.bounds_of("gap")
+        (0.0, 0.08)
+        """
+        values = self.grids[constant]
+        return self.bounds.get(constant, (min(values), max(values)))
+
     def corners(self) -> tuple[str, ...]:
         """The corners an axle or corner effect acts on."""
         return AXLES.get(self.where, (self.where,))
@@ -201,7 +216,7 @@ def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
 class SuspensionForce(PhysicalEffect):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
-    A subclass defines `law` and one parameter; front and rear axle and each single corner are its variants.
+    A subclass defines `law` and its parameters; front and rear axle and each single corner are its variants.
 
     Examples
     --------
@@ -231,12 +246,12 @@ class SuspensionForce(PhysicalEffect):
 
     @abstractmethod
     def law(self, travel: Array, rate: Array) -> Array:
-        """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]."""
+        """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]; (p, N) for several of them."""
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """The law in the suspension rows of the corners acted on."""
         parts = {c: motion.corners[c] for c in self.corners()}
-        return {f"suspension.{c}": self.law(part.travel, part.rate)[None] for c, part in parts.items()}
+        return {f"suspension.{c}": np.atleast_2d(self.law(part.travel, part.rate)) for c, part in parts.items()}
 
 
 class TyreForce(PhysicalEffect):

@@ -83,7 +83,7 @@ def family_text(family: type[Effect], variants: Sequence[Effect], reference: str
     out.append(f"    rows: {', '.join(family.rows or ('those its channels enter',))}")
     out += [f"    parameter: {parameter}" for parameter in _parameters(own)]
     out += [
-        f"    tried: {shape} {', '.join(f'{value:g}' for value in values)} (SI)"
+        f"    tried: {shape} {', '.join(f'{value:g}' for value in values)} (SI), plausible {_range(own[0], shape)}"
         for shape, values in family.grids.items()
     ]
     if family.needs:
@@ -131,6 +131,11 @@ def _parameters(variants: Sequence[Effect]) -> list[str]:
     if variants[0].name == "body":
         return ["XX … M of every body (lacet info --model)"]
     return list(dict.fromkeys(_parameter(effect, parameter) for effect in variants for parameter in effect.parameters))
+
+
+def _range(effect: Effect, constant: str) -> str:
+    low, high = effect.bounds_of(constant)
+    return f"{low:g} to {high:g}"
 
 
 def _parameter(effect: Effect, parameter: Parameter) -> str:

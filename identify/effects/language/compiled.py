@@ -28,7 +28,8 @@ class OneLine(PhysicalEffect):
     """An effect written as one line; `effect_class` makes a subclass for each line."""
 
     line: ClassVar[Line]
-    bounds: ClassVar[dict[str, tuple[float, float]]]
+    plausible: ClassVar[dict[str, tuple[float, float]]]
+    """Smallest and largest plausible value of each parameter [SI]."""
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -41,7 +42,7 @@ class OneLine(PhysicalEffect):
         """The line's parameters, with the units that follow from the law."""
         out: list[Parameter] = []
         for name in self.line.parameters:
-            low, high = self.bounds[name]
+            low, high = self.plausible[name]
             expect = "positive" if low >= 0 else "negative" if high <= 0 else "any"
             out.append(self.named(name, self.line.unit(name), low, high, expect))
         return tuple(out)
@@ -100,7 +101,7 @@ def effect_class(line: Line) -> type[OneLine]:
         "source": "one line of the user's",
         "rows": tuple(dict.fromkeys(law.row for law in line.rows)),
         "grids": dict(line.grids),
-        "bounds": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
+        "plausible": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
     }  # fmt: skip
     return cast(type[OneLine], type(f"OneLine_{line.name}", (OneLine,), attributes))
 

@@ -24,6 +24,7 @@ class Coulomb(SuspensionForce):
     looks_like = ("damper_hysteresis",)
     # Narrower bands than the noise of the travel rate (7 mm/s from lasers of 0.3 mm) would be fitted to that noise.
     grids: ClassVar = {"v0": (0.01, 0.02, 0.04)}
+    bounds: ClassVar = {"v0": (0.01, 0.1)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -30,14 +30,19 @@ class DamperDigressive(SuspensionForce):
 
 
 class DamperSaturation(SuspensionForce):
-    """A valve that blows off: F = c ṡ / √(1 + (ṡ/v0)²), of slope c at rest and no more than c v0."""
+    """A valve that blows off: F = c ṡ / √(1 + (ṡ/v0)²), of slope c at rest and no more than c v0.
+
+    With the linear damper it has two slopes and a rounded knee between them, as `damper_knee` has a sharp one.
+    """
 
     name = "damper_saturation"
     about = "damping that saturates above a travel rate (blow-off valve)"
     signature = "suspension row is steep at small travel rates and flat at large ones"
     shown_by = "rough road with large and small travel rates"
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7; Heißing and Ersoy (2011), Chassis Handbook"
+    looks_like = ("damper_knee",)
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2, 0.4)}
+    bounds: ClassVar = {"v0": (0.02, 0.8)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -31,6 +31,7 @@ class DamperHysteresis(PhysicalEffect):
     instantaneous = False
     # Shorter strokes than a few tenths of a millimetre of laser noise cannot be followed.
     grids: ClassVar = {"length": (0.001, 0.003, 0.01)}
+    bounds: ClassVar = {"length": (0.001, 0.03)}
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:

@@ -24,7 +24,8 @@ class HelperSpring(SuspensionForce):
     shown_by = "strong roll, crests, large bumps"
     source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 16; Reimpell et al. (2001), chapter 5"
     looks_like = ("bump_stop", "rebound_stop")
-    grids: ClassVar = {"gap": (-0.02, -0.01, 0.0, 0.01, 0.02)}
+    grids: ClassVar = {"gap": (-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04)}
+    bounds: ClassVar = {"gap": (-0.08, 0.08)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

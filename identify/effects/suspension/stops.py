@@ -9,53 +9,62 @@ import numpy as np
 from lacet.identify.effects.base import Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
-_GAPS = (0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.05, 0.06)
+PRESSED = 0.01
+"""Compression of a stop at which k is its secant stiffness [m]."""
 
 
-class BumpStop(SuspensionForce):
-    """A stop touched in compression: F = k max(0, s − gap).
+class _Stop(SuspensionForce):
+    """A stop touched beyond a gap, pressed by x: the force k x (x/10 mm)^(n − 1)."""
 
-    With a linear spring in the model it is a helper spring that goes solid, of the opposite sign: max(0, s − gap) =
+    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5; Heißing and Ersoy (2011), Chassis Handbook"
+    looks_like = ("helper_spring",)
+    grids: ClassVar = {"gap": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06), "n": (1.0, 2.0)}
+    bounds: ClassVar = {"gap": (0.0, 0.08), "n": (1.0, 3.0)}
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Stiffness of the stop k, the secant's from the gap to 10 mm beyond it."""
+        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
+
+    def pressed(self, beyond: Array) -> Array:
+        """(N,) x (x/10 mm)^(n − 1) [m] of a stop pressed by x = max(0, `beyond`) [m]."""
+        return PRESSED * (np.maximum(0.0, beyond) / PRESSED) ** self.shape.get("n", 1.0)
+
+
+class BumpStop(_Stop):
+    """A stop touched in compression: F = k x (x/10 mm)^(n − 1), x = max(0, s − gap).
+
+    The exponent n is 1 for a second spring or a linear stop, 2 or 3 for rubber and foam, which stiffen as they are
+    pressed; k is the secant stiffness 10 mm beyond the gap, in N/m whatever n is.
+
+    With a linear spring in the model, n = 1 is a helper spring that goes solid, of the opposite sign: max(0, s − gap) =
     s − min(s, gap). A stop makes the suspension stiffer beyond the gap: k > 0.
     """
 
     name = "bump_stop"
-    about = "bump stop touched beyond a gap in compression"
+    about = "bump stop (or second spring) touched beyond a gap in compression, linear or progressive"
     signature = "suspension row bends upwards beyond a travel"
     shown_by = "strong roll, braking, large bumps"
-    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
-    looks_like = ("helper_spring",)
-    grids: ClassVar = {"gap": _GAPS}
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Stiffness of the stop k."""
-        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
-        """max(0, s − gap)."""
-        return np.maximum(0.0, travel - self.shape.get("gap", 0.03))
+        """x (x/10 mm)^(n − 1), x = max(0, s − gap)."""
+        return self.pressed(travel - self.shape.get("gap", 0.03))
 
 
-class ReboundStop(SuspensionForce):
-    """A stop touched in extension: F = −k max(0, −s − gap).
+class ReboundStop(_Stop):
+    """A stop touched in extension: F = −k x (x/10 mm)^(n − 1), x = max(0, −s − gap).
 
-    Beside a static load it is a helper spring that goes solid at −gap: min(s, −gap) + gap = −max(0, −s − gap).
+    The exponent n is 1 for a linear stop, 2 or 3 for one that stiffens as it is pressed; k is the secant stiffness 10
+    mm beyond the gap, in N/m whatever n is.
+
+    Beside a static load, n = 1 is a helper spring that goes solid at −gap: min(s, −gap) + gap = −max(0, −s − gap).
     """
 
     name = "rebound_stop"
-    about = "rebound stop touched beyond a gap in extension"
+    about = "rebound stop touched beyond a gap in extension, linear or progressive"
     signature = "suspension row bends downwards beyond a travel"
     shown_by = "strong roll, crests"
-    source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5 (springing)"
-    looks_like = ("helper_spring",)
-    grids: ClassVar = {"gap": _GAPS}
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """Stiffness of the stop k."""
-        return (self.named("k", "N/m", 0.0, 5e5, "positive"),)
 
     def law(self, travel: Array, rate: Array) -> Array:
-        """−max(0, −s − gap)."""
-        return -np.maximum(0.0, -travel - self.shape.get("gap", 0.03))
+        """−x (x/10 mm)^(n − 1), x = max(0, −s − gap)."""
+        return -self.pressed(-travel - self.shape.get("gap", 0.03))

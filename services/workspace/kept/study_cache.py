@@ -74,7 +74,7 @@ def _definition(cls: type[Effect]) -> object:
     """A user's effect as JSON data: the digest of its file, or its line; None for an effect of lacet."""
     if issubclass(cls, OneLine):
         laws = [[law.named, law.text] for law in cls.line.rows]
-        return [cls.name, laws, list(cls.line.places), dict(cls.grids), cls.bounds]
+        return [cls.name, laws, list(cls.line.places), dict(cls.grids), cls.plausible]
     return text_digest(Path(inspect.getfile(cls))) if is_own(cls) else None
 
 

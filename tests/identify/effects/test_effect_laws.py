@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -10,14 +12,17 @@ import pytest
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.body.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.body.engine_mount import EngineMount
-from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis, dahl
+from lacet.identify.effects.suspension.damper_knee import DamperKnee
+from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
+FAMILIES = effect_classes()
 KNOWN = {key: one for key, one in catalogue(VEHICLE_T, "hub", runs=("exact", "another")).items() if one.as_physics}
 """``exact`` is the run of `cars.recording`."""
 
@@ -123,6 +128,65 @@ def test_a_helper_spring_is_a_bump_stop_with_the_other_sign() -> None:
     )
     linear = KNOWN["spring.fl"].columns(motion)["suspension.fl"]
     np.testing.assert_allclose(helper["suspension.fl"], linear - stop["suspension.fl"], atol=1e-15)
+
+
+def test_a_stop_has_the_same_stiffness_10_mm_beyond_its_gap_whatever_its_exponent() -> None:
+    """k × 10 mm there, 2^n of it at twice as much, nothing before the gap; without n, as in old results, linear."""
+    travel = np.array([-0.1, 0.0, 0.0199, 0.02, 0.03, 0.04])
+    bump, rebound = BumpStop("fl", {"gap": 0.02}), ReboundStop("fl", {"gap": 0.02})
+    np.testing.assert_allclose(bump.law(travel, travel), [0.0, 0.0, 0.0, 0.0, 0.01, 0.02], atol=1e-15)
+    for n in (1.0, 1.5, 2.0, 3.0):
+        shape = {"gap": 0.02, "n": n}
+        pressed = replace(bump, shape=shape).law(travel, travel)
+        np.testing.assert_allclose(pressed, [0.0, 0.0, 0.0, 0.0, 0.01, 0.01 * 2.0**n], rtol=1e-12, atol=1e-15)
+        np.testing.assert_array_equal(replace(rebound, shape=shape).law(-travel, travel), -pressed)
+
+
+def test_a_knee_changes_the_slope_beyond_it_alone_each_way_apart() -> None:
+    """Of bump −1,000 and rebound −400 N·s/m on a damper of 1,500: slopes 500, 1,500 and 1,100."""
+    rate = np.array([-0.16, -0.11, -0.06, 0.0, 0.06, 0.11, 0.16])
+    force = 1500.0 * rate + np.array([-1000.0, -400.0]) @ DamperKnee("fl", {"v0": 0.06}).law(rate, rate)
+    np.testing.assert_allclose(np.diff(force) / np.diff(rate), [1100, 1100, 1500, 1500, 500, 500], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", [name for name, family in FAMILIES.items() if family.grids])
+def test_a_law_is_a_continuous_function_of_its_constants_within_their_bounds(name: str) -> None:
+    """Bounds enclose the grid; a step ten times smaller from any value, the bounds among them, changes ten times less.
+
+    The share of each column that changes is taken, the largest of its rows.
+    """
+    motion = build_motion(cars.recording(cars.random_signals(3), VEHICLE_T, RIG))
+    effect = next(one for one in KNOWN.values() if one.name == name)
+    assert set(effect.bounds) <= set(effect.grids)
+    for constant, values in effect.grids.items():
+        low, high = effect.bounds_of(constant)
+        assert low <= min(values) <= max(values) <= high
+        assert low < high
+
+        def at(value: float, constant: str = constant) -> dict[str, np.ndarray]:
+            shape = {**effect.shapes()[0].shape, constant: value}
+            return replace(effect, shape=shape).columns(motion)
+
+        def change(start: float, step: float, at: Callable[[float], dict[str, np.ndarray]] = at) -> float:
+            before, after = at(start), at(start + step)
+            size = max(float(np.linalg.norm(table)) for table in before.values())
+            return max(float(np.linalg.norm(after[row] - before[row])) for row in before) / (size + 1e-6)
+
+        for start in (low, *values, 0.5 * (low + high), high):
+            step = 1e-4 * (high - low) * (1.0 if start < high else -1.0)
+            large, small = change(start, step), change(start, 0.1 * step)
+            assert small <= 0.2 * large + 1e-9, (constant, start)
+
+
+def test_constants_without_bounds_keep_to_their_grid() -> None:
+    """Smallest and largest value tried, as of a user's own effect."""
+
+    class Own(type(KNOWN["bump_stop.fl"])):
+        grids: ClassVar = {"gap": (0.03, 0.01, 0.02)}
+        bounds: ClassVar = {}
+
+    assert Own("fl").bounds_of("gap") == (0.01, 0.03)
+    assert KNOWN["bump_stop.fl"].bounds_of("n") == (1.0, 3.0)
 
 
 def test_payload_acts_in_its_run_alone() -> None:

@@ -49,7 +49,8 @@ def refused(text: str) -> LineFault:
 @pytest.mark.parametrize(("text", "same"), [
     ("x = suspension: k * (travel - travel_other)", "anti_roll_bar"),
     ("x = suspension: f * tanh(rate/v0), v0 = 10 20 40 mm/s", "coulomb"),
-    ("x = suspension: max(0, travel - gap) * k, gap = 0.01 0.015 0.02 0.025 0.03 0.04 0.05 0.06 m", "bump_stop"),
+    ("x = suspension: min(travel, gap) * k, gap = -0.04 -0.02 -0.01 0 0.01 0.02 0.04 m", "helper_spring"),
+    ("x = suspension: b * max(0, rate - v0) - r * max(0, -rate - v0), v0 = 30 60 120 250 mm/s", "damper_knee"),
     ("x = chassis.fx: d*speed*abs(speed); chassis.my: m*vx*abs(vx)", "aero_drag"),
 ])  # fmt: skip
 def test_a_line_is_the_catalogues_effect(text: str, same: str, motion: Motion) -> None:

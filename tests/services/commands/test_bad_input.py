@@ -373,8 +373,8 @@ def test_a_second_writer_is_kept_out(lacet, study: Path, tmp_path: Path):
     (["add", "{}", "--best"], "no diagnosis of version 1 proposes anything: lacet diagnose"),
     (["add", "{}", "anti_roll_bar.fornt"], "did you mean 'anti_roll_bar.front'?"),
     (["add", "{}", "bump_stop.front", "--shape", "gap=nan"], "write gap=NUMBER"),
-    (["add", "{}", "bump_stop.front", "--shape", "gap=30"], "in SI units; 0.01 to 0.06 are usual for gap"),
-    (["add", "{}", "bump_stop.front", "--shape", "gup=1"], "the effect's constants are gap"),
+    (["add", "{}", "bump_stop.front", "--shape", "gap=30"], "in SI units; 0.005 to 0.06 are usual for gap"),
+    (["add", "{}", "bump_stop.front", "--shape", "gup=1"], "the effect's constants are gap, n"),
 ])  # fmt: skip
 def test_what_cannot_be_done_with_a_study_is_told(lacet, study: Path, words: list[str], says: str):
     said = lacet(*(word.format(study) for word in words))
