@@ -23,7 +23,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
 from lacet.simulate.attached import attached_bodies
 from lacet.simulate.cars import Car
-from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at
+from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at, total_of
 from lacet.simulate.memory import MemoryLaw, memory_law
 from lacet.simulate.mjcf import STEER_ARMATURE, build_mjcf, slide_directions, wheel_turns
 from lacet.simulate.road import SPACING, Road
@@ -138,6 +138,7 @@ class Engine:
         self.states = states
         """Number of states besides MuJoCo's: 8 slips, then those of hidden effects."""
         self._bars = [total_at(hidden, "anti_roll_bar", c) for c in CORNERS]
+        self._interconnection = total_of(hidden, "interconnection")
         self._lift = [total_at(hidden, "aero_lift", c) for c in ("fl", "rl")]
         drags = [h for h in hidden if h.effect == "aero_drag"]
         self._drag = [(h.size, h.shape["height"] - car.origin_height) for h in drags]
@@ -253,6 +254,8 @@ class Engine:
                 load += law(s, sd)
             if bars[i]:
                 load += bars[i] * (s - travel[i ^ 1])
+            if self._interconnection:
+                load += self._interconnection * (s - travel[(i + 2) % 4])
             for at, law in memory[i]:
                 extra, now.slip_rates[at] = law(s, sd, slips[at])
                 load += extra

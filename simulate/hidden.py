@@ -102,6 +102,12 @@ def suspension_law(effect: Hidden) -> SuspensionLaw | None:
             return lambda s, v: p * abs(v)
         case "damper_digressive":
             return lambda s, v: p * v * abs(v)
+        case "damper_knee":
+            v0 = effect.shape["v0"]
+            return lambda s, v: -p * math.copysign(max(0.0, abs(v) - v0), v)
+        case "friction_of_load":
+            v0 = effect.shape["v0"]
+            return lambda s, v: p * max(0.0, s) * math.tanh(v / v0)
         case "damper_stroke":
             return lambda s, v: p * s * v
         case "damper_groove":
@@ -116,6 +122,9 @@ def suspension_law(effect: Hidden) -> SuspensionLaw | None:
         case "bump_stop":
             gap = effect.shape["gap"]
             return lambda s, v: p * max(0.0, s - gap)
+        case "bump_stop_quadratic":
+            gap = effect.shape["gap"]
+            return lambda s, v: p * max(0.0, s - gap) ** 2
         case "rebound_stop":
             gap = effect.shape["gap"]
             return lambda s, v: p * min(0.0, s + gap)

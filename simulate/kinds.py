@@ -32,7 +32,16 @@ KINDS: dict[str, Kind] = {
     "coulomb": Kind("size·tanh(ṡ/v0)", "N", ANYWHERE, {"v0": 0.01}),
     "damper_asymmetry": Kind("size·|ṡ|: stiffer in bump than in rebound", "N·s/m", ANYWHERE),
     "damper_digressive": Kind("size·ṡ·|ṡ| (negative: digressive)", "N·s²/m²", ANYWHERE),
+    "damper_knee": Kind(
+        "-size·sign(ṡ)·max(0, |ṡ| - v0): softer by size beyond a knee (digressive)", "N·s/m", ANYWHERE, {"v0": 0.05}
+    ),
     "damper_stroke": Kind("size·s·ṡ", "N·s/m²", ANYWHERE),
+    "friction_of_load": Kind(
+        "size·max(0, s)·tanh(ṡ/v0): friction that grows with the compression, as between the leaves of a spring",
+        "N/m",
+        ANYWHERE,
+        {"v0": 0.01},
+    ),
     "damper_groove": Kind(
         "size·ṡ·min(1, |s|/length): a by-pass groove takes that damping away in the middle of the stroke",
         "N·s/m",
@@ -42,11 +51,16 @@ KINDS: dict[str, Kind] = {
     "spring_quadratic": Kind("size·s²", "N/m²", ANYWHERE),
     "spring_cubic": Kind("size·s³", "N/m³", ANYWHERE),
     "bump_stop": Kind("size·max(0, s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
+    "bump_stop_quadratic": Kind(
+        "size·max(0, s - gap)²: rubber that stiffens as it is pressed", "N/m²", ANYWHERE, {"gap": 0.015}
+    ),
     "rebound_stop": Kind("-size·max(0, -s - gap)", "N/m", ANYWHERE, {"gap": 0.03}),
     "helper_spring": Kind("size·min(s, gap): works up to the gap, then is solid", "N/m", ANYWHERE, {"gap": 0.01}),
     # suspension kinematics, per axle
     "anti_dive": Kind("wheel centre moves forward by size·s", "-"),
     "jacking": Kind("wheel centre moves outward by size·s", "-"),
+    # suspension, between the axles
+    "interconnection": Kind("size·(s - s of the other end of that side) at every wheel", "N/m", ()),
     # tyres, per axle
     "tyre_damping": Kind("size·dδ/dt along the road normal", "N·s/m"),
     "tyre_progression": Kind("size·δ² along the road normal", "N/m²"),

@@ -48,11 +48,14 @@ LAWS = {
     "coulomb.rear=40": lambda s, v, other: 40 * np.tanh(v / 0.01),
     "damper_asymmetry.front=900": lambda s, v, other: 900 * np.abs(v),
     "damper_digressive.rear=-1500": lambda s, v, other: -1500 * v * np.abs(v),
+    "damper_knee.rear=900,v0=0.02": lambda s, v, other: -900 * np.sign(v) * np.maximum(0, np.abs(v) - 0.02),
+    "friction_of_load.front=4000": lambda s, v, other: 4000 * np.maximum(0, s) * np.tanh(v / 0.01),
     "damper_stroke.front=20000": lambda s, v, other: 20000 * s * v,
     "damper_groove.front=3000,length=0.005": lambda s, v, other: 3000 * v * np.minimum(1, np.abs(s) / 0.005),
     "spring_quadratic.rear=80000": lambda s, v, other: 80000 * s**2,
     "spring_cubic.front=4e6": lambda s, v, other: 4e6 * s**3,
     "bump_stop.rear=100000,gap=0.004": lambda s, v, other: 1e5 * np.maximum(0, s - 0.004),
+    "bump_stop_quadratic.rear=2e6,gap=0.004": lambda s, v, other: 2e6 * np.maximum(0, s - 0.004) ** 2,
     "rebound_stop.front=100000,gap=0.004": lambda s, v, other: 1e5 * np.minimum(0, s + 0.004),
     "helper_spring.rear=15000,gap=-0.002": lambda s, v, other: 15000 * np.minimum(s, -0.002),
 }
@@ -74,6 +77,15 @@ def test_suspension_effects_leave_their_law_at_their_axle_and_nothing_elsewhere(
         assert residual[:, i] == pytest.approx(expected, abs=1e-8)
     assert np.max(np.abs(residual[:, there])) > 5.0
     assert np.max(np.abs(tyre_residual(motion))) < 1e-8
+    assert np.max(np.abs(chassis_residual(motion))) < 1e-8
+
+
+def test_an_interconnection_couples_front_and_rear_of_each_side() -> None:
+    motion = drive("rough", "interconnection=3000")
+    s = motion.travel[:, 0]
+    expected = 3000 * (s - s[:, [2, 3, 0, 1]])
+    assert suspension_residual(motion) == pytest.approx(expected, abs=1e-8)
+    assert np.max(np.abs(expected)) > 5.0
     assert np.max(np.abs(chassis_residual(motion))) < 1e-8
 
 
