@@ -1,4 +1,4 @@
-"""Gain errors: instruments whose scale is off."""
+"""Gain errors: instruments whose scale is off, one by one or all lasers of a kind together."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ from typing import Self
 
 import numpy as np
 
-from lacet.daq.channels import CHANNELS
+from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
 
 _CORNER = {"force": "wheel.{c}.force", "hub": "laser.{c}.hub", "ground": "laser.{c}.ground"}
+_TOGETHER = ("hub", "ground")
+"""Instruments that may have one scale error in common at all corners, as of one supply, amplifier or setting."""
 _IMU = {"accel": "imu.accel", "rate": "imu.rate"}
 
 
@@ -21,9 +23,9 @@ class SensorGain(SensorFault):
     """One scale off: y = (1 + g) x. Wheel forces and lasers by corner, the inertial unit by axis, the speed sensor.
 
     The scale of a hub laser looks like other springs, dampers and bars at its corner; only the tyre row, in which it
-    takes part in the deflection, tells them apart. A scale that all wheel forces have in common, or the whole of the
-    specific force, is another mass and cannot be seen. Moments are not tried: the loads' moments are mostly force times
-    lever.
+    takes part in the deflection, tells them apart. All hub lasers, or all ground lasers, may have one error in common
+    (`hub`, `ground`). A scale that all wheel forces have in common, or the whole of the specific force, is another mass
+    and cannot be seen. Moments are not tried: the loads' moments are mostly force times lever.
     """
 
     name = "sensor_gain"
@@ -35,9 +37,10 @@ class SensorGain(SensorFault):
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
-        """Each wheel's force, each laser, each axis of the inertial unit, the speed sensor."""
+        """Each wheel's force, each laser, all lasers of a kind, each axis of the inertial unit, the speed sensor."""
         corners = [f"{what}.{c}" for what in _CORNER for c in vehicle.corners]
-        return [cls(where) for where in (*corners, *(f"{what}.{axis}" for what in _IMU for axis in "xyz"), "speed")]
+        axes = [f"{what}.{axis}" for what in _IMU for axis in "xyz"]
+        return [cls(where) for where in (*corners, *_TOGETHER, *axes, "speed")]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -45,10 +48,10 @@ class SensorGain(SensorFault):
         return (self.named("g", "-", -0.2, 0.2),)
 
     def channels(self) -> tuple[str, ...]:
-        """The one channel."""
+        """The one channel, or those of all corners."""
         what, _, place = self.where.partition(".")
         if what in _CORNER:
-            return (_CORNER[what].format(c=place),)
+            return tuple(_CORNER[what].format(c=c) for c in ((place,) if place else CORNERS))
         return (_IMU.get(what, "correvit.speed"),)
 
     def _scaled(self, channel: str) -> Array:
