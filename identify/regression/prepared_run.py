@@ -23,7 +23,8 @@ from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.signals.filters import Filters, zero_phase_of
+from lacet.identify.signals.decimation import comb, decimated
+from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 
@@ -143,8 +144,7 @@ class PreparedRun:
     def comb(self) -> NDArray[np.intp]:
         """Indices of the instants that decimation keeps, before what is not usable is left out."""
         # One comb for the whole run, so that all rows are decimated at the same instants.
-        step = self.recording.filters.step
-        return np.arange(step // 2, self.recording.t.size, step)
+        return comb(self.recording.t.size, self.recording.filters)
 
     def kept(self, row: Row) -> NDArray[np.intp]:
         """Places in `comb` of a row's samples."""
@@ -211,12 +211,12 @@ class PreparedRun:
             return
         flat = np.concatenate([series.reshape(-1, series.shape[-1]) for _, _, series in batch])
         moving = np.any(flat, axis=-1)
-        if np.any(moving):
-            flat[moving] = zero_phase_of(flat[moving], self.recording.filters)
+        found = np.zeros((len(flat), self.comb.size))
+        found[moving] = decimated(flat[moving], self.recording.filters)
         start = 0
         for place, row, series in batch:
-            stop, keep = start + series[..., 0].size, self.index[row]
-            place[row] = flat[start:stop, keep].reshape(*series.shape[:-1], len(keep))
+            stop, keep = start + series[..., 0].size, self.kept(row)
+            place[row] = found[start:stop, keep].reshape(*series.shape[:-1], len(keep))
             start = stop
 
     def matrix(self, effects: Sequence[PhysicalEffect], row: Row) -> Array:

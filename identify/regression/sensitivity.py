@@ -7,7 +7,7 @@ multiplications: sensor zeros, gains and latencies become columns, and the noise
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -22,11 +22,11 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
-from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.noise_draws import draw_noise, draw_noises
 from lacet.identify.signals.reconstruct import Recording, Signals
 
 Perturbation = Mapping[str, Array]
-"""Change of channels: name → (k, N). Their derivatives are computed from it."""
+"""Change of channels: name → (k, N), or (k, d, N) for d changes. Their derivatives are computed from it."""
 
 Input = tuple[str, int, int]
 """Input of the equations: a channel, its component, and the order of its time derivative (0, 1 or 2)."""
@@ -36,6 +36,8 @@ _COPIES = 17
 """Largest number of perturbed copies of a run computed at once: the inputs from one corner's instruments."""
 _SAMPLES = 16_000
 """Largest number of samples of the copies computed at once: it limits the memory for long runs."""
+_DRAWN = 32_000
+"""Largest number of samples of the noise drawn at once: what many draws are multiplied with then stays in the cache."""
 _COARSE = 0.04
 """Spacing of the instants at which derivatives are computed [s]: below half a period of the fit's cut-off."""
 
@@ -142,10 +144,10 @@ class Sensitivity:
         return replace(self, taken=replace(self.taken))
 
     def response(self, perturbation: Perturbation) -> dict[Row, Array]:
-        """Change of the residual at full rate, row → (N,), for a change of channels."""
+        """Change of the residual at full rate, row → (…, N), for a change of channels (k, …, N)."""
         rate = self.recording.filters.rate
         out: dict[Row, Array] = {}
-        term = np.empty(self.recording.t.size)
+        term = np.empty(next((change.shape[1:] for change in perturbation.values()), ()))
         for channel, change in perturbation.items():
             orders = {order for name, _, order in self.slopes if name == channel}
             series = [change, derivative(change, rate) if orders & {1, 2} else change]
@@ -171,6 +173,13 @@ class Sensitivity:
     def noise(self, rng: np.random.Generator) -> dict[Row, Array]:
         """One random draw of the residual's noise from the channels' noise, row → (N,)."""
         return self.response(draw_noise(self.recording, self.channels, rng))
+
+    def noises(self, rng: np.random.Generator, draws: int) -> Iterator[dict[Row, Array]]:
+        """As many random draws as of `noise`, row → (d, N), some at a time."""
+        together = max(1, _DRAWN // self.recording.t.size)
+        for start in range(0, draws, together):
+            some = min(together, draws - start)
+            yield self.response(draw_noises(self.recording, self.channels, rng, some))
 
 
 def _enters(effect: PhysicalEffect) -> bool:

@@ -60,14 +60,25 @@ class Filters:
         return math.log(1e-12) / math.log(slowest) / self.rate
 
 
-@cache
-def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
-    """Second-order sections of the filter whose two passes together are at −3 dB at `cutoff` [Hz].
+def _passing(cutoff: float, rate: float, order: int) -> float:
+    """Cut-off of one pass ÷ half the rate, with which two passes together are at −3 dB at `cutoff` [Hz].
 
     One pass is at −1.5 dB there: |H|² = 1/(1 + (f/fd)^2n) = 1/√2 gives fd = f (√2 − 1)^(−1/2n) on the warped axis.
     """
     warped = math.tan(math.pi * cutoff / rate) * (math.sqrt(2.0) - 1.0) ** (-0.5 / order)
-    return np.asarray(scipy.signal.butter(order, 2.0 / math.pi * math.atan(warped), output="sos"))
+    return 2.0 / math.pi * math.atan(warped)
+
+
+@cache
+def two_pass_sos(cutoff: float, rate: float, order: int) -> Array:
+    """Second-order sections of the filter whose two passes together are at −3 dB at `cutoff` [Hz]."""
+    return np.asarray(scipy.signal.butter(order, _passing(cutoff, rate, order), output="sos"))
+
+
+def two_pass_zeros(cutoff: float, rate: float, order: int) -> tuple[Array, NDArray[np.complex128], float]:
+    """Zeros, poles and gain of `two_pass_sos`."""
+    zeros, poles, gain = scipy.signal.butter(order, _passing(cutoff, rate, order), output="zpk")
+    return np.asarray(zeros, float), np.asarray(poles, complex), float(gain)
 
 
 def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
@@ -76,8 +87,7 @@ def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
     `cutoff` : −3 dB of the two passes [Hz]; `rate` [Hz]; `order` of one pass; N must exceed 3 (order + 1).
     """
     sos = two_pass_sos(cutoff, rate, order)
-    # The default padding is too short for a low cut-off: half a period of it keeps the ends quiet.
-    pad = min(x.shape[-1] - 1, max(3 * (order + 1), int(rate / cutoff)))
+    pad = padding(x.shape[-1], cutoff, rate, order)
     # SciPy's sosfiltfilt, with the state at rest kept: on short series that costs as much to find as to filter.
     before, after = 2.0 * x[..., :1] - x[..., pad:0:-1], 2.0 * x[..., -1:] - x[..., -2 : -pad - 2 : -1]
     out = np.concatenate([before, x, after], axis=-1)
@@ -86,6 +96,12 @@ def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
         state = rest.reshape(len(sos), *(1,) * (x.ndim - 1), 2) * out[..., :1]
         out = scipy.signal.sosfilt(sos, out, axis=-1, zi=state)[0][..., ::-1]
     return out[..., pad : out.shape[-1] - pad]
+
+
+def padding(size: int, cutoff: float, rate: float, order: int) -> int:
+    """Number of samples by which a series of `size` is continued at each end, turned about its first and last."""
+    # The default is too short for a low cut-off: half a period of it keeps the ends quiet.
+    return min(size - 1, max(3 * (order + 1), int(rate / cutoff)))
 
 
 @cache
@@ -103,9 +119,11 @@ def derivative(x: Array, rate: float) -> Array:
     if x.shape[-1] < _STENCIL.size:
         return np.gradient(x, 1.0 / rate, axis=-1)
     out = scipy.ndimage.correlate1d(x, _STENCIL * rate, axis=-1, output=float)
-    # At the ends the stencil has no samples on one side.
-    out[..., :4] = np.gradient(x[..., :5], 1.0 / rate, axis=-1)[..., :4]
-    out[..., -4:] = np.gradient(x[..., -5:], 1.0 / rate, axis=-1)[..., -4:]
+    # At the ends the stencil has no samples on one side: differences of neighbours there.
+    step = 1.0 / rate
+    out[..., 1:4] = (x[..., 2:5] - x[..., :3]) / (2.0 * step)
+    out[..., -4:-1] = (x[..., -3:] - x[..., -5:-2]) / (2.0 * step)
+    out[..., 0], out[..., -1] = (x[..., 1] - x[..., 0]) / step, (x[..., -1] - x[..., -2]) / step
     return out
 
 

@@ -15,7 +15,14 @@ from lacet.identify.signals.reconstruct import Recording
 
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:
-    """One random draw of the sensor noise on a recording's grid: channel → (k, N) [SI].
+    """One random draw of the sensor noise on a recording's grid: channel → (k, N) [SI]."""
+    return {name: series[:, 0] for name, series in draw_noises(recording, channels, rng, 1).items()}
+
+
+def draw_noises(
+    recording: Recording, channels: Iterable[str], rng: np.random.Generator, draws: int
+) -> dict[str, Array]:
+    """Random draws of the sensor noise on a recording's grid, channel → (k, draws, N) [SI]: as many of `draw_noise`.
 
     White noise of the sheet's σ at each channel's own rate has the same spectrum below the pre-filter's cut-off as
     white noise on the grid with σ scaled by the root of the rates.
@@ -27,10 +34,12 @@ def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Gen
     scales = [recording.rig.noise(c) * np.sqrt(filters.rate / recording.rates[c]) for c in names]
     gain = _passed(filters.pre_cutoff, filters.rate, filters.order, n)
     # Drawn in frequency, where the filter is a product and all that it stops need not be drawn at all.
-    drawn = rng.standard_normal((2, sum(widths), gain.size))
-    spectrum = np.sqrt(n / 2.0) * gain * (drawn[0] + 1j * drawn[1])
-    whole = np.asarray(scipy.fft.irfft(np.repeat(scales, widths)[:, None] * spectrum, n, axis=1), float)
-    series = np.ascontiguousarray(whole[:, : recording.t.size])
+    drawn = rng.standard_normal((draws, 2, sum(widths), gain.size)).swapaxes(0, 2)
+    spectrum = np.empty((sum(widths), draws, gain.size), complex)
+    spectrum.real, spectrum.imag = drawn[:, 0], drawn[:, 1]
+    spectrum *= np.repeat(scales, widths)[:, None, None] * (np.sqrt(n / 2.0) * gain)
+    whole = np.asarray(scipy.fft.irfft(spectrum, n, axis=-1), float)
+    series = np.ascontiguousarray(whole[..., : recording.t.size])
     parts = np.split(series, np.cumsum(widths)[:-1])
     return dict(zip(names, parts, strict=True))
 

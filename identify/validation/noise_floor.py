@@ -178,11 +178,12 @@ def simulate_floor(
         for place, (piece, sensitivity) in enumerate(pieces(number)):
             rng = np.random.default_rng([seed, number, place] if place else [seed, number])
             parts: dict[Row, list[Array]] = {row: [] for row in piece.rows}
-            for _ in range(count):
-                for row, series in piece.decimated(sensitivity.noise(rng)).items():
+            for drawn in sensitivity.noises(rng, count):
+                for row, series in piece.decimated(drawn).items():
                     parts[row].append(series)
-                progress(Step(Stage.NOISE_FLOOR, next(done), total))
-            found.append({row: np.stack(series) for row, series in parts.items()})
+                for _ in next(iter(drawn.values()), ()):
+                    progress(Step(Stage.NOISE_FLOOR, next(done), total))
+            found.append({row: np.concatenate(series) for row, series in parts.items()})
         out.append(RunDraws.joined(found, draws, np.random.default_rng([seed, number, 0, 29])))
     return NoiseFloor.of(out)
 

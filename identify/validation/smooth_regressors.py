@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.signals.filters import zero_phase_of
+from lacet.identify.signals.decimation import decimated
 from lacet.identify.validation.states import ClearStates, State
 
 KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)
@@ -122,10 +122,10 @@ class ColumnMaker:
             present: list[Array] = []
             for batch in _batches(functions):
                 of += [number for number, _ in batch]
-                present.append(zero_phase_of(np.stack([series for _, series in batch]), filters)[:, self.runs[i].comb])
+                present.append(decimated(np.stack([series for _, series in batch]), filters))
             if self.history:
                 history = _batches(_history(z, filters.rate))
-                present += [zero_phase_of(np.stack(batch), filters)[:, self.runs[i].comb] for batch in history]
+                present += [decimated(np.stack(batch), filters) for batch in history]
             out.append(np.concatenate(present))
         return np.asarray(of, np.intp), out, len(of)
 

@@ -162,6 +162,20 @@ def test_noise(seen) -> None:
         np.testing.assert_array_equal(again[row], series)
 
 
+def test_draws_made_together_are_those_made_one_after_the_other(seen, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seven draws, three and three and one at a time."""
+    drive, sensitivity, _, _ = seen
+    monkeypatch.setattr("lacet.identify.regression.sensitivity._DRAWN", 3 * drive.recording.t.size + 1)
+    together = list(sensitivity.noises(np.random.default_rng(5), 7))
+    rng = np.random.default_rng(5)
+    single = [sensitivity.noise(rng) for _ in range(7)]
+    assert [len(part["chassis.fz"]) for part in together] == [3, 3, 1]
+    for row, series in single[0].items():
+        size = np.max(np.abs(series))
+        every = np.concatenate([part[row] for part in together])
+        np.testing.assert_allclose(every, np.stack([one[row] for one in single]), rtol=0.0, atol=1e-12 * size)
+
+
 def test_noise_has_the_sheets_spectrum() -> None:
     """White noise of σ at the channel's own rate, seen below the pre-filter's cut-off: the same density on the grid."""
     from dataclasses import replace
