@@ -333,8 +333,9 @@ SMALL = {
     "toe_change": 1e-6, "camber_change": 1e-6, "anti_dive": 1e-7, "jacking": 1e-7, "rolling_resistance": 1e-7,
     "camber_thrust": 1e-7, "aero_drag": 1e-5, "aero_lift": 1e-5, "aero_side": 1e-5, "slope": 1e-6, "tyre_damping": 1e-4,
     "spring_quadratic": 1.0, "spring_cubic": 100.0, "tyre_progression": 1.0,
+    "bump_stop_quadratic": 100.0,
 }  # fmt: skip
-SHAPES = {"bump_stop": {"gap": 0.001}, "rebound_stop": {"gap": 0.001}}
+SHAPES = {"bump_stop": {"gap": 0.001}, "bump_stop_quadratic": {"gap": 0.0}, "rebound_stop": {"gap": 0.001}}
 
 
 def small_run(name: str, size: float) -> np.ndarray:
