@@ -66,9 +66,7 @@ def diagnosed(folder: Path, study: Path) -> Verdict:
 def read(study: Path, said: Mapping[str, Any], seconds: float = 0.0) -> Verdict:
     """The verdict of what the programs wrote."""
     current = json.loads((study / "study.json").read_text(encoding="utf-8"))["current"]
-    last, first = (
-        json.loads((study / "versions" / f"{n:03d}.json").read_text(encoding="utf-8")) for n in (current, 1)
-    )
+    last, first = (json.loads((study / "versions" / f"{n:03d}.json").read_text(encoding="utf-8")) for n in (current, 1))
     effects = {key: dict(shape) for key, shape in last["effects"].items()}
     ties: dict[str, list[str]] = {}
     for step in said["steps"]:
@@ -93,7 +91,7 @@ def _ratios(version: Mapping[str, Any]) -> dict[str, dict[str, float]]:
 
 
 def _lacet(*words: str) -> None:
-    alone = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+    alone = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     done = subprocess.run(
         [sys.executable, "-m", "lacet", *words], env={**os.environ, **alone}, capture_output=True, text=True,
         check=False, encoding="utf-8", errors="replace",

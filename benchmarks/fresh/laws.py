@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +21,7 @@ COUNTS: dict[str, tuple[int, int]] = {
 CLASSES = tuple(COUNTS)
 BOTH = 0.75
 """Chance that an effect acts at both axles, where it can."""
-STOPS = ("bump_stop", "bump_stop_quadratic", "helper_spring", "second_spring")
+STOPS = ("bump_stop", "helper_spring")
 """Families that are a spring engaging at a gap, or, with the opposite sign, one that goes solid there."""
 
 
@@ -34,7 +36,8 @@ class Law:
     places : where it can act; empty for one that acts on the whole car.
     shape : constants, each drawn from a range.
     families : families of the catalogue that are this law; none for an unlisted one.
-    parameter : family → its parameter that is the size, where the laws are equal.
+    values : family → parameter → its true value per unit of size, where the laws are equal; the first family is the
+        law itself, with `constants` and those of `shape`.
     """
 
     name: str
@@ -45,43 +48,44 @@ class Law:
     places: tuple[str, ...] = AXLES
     shape: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     families: tuple[str, ...] = ()
-    parameter: Mapping[str, str] = field(default_factory=dict)
+    values: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
 
 
 LAWS: tuple[Law, ...] = (
     Law("anti-roll bar", "anti_roll_bar", "bar", (5e3, 2e4), 3e4, families=("anti_roll_bar",),
-        parameter={"anti_roll_bar": "k"}),
+        values={"anti_roll_bar": {"k": 1.0}}),
     Law("friction", "coulomb", "friction", (20.0, 80.0), 150.0, shape={"v0": (0.004, 0.02)}, families=("coulomb",),
-        parameter={"coulomb": "f"}),
+        values={"coulomb": {"f": 1.0}}),
     Law("bump stop", "bump_stop", "stop", (1e4, 5e4), 1e5, shape={"gap": (0.008, 0.018)}, families=STOPS,
-        parameter={"bump_stop": "k"}),
+        values={"bump_stop": {"k": 1.0}}, constants={"n": 1.0}),
     Law("quadratic bump stop", "bump_stop_quadratic", "stop", (1e6, 4e6), 6e6, shape={"gap": (0.008, 0.018)},
-        families=STOPS),
+        families=STOPS, values={"bump_stop": {"k": 0.01}}, constants={"n": 2.0}),
     Law("second spring", "bump_stop", "stop", (5e3, 1.5e4), 2e4, shape={"gap": (0.003, 0.007)}, families=STOPS,
-        parameter={"bump_stop": "k"}),
+        values={"bump_stop": {"k": 1.0}}, constants={"n": 1.0}),
     Law("asymmetric damper", "damper_asymmetry", "damper", (-300.0, -1000.0), -1500.0, families=("damper_asymmetry",),
-        parameter={"damper_asymmetry": "a"}),
+        values={"damper_asymmetry": {"a": 1.0}}),
     Law("digressive damper", "damper_digressive", "damper", (-1500.0, -4000.0), -5000.0,
-        families=("damper_digressive",), parameter={"damper_digressive": "c2"}),
+        families=("damper_digressive",), values={"damper_digressive": {"c2": 1.0}}),
     Law("damper with a knee", "damper_knee", "damper", (800.0, 1700.0), 2000.0, shape={"v0": (0.03, 0.08)},
-        families=("damper_knee", "damper_digressive", "damper_saturation")),
+        families=("damper_knee", "damper_digressive", "damper_saturation"),
+        values={"damper_knee": {"bump": -1.0, "rebound": -1.0}}),
     Law("aerodynamic drag", "aero_drag", "drag", (0.3, 0.9), 3.0, (), {"height": (0.2, 0.6)}, ("aero_drag",),
-        {"aero_drag": "d"}),
+        {"aero_drag": {"d": 1.0}}),
     Law("aerodynamic lift", "aero_lift", "lift", (0.15, 0.6), 2.0, families=("aero_lift",),
-        parameter={"aero_lift": "l"}),
+        values={"aero_lift": {"l": 1.0}}),
     Law("tyre damping", "tyre_damping", "tyre damping", (300.0, 1200.0), 2000.0, families=("tyre_damping",),
-        parameter={"tyre_damping": "c"}),
+        values={"tyre_damping": {"c": 1.0}}),
     Law("tyre progression", "tyre_progression", "tyre progression", (5e5, 2e6), 3e6, families=("tyre_progression",),
-        parameter={"tyre_progression": "k2"}),
+        values={"tyre_progression": {"k2": 1.0}}),
     Law("cubic spring", "spring_cubic", "spring", (1e6, 6e6), 1.5e7, families=("spring_cubic",),
-        parameter={"spring_cubic": "k3"}),
+        values={"spring_cubic": {"k3": 1.0}}),
     Law("quadratic spring", "spring_quadratic", "spring", (2e4, 1e5), 3e5, families=("spring_quadratic",),
-        parameter={"spring_quadratic": "k2"}),
+        values={"spring_quadratic": {"k2": 1.0}}),
 )  # fmt: skip
 """Listed mechanical effects."""
 
 UNLISTED: tuple[Law, ...] = (
-    Law("by-pass groove", "damper_groove", "unlisted", (800.0, 2500.0), 3000.0, shape={"length": (0.005, 0.02)}),
     Law("friction of the load", "friction_of_load", "unlisted", (2e3, 8e3), 1.2e4, shape={"v0": (0.005, 0.02)}),
     Law("interconnection", "interconnection", "unlisted", (1e3, 6e3), 1e4, ()),
     Law("damper on a soft mount", "series_damper", "unlisted", (2e3, 1.5e4), 2e4, shape={"c": (800.0, 2000.0)}),
@@ -109,26 +113,36 @@ class Part:
     """A law at one place: what is looked for by name.
 
     `hidden` is of size ±1 until it is sized; `usual` the size drawn from the usual ones, `goal` the √λ drawn;
-    `families` and `parameter` as in `Law`, whole keys for a fault of an instrument.
+    `tolerance` : what the sensor sheet adds to a fault of an instrument, 1 σ.
     """
 
-    law: str
+    law: Law
     hidden: Hidden
     usual: float
     goal: float
-    largest: float
-    families: tuple[str, ...]
-    parameter: Mapping[str, str]
+    tolerance: float = 0.0
 
     @property
     def listed(self) -> bool:
         """Whether the catalogue has a family for it."""
-        return bool(self.families)
+        return bool(self.law.families)
 
     def of_size(self, size: float) -> Part:
         """The same, that large."""
-        hidden = Hidden(self.hidden.name, float(f"{size:.6g}"), shape=self.hidden.shape)
-        return Part(self.law, hidden, self.usual, self.goal, self.largest, self.families, self.parameter)
+        return replace(self, hidden=Hidden(self.hidden.name, float(f"{size:.6g}"), shape=self.hidden.shape))
+
+    def truth(self, root: float) -> dict[str, Any]:
+        """What is hidden, and what it may be called, as plain data; `root` its √λ."""
+        return {
+            "law": self.law.name,
+            "name": self.hidden.name,
+            "size": self.hidden.size,
+            "shape": {**self.hidden.shape, **self.law.constants},
+            "root_lambda": None if math.isnan(root) else root,
+            "families": list(self.law.families),
+            "values": {family: dict(values) for family, values in self.law.values.items()},
+            "tolerance": self.tolerance,
+        }
 
 
 GOALS = (17.0, 60.0)
@@ -152,15 +166,17 @@ def parts_of(law: Law, rng: np.random.Generator) -> list[Part]:
     for name in [f"{law.kind}.{place}" for place in places] or [law.kind]:
         usual, goal = log_uniform(rng, *law.usual), log_uniform(rng, *GOALS)
         unit = Hidden(name, float(np.sign(usual)), shape=shape)
-        out.append(Part(law.name, unit, usual, goal, law.largest, law.families, law.parameter))
+        out.append(Part(law, unit, usual, goal))
     return out
 
 
 def fault_of(rng: np.random.Generator, tolerance: Mapping[str, float]) -> Part:
     """A fault of an instrument; `tolerance` : name → what the sheet allows [the fault's unit]."""
-    name, _, _, parameter = FAULTS[int(rng.integers(len(FAULTS)))]
+    name, _, entry, parameter = FAULTS[int(rng.integers(len(FAULTS)))]
     size = float(rng.choice((-1.0, 1.0))) * log_uniform(rng, *TOLERANCES) * tolerance[name]
-    return Part("instrument", Hidden(name, float(f"{size:.6g}")), size, 0.0, size, (name,), {name: parameter})
+    law = Law("instrument", name, "instrument", (size, size), size, (), {}, (name,), {name: {parameter: 1.0}})
+    drawn = entry in ("gain", "latency")
+    return Part(law, Hidden(name, float(f"{size:.6g}")), size, 0.0, tolerance[name] if drawn else 0.0)
 
 
 def drawn_parts(kind: str, rng: np.random.Generator, tolerance: Mapping[str, float]) -> list[Part]:

@@ -89,18 +89,7 @@ class Trial:
             "attempt": self.attempt,
             "sizes": "usual" if self.usual else "by √λ",
             "measured": [[h.name, h.size] for h in self.measured],
-            "parts": [
-                {
-                    "law": part.law,
-                    "name": part.hidden.name,
-                    "size": part.hidden.size,
-                    "shape": dict(part.hidden.shape),
-                    "root_lambda": None if np.isnan(root) else root,
-                    "families": list(part.families),
-                    "parameter": dict(part.parameter),
-                }
-                for part, root in zip(self.parts, self.roots, strict=True)
-            ],
+            "parts": [part.truth(root) for part, root in zip(self.parts, self.roots, strict=True)],
             "runs": {
                 run: {"use": use, "manoeuvre": one.name, **asdict(one)}
                 for use, runs in (("used", self.used), ("held", self.held))
@@ -174,7 +163,7 @@ def _sized(drive: _Drive, parts: Sequence[Part], usual: bool) -> tuple[list[Part
 
 
 def _plausible(part: Part, size: float) -> Part:
-    if not abs(size) <= abs(part.largest):
+    if not abs(size) <= abs(part.law.largest):
         raise _Unsized
     return part.of_size(size)
 
