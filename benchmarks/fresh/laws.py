@@ -69,7 +69,7 @@ LAWS: tuple[Law, ...] = (
         families=("damper_digressive",), values={"damper_digressive": {"c2": 1.0}}),
     Law("damper with a knee", "damper_knee", "damper", (800.0, 1700.0), 2000.0, shape={"v0": (0.03, 0.08)},
         families=("damper_knee", "damper_digressive", "damper_saturation"),
-        values={"damper_knee": {"bump": -1.0, "rebound": -1.0}}),
+        values={"damper_knee": {"d": -1.0}}),
     Law("aerodynamic drag", "aero_drag", "drag", (0.3, 0.9), 3.0, (), {"height": (0.2, 0.6)}, ("aero_drag",),
         {"aero_drag": {"d": 1.0}}),
     Law("aerodynamic lift", "aero_lift", "lift", (0.15, 0.6), 2.0, families=("aero_lift",),

@@ -9,17 +9,13 @@ from lacet.identify.multibody.vectors import Array
 
 
 class DamperAsymmetry(SuspensionForce):
-    """Different damping in bump and rebound: F = a |ṡ|; c_bump = c + a, c_rebound = c − a.
-
-    A damper whose slope changes at a small rate, in bump otherwise than in rebound (`damper_knee`), is nearly the same.
-    """
+    """Different damping in bump and rebound: F = a |ṡ|; c_bump = c + a, c_rebound = c − a."""
 
     name = "damper_asymmetry"
     about = "damping different in bump and rebound"
     signature = "suspension row follows the size of the travel rate; the car sinks or rises on a rough road"
     shown_by = "rough road"
     source = "Dixon (2007), The Shock Absorber Handbook, chapter 7"
-    looks_like = ("damper_knee",)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

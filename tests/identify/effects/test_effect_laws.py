@@ -142,11 +142,24 @@ def test_a_stop_has_the_same_stiffness_10_mm_beyond_its_gap_whatever_its_exponen
         np.testing.assert_array_equal(replace(rebound, shape=shape).law(-travel, travel), -pressed)
 
 
-def test_a_knee_changes_the_slope_beyond_it_alone_each_way_apart() -> None:
-    """Of bump −1,000 and rebound −400 N·s/m on a damper of 1,500: slopes 500, 1,500 and 1,100."""
+def test_a_knee_changes_the_slope_beyond_it_alone() -> None:
+    """By −1,000 N·s/m on a damper of 1,500: slopes 500, 1,500 and 500, without a step."""
     rate = np.array([-0.16, -0.11, -0.06, 0.0, 0.06, 0.11, 0.16])
-    force = 1500.0 * rate + np.array([-1000.0, -400.0]) @ DamperKnee("fl", {"v0": 0.06}).law(rate, rate)
-    np.testing.assert_allclose(np.diff(force) / np.diff(rate), [1100, 1100, 1500, 1500, 500, 500], rtol=1e-12)
+    force = 1500.0 * rate - 1000.0 * DamperKnee("fl", {"v0": 0.06}).law(rate, rate)
+    np.testing.assert_allclose(np.diff(force) / np.diff(rate), [500, 500, 1500, 1500, 500, 500], rtol=1e-12)
+
+
+def test_a_law_may_have_several_parameters() -> None:
+    """A column each, in the rows of its corners."""
+
+    class Both(DamperKnee):
+        def law(self, travel: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            return np.stack([np.maximum(0.0, rate), np.minimum(0.0, rate)])
+
+    motion = build_motion(cars.recording(cars.random_signals(2), VEHICLE_T, RIG))
+    table = Both("front").columns(motion)["suspension.fl"]
+    np.testing.assert_array_equal(table.sum(axis=0), motion.corners["fl"].rate)
+    assert DamperKnee("front").columns(motion)["suspension.fl"].shape == (1, motion.t.size)
 
 
 @pytest.mark.parametrize("name", [name for name, family in FAMILIES.items() if family.grids])
