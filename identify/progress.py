@@ -35,6 +35,7 @@ class Stage(Enum):
     FLOOR_AT_LATENCIES = auto()
     FLOOR_AT_TOLERANCES = auto()
     EFFECT_REMOVED = auto()
+    FIT_WITH_EFFECTS = auto()
     FLOOR_BESIDE_EFFECT = auto()
     SYMBOLIC_LAWS = auto()
 

@@ -133,7 +133,11 @@ class Fit(FittedModel):
 
     def with_effect(self, effect: Effect) -> Fit:
         """Fit of the model with one more effect to the same runs, with the same options (`extended`)."""
-        return extended(self, effect)
+        return extended(self, [effect])
+
+    def with_effects(self, effects: Sequence[Effect]) -> Fit:
+        """The same with several effects."""
+        return extended(self, effects)
 
     def without_latencies(self, latencies: Mapping[SheetEntry, float]) -> Fit:
         """Fit of the model to the runs with these latencies [s] removed; it shares the sensitivities of this fit."""
@@ -217,12 +221,12 @@ def refitted(fitted: Fit, runs: Sequence[PreparedRun], stored: Stored | None = N
     return _of(fitted.model, options, found)
 
 
-def extended(fitted: Fit, effect: Effect) -> Fit:
-    """Fit of a fitted model with one more effect to the same runs, with the fit's options.
+def extended(fitted: Fit, effects: Sequence[Effect]) -> Fit:
+    """Fit of a fitted model with more effects to the same runs, with the fit's options.
 
     Sizes of the model's sensor faults are those that remain in these runs, from which they were removed.
     """
-    return fit(fitted.model + effect, fitted.runs, _weights_free(fitted))
+    return fit(Model.of((*fitted.model.effects, *effects)), fitted.runs, _weights_free(fitted))
 
 
 def _weights_free(fitted: Fit) -> FitOptions:

@@ -65,7 +65,7 @@ class ParameterConstancy:
     def rejected(self) -> bool:
         """Whether constant parameters are rejected: runs differ by more than chance, and by enough to matter."""
         return (
-            self.p <= SELECTION.significance
+            self.p <= SELECTION.failing_chance
             and self.further - float(np.mean(self.null)) > SELECTION.inconstant_share * self.common
         )
 

@@ -8,7 +8,7 @@ max-score statistic of simulated runs that lack nothing (parametric bootstrap), 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -23,13 +23,16 @@ from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
-from lacet.identify.selection.forward_selection import best_set, refined, with_ties
+from lacet.identify.selection.forward_selection import best_set, with_ties
+from lacet.identify.selection.joint.shape_constants import refined
+from lacet.identify.selection.joint.subset_search import found_together, strength
 from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, without_fault
 from lacet.identify.selection.score_tests import (
     Answer,
     Candidate,
     Pending,
+    Reason,
     ScoreTests,
     implausible,
     is_significant,
@@ -112,9 +115,9 @@ def screen(space: ScoreTests, progress: Progress) -> Screening:
 def _ranked(space: ScoreTests, tested: Sequence[Candidate]) -> list[Candidate]:
     """Testable candidates with answers and ties: the strongest first, those explained by chance last."""
     effects = space.effects
-    ranked = sorted(tested, key=lambda c: (c.p > SELECTION.significance, -strength(c)))
-    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key])}
-    return with_ties([judged(c, effects[c.key]) for c in ranked], space, standing_out)
+    ranked = sorted(tested, key=lambda c: (c.p > SELECTION.level(space.draws), -strength(c)))
+    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key], space.draws)}
+    return with_ties([judged(c, effects[c.key], space.draws) for c in ranked], space, standing_out)
 
 
 def _explained(
@@ -150,7 +153,7 @@ def _explained(
 def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: Candidate, progress: Progress) -> bool:
     """Whether too much of the excess remains with the best set, beyond noise and the noise through the best effect."""
     remainder, most = after.excess(now.above), SELECTION.unexplained_share * now.excess(now.above)
-    if after.family > SELECTION.significance or remainder <= most or not excess_is_coloured(after):
+    if after.family > SELECTION.failing_chance or remainder <= most or not excess_is_coloured(after):
         return False
     effect = space.best_tests[best.key].trial.effect.as_physics
     if effect is None:
@@ -160,11 +163,6 @@ def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: C
     law = replace(effect, shape=c.shape)
     through = space.linearisation.runs.noise_through(law, np.array(c.values), space.floor.sigma, space.noise_ratio)
     return remainder - sum(max(0.0, through[row]) for row in now.above) > most
-
-
-def strength(c: Candidate) -> float:
-    """Weighted squares that a candidate explains: its gain, at most its drop, which counts other clocks' tolerances."""
-    return min(c.total_gain, c.drop)
 
 
 class Verdict(StrEnum):
@@ -215,6 +213,8 @@ class Diagnosis:
     failing : rows above their floor by more than chance.
     together : the best set of up to three candidates.
     noise : noise in the columns at the first screening, for the next ranking.
+    found : all effects that are found to be missing, the best first; more than one where only together they explain the
+        misfit.
     grounds : grounds of the verdict.
     effects : key → effect of every candidate that can be computed.
     formulas : for an unlisted cause, laws that part of the residual follows, best first.
@@ -234,6 +234,7 @@ class Diagnosis:
     grounds: Grounds = field(repr=False)
     effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
+    found: tuple[Candidate, ...] = ()
 
     @property
     def unlisted(self) -> bool:
@@ -264,11 +265,17 @@ def diagnose_runs(
         _, beside = _screened(without_fault(seen.space, seen.best.key, progress), candidates, seed, None, progress)
         seen = explained_with_fault(seen, beside)
     best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
+    together = _listed_together(seen, seed, progress) if seen.unlisted and runs.refittable is not None else None
+    if together is not None:
+        seen, best = replace(seen, unlisted=False, explained=together.explained, excess=together.excess), None
+        ranked = [*together.found, *(c for c in ranked if c.key not in together.keys)]
     if best is not None:
         best = refined(seen.space, best)
-        best = replace(best, reason=judged(best, seen.effects[best.key]).reason)
+        best = replace(best, reason=judged(best, seen.effects[best.key], seen.space.draws).reason)
         ranked = [best if c.key == best.key else c for c in ranked]
-    ranked = [_with_final_answer(c, best) for c in ranked]
+    found_all = together.found if together is not None else (best,) if best is not None else ()
+    best = found_all[0] if found_all else None
+    ranked = [_with_final_answer(c, best, [one.key for one in found_all]) for c in ranked]
     ratios, formulas = runs.row_ratios(floor), list[Formula]()
     if seen.unlisted:
         progress(Step(Stage.SYMBOLIC_LAWS))
@@ -278,7 +285,8 @@ def diagnose_runs(
     grounds = Grounds(seen.best, seen.now.ratios, seen.sheet, seen.tolerance_exceeded, seen.not_constant)
     return Diagnosis(
         verdict, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained, floor.count,
-        seen.space.noise_ratio, failing, seen.together, found, grounds, seen.effects, tuple(formulas),
+        seen.space.noise_ratio, failing, together.keys if together is not None else seen.together, found, grounds,
+        seen.effects, tuple(formulas), found_all,
     )  # fmt: skip
 
 
@@ -382,10 +390,70 @@ def _as_fitted(fault: Candidate, fitted: FittedModel) -> Candidate:
     return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
 
 
-def _with_final_answer(c: Candidate, best: Candidate | None) -> Candidate:
-    """The candidate with its answer by the verdict: missing for the proposed effect and those tied with it."""
+@dataclass(frozen=True)
+class Together:
+    """Effects that together explain what no one of them, nor the first best set, explains.
+
+    Attributes
+    ----------
+    found : the effects as candidates, the strongest first, with sizes of a fit with all of them.
+    excess, explained : as of `Screening`, over the rows that fail.
+    """
+
+    found: tuple[Candidate, ...]
+    excess: float
+    explained: float
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Their keys."""
+        return tuple(c.key for c in self.found)
+
+
+def _listed_together(seen: Screening, seed: int, progress: Progress) -> Together | None:
+    """Several listed effects that explain a misfit with an apparently unlisted cause; None where none do.
+
+    They must explain as much as any set must, and the law of each must be the same in all runs.
+    """
+    if not seen.now.above:
+        return None
+    subset = found_together(seen.space, seed, progress)
+    if not subset.settled:
+        return None
+    # What fails elsewhere is judged with these in the model.
+    acting = frozenset[Row]().union(*(one.rows for one in subset.settled))
+    own = [row for row in seen.now.above if row in acting] or list(seen.now.above)
+    excess, after = seen.now.excess(own), subset.space.residual_beside([])
+    explained = 1.0 - after.excess(own) / excess
+    if explained < 1.0 - SELECTION.unexplained_share:
+        return None
+    settled = sorted(subset.settled, key=lambda one: -one.force)
+    alone = {c.key: c for c in (*seen.ranked, *seen.untestable)}
+    fitted, draws = subset.space.fitted, seen.space.draws
+    found = tuple(_as_found(alone[one.effect.key], one.effect, fitted, draws) for one in settled)
+    progress(Step(Stage.PARAMETER_CONSTANCY, subject=", ".join(c.key for c in found)))
+    for c in found:
+        runs = chow_test(seen.space, c, [other for other in found if other.key != c.key])
+        if runs is not None and runs.rejected:
+            return None
+    return Together(found, excess, explained)
+
+
+def _as_found(c: Candidate, effect: Effect, fitted: FittedModel, draws: int) -> Candidate:
+    """A candidate as missing, with shape constants of `effect`, sizes and intervals of a fit with it."""
+    at = [fitted.model.names.index(q.name) for q in effect.parameters]
+    sigma = np.sqrt(np.diag(fitted.covariance + fitted.covariance_sheet))[at]
+    return replace(
+        c, shape=dict(effect.shape), answer=Answer.MISSING, reason=Reason.PASSES, p=1.0 / (1.0 + draws),
+        values=tuple(map(float, fitted.theta[at])), ties=(),
+        interval=tuple(float(SELECTION.interval_quantile * one) for one in sigma),
+    )  # fmt: skip
+
+
+def _with_final_answer(c: Candidate, best: Candidate | None, found: Collection[str]) -> Candidate:
+    """The candidate with its answer by the verdict: missing for those found and those tied with the best."""
     tied = c.key in dict(best.ties) if best else False
-    if c.answer is Answer.MISSING and not tied and not (best and c.key == best.key):
+    if c.answer is Answer.MISSING and not tied and c.key not in found:
         pending = Pending.UNTIL_BEST_IS_ADDED if best else Pending.NOT_ENOUGH
     elif c.answer is Answer.NOT_NEEDED and best and tied:
         pending = Pending.TIED_WITH_BEST

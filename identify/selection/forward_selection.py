@@ -1,4 +1,4 @@
-"""Forward selection of the effects that together explain most, ties of candidates, and refinement of constants."""
+"""Forward selection of the effects that together explain most, and ties of candidates."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests
@@ -70,53 +69,6 @@ def same_losses(a: Array, b: Array) -> bool:
     if np.count_nonzero(active) < SELECTION.least_tied_blocks:
         return True
     return bool(scipy.stats.wilcoxon(difference[active]).pvalue > SELECTION.tied_significance)
-
-
-def refined(space: ScoreTests, c: Candidate) -> Candidate:
-    """The candidate with shape constants refined between the values of its grid, and its parameters for them.
-
-    p and gain remain those of the grid, over which the simulated runs were searched as well.
-    """
-    if not c.shape or not c.tested:
-        return c
-    effect = space.effects[c.key]
-    best, drop, found = dict(c.shape), -1.0, c
-    for name, values in effect.grids.items():
-        if len(values) < 2:
-            continue
-        low, high = _neighbours(values, best[name])
-        for _ in range(SELECTION.refinement_rounds):
-            count = SELECTION.refinement_values + 2
-            sides = np.linspace(low, best[name], count), np.linspace(best[name], high, count)
-            tried = np.unique(np.concatenate(sides))
-            falls, others = _falls(space, effect, [{**best, name: float(value)} for value in tried])
-            top = int(np.argmax(falls))
-            at = int(np.flatnonzero(tried == best[name])[0])
-            if falls[top] > falls[at] + (SELECTION.least_refinement_fall if drop < 0.0 else 0.0):
-                best[name], drop = float(tried[top]), falls[top]
-                found = replace(c, shape=dict(best), values=others[top][0], interval=others[top][1])
-            low, high = tried[max(0, top - 1)], tried[min(len(tried) - 1, top + 1)]
-    return found
-
-
-def _neighbours(values: tuple[float, ...], at: float) -> tuple[float, float]:
-    ordered = sorted(values)
-    i = min(range(len(ordered)), key=lambda k: abs(ordered[k] - at))
-    return ordered[max(0, i - 1)], ordered[min(len(ordered) - 1, i + 1)]
-
-
-def _falls(
-    space: ScoreTests, effect: Effect, shapes: list[dict[str, float]]
-) -> tuple[list[float], list[tuple[tuple[float, ...], tuple[float, ...]]]]:
-    """Fall of the weighted squares for each set of shape constants, and parameters with half of their intervals."""
-    inside, trials = space.beside([replace(effect, shape=shape) for shape in shapes], draws=False)
-    none = np.zeros((inside.sums.layout.width, 1))
-    # A gap that is never passed leaves nothing to compare.
-    seen = [bool(np.all(inside.remaining_energy(trial.place) > SELECTION.gone_share)) for trial in trials]
-    falls = [inside.scores(t.place, none)[0] if there else -1.0 for t, there in zip(trials, seen, strict=True)]
-    nothing = np.zeros(len(effect.parameters))
-    values = [inside.values(t.place) if there else (nothing, nothing) for t, there in zip(trials, seen, strict=True)]
-    return falls, [(tuple(map(float, v)), tuple(float(SELECTION.interval_quantile * x) for x in s)) for v, s in values]
 
 
 def best_set(space: ScoreTests, keys: Sequence[str]) -> list[str]:

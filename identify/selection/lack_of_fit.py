@@ -152,12 +152,11 @@ def residual_beside(
     columns: CandidateColumns,
     known: PartialRegression,
     added: Sequence[Effect] = (),
-    grid: Mapping[str, slice] | None = None,
 ) -> LackOfFit:
-    """Lack of fit after regression on model, zeros, sensor sheet and `added` effects; `grid` as in `beside`."""
+    """Lack of fit after regression on model, zeros, sensor sheet and `added` effects."""
     if not added:
         return residual_after(known.sums, known.total, known.nuisance, known.prior, known.prior_side)
-    inside, trials = beside(columns, known, added, grid or {})
+    inside, trials = beside(columns, known, added)
     fresh = {
         i: q.prior
         for trial in trials
@@ -260,5 +259,5 @@ def excess_is_coloured(lack: LackOfFit) -> bool:
         return False
     remainder = lack.remainder
     found = remainder.sums.samples.sum(ColourTask(remainder.measured, remainder.simulated, lack.above))
-    likely = found.smallest * found.count <= SELECTION.significance
+    likely = found.smallest * found.count <= SELECTION.failing_chance
     return likely and found.coloured > SELECTION.coloured_share * found.excess > 0.0

@@ -234,27 +234,27 @@ def _solved(G: Array, right: Array) -> Array:
 
 
 def beside(
-    columns: CandidateColumns, before: PartialRegression, effects: Sequence[Effect], grid: Mapping[str, slice] | None
+    columns: CandidateColumns, before: PartialRegression, effects: Sequence[Effect], draws: bool = True
 ) -> tuple[PartialRegression, tuple[Trial, ...]]:
     """Partial regression of effects at their present shapes on the nuisance columns of `before`, and their trials.
 
-    `grid` : key → place among `columns` of the effect's best shape, whose noise is used; None without simulated runs.
+    Noise in a shape between values of a grid is interpolated. `draws` : whether simulated runs are included.
     """
     linearisation, old_layout = columns.linearisation, columns.sums.layout
-    own = {trial.place.start: trial.effect for trial in old_layout.trials}
-    faults = [place for place in before.nuisance.tolist() if place in own]
-    layout = Layout.of(old_layout.model, old_layout.sheet, [*(own[place] for place in faults), *effects])
-    floor = linearisation.floor.without_draws() if grid is None else linearisation.floor
+    known = {trial.place.start: trial for trial in old_layout.trials}
+    kept = [known[place] for place in before.nuisance.tolist() if place in known]
+    layout = Layout.of(old_layout.model, old_layout.sheet, [*(trial.effect for trial in kept), *effects])
+    floor = linearisation.floor if draws else linearisation.floor.without_draws()
     sums = linearisation.runs.products(floor, layout, columns.sums.weighting.prior_stiffening, {}, 0)
-    # The sheet's faults now stand one behind the other; their priors stay those of the space.
-    plain = before.nuisance[: len(before.nuisance) - len(faults)]
-    moved = [trial.place.start for trial in layout.trials[: len(faults)]]
-    nuisance = np.concatenate([plain, moved]).astype(np.intp)
-    # Noise in a shape off the grid is nearly that of the best on it; shapes are compared by their own columns alone.
-    pairs = [(t.place, grid[t.effect.key]) for t in layout.trials[len(faults) :] if grid and t.effect.key in grid]
-    new = np.concatenate([nuisance, *(np.r_[place] for place, _ in pairs), [layout.right]]).astype(np.intp)
-    old = np.concatenate([before.nuisance, *(np.r_[place] for _, place in pairs), [old_layout.right]]).astype(np.intp)
-    noise = np.zeros_like(sums.total)
-    noise[np.ix_(new, new)] = before.column_noise[np.ix_(old, old)]
+    # The sheet's faults and the selected effects stand one behind the other; their priors stay those of the space.
+    plain = before.nuisance[before.nuisance < old_layout.model + len(old_layout.sheet)]
+    nuisance = np.concatenate([plain, *(np.r_[trial.place] for trial in layout.trials[: len(kept)])]).astype(np.intp)
+    weights = np.zeros((layout.width, old_layout.width))
+    weights[np.append(nuisance, layout.right), np.append(before.nuisance, old_layout.right)] = 1.0
+    plain, tried = columns.plain_layout, {effect.key for effect in columns.effects}
+    for trial in layout.trials[len(kept) :]:
+        for place, weight in plain.interpolation(trial.effect) if trial.effect.key in tried else []:
+            weights[trial.place, place] = weight * np.eye(place.stop - place.start)
+    noise = weights @ before.column_noise @ weights.T
     inside = PartialRegression(sums, nuisance, before.prior, noise, before.prior_side)
-    return inside, layout.trials[len(faults) :]
+    return inside, layout.trials[len(kept) :]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, StrEnum, auto
 from functools import cached_property
@@ -163,6 +163,11 @@ class ScoreTest:
         """The effect's key."""
         return self.trial.effect.key
 
+    @property
+    def colouring(self) -> float:
+        """σ of the estimates in simulated runs ÷ that for independent residuals, at least 1."""
+        return max(1.0, float(np.sqrt(np.mean(self.null) / len(self.values)))) if self.null.size else 1.0
+
 
 class ScoreTests:
     """Score tests of all candidates for a fitted model; model, zeros and sensor tolerances are nuisance parameters.
@@ -172,6 +177,7 @@ class ScoreTests:
     columns : columns of model, sensor sheet and candidates.
     noise : noise in the columns; None to compute it.
     progress : receives each step.
+    noise_ratio : row → noise ÷ noise by the sensor sheet; None to estimate it.
 
     Attributes
     ----------
@@ -183,18 +189,22 @@ class ScoreTests:
     noise_ratio : row → noise ÷ noise by the sensor sheet, at least 1; the simulated runs have this noise.
     """
 
-    def __init__(self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent):
+    def __init__(
+        self, columns: CandidateColumns, noise: RegressorNoise | None = None, progress: Progress = silent,
+        noise_ratio: Mapping[Row, float] | None = None,
+    ):  # fmt: skip
         self.columns, self.sums, self.layout = columns, columns.sums, columns.sums.layout
         self.linearisation = columns.linearisation
         self.effects: Mapping[str, Effect] = {effect.key: effect for effect in columns.effects}
         self.fitted, self.floor = columns.linearisation.fitted, columns.linearisation.floor
-        if noise is None or not noise.matches(regressor_labels(self.fitted, self.layout), self.floor.sigma):
+        if noise is None or not noise.matches(regressor_labels(self.fitted, columns.plain_layout), self.floor.sigma):
             progress(Step(Stage.REGRESSOR_NOISE))
             noise = self.linearisation.runs.regressor_noise(self.sums, self.floor.sigma, progress)
         self.noise = noise
-        self.noise_ratio = noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
-        noisy = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
-        self.regression = PartialRegression(self.sums, columns.nuisance, columns.prior, noisy, columns.prior_side)
+        noise = noise.at(regressor_labels(self.fitted, self.layout), columns.from_grid) if columns.own else noise
+        self.noise_ratio = noise_ratio or noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
+        self.column_noise = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
+        self.regression = self.regression_without(())
         self.without_tolerance = {
             trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
             for trial in self.layout.trials
@@ -204,7 +214,7 @@ class ScoreTests:
         }
         over_runs = self.sums.over_runs
         loud = [self.noise_ratio[row] * products for row, products in over_runs.null.items()]
-        there = columns.nuisance[self.layout.model :]
+        there = columns.nuisance[columns.tolerances]
         # What is drawn acts through the true channels, the columns have the channels' noise as well.
         self.null = (
             self.sums.over_runs.null_sheet + self.regression.total[:, there] @ columns.drawn + np.sum(loud, axis=0)
@@ -221,6 +231,35 @@ class ScoreTests:
             noise,
             progress,
         )
+
+    @property
+    def draws(self) -> int:
+        """Number of simulated runs."""
+        return self.floor.count
+
+    @property
+    def selected(self) -> frozenset[str]:
+        """Keys of the effects that are in the model beside the fit's own."""
+        return frozenset(trial.effect.key for trial in self.columns.selected)
+
+    def given(self, selected: Sequence[Effect], progress: Progress = silent) -> ScoreTests:
+        """Score tests beside other selected effects, with the shape constants that these have."""
+        ratios = np.array(list(self.residual_beside(selected).ratios.values()))
+        stiffening = max(1.0, float(np.sqrt(np.mean(ratios**2))))
+        columns = CandidateColumns.of(
+            self.linearisation, self.columns.effects, self.columns.seed, stiffening, progress, selected
+        )
+        return ScoreTests(columns, self.noise, progress)
+
+    def releasing(self, keys: Collection[str]) -> ScoreTests:
+        """Score tests beside the selected effects without those of `keys`, which are candidates again."""
+        kept = [trial for trial in self.columns.selected if trial.effect.key not in keys]
+        return ScoreTests(self.columns.given(kept), self.noise, noise_ratio=self.noise_ratio)
+
+    def regression_without(self, keys: Collection[str]) -> PartialRegression:
+        """Partial regression of all columns without the selected effects of `keys` among the nuisance columns."""
+        columns = self.columns.given([t for t in self.columns.selected if t.effect.key not in keys])
+        return PartialRegression(self.sums, columns.nuisance, columns.prior, self.column_noise, columns.prior_side)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 
@@ -255,7 +294,8 @@ class ScoreTests:
         return [
             self._test(trial)
             for trial in self.layout.trials
-            if np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
+            if trial.effect.key not in self.selected
+            and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         ]
 
     @cached_property
@@ -295,7 +335,7 @@ class ScoreTests:
         faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
         first, model = self.layout.model + len(self.layout.sheet), self.layout.model
         out: list[int] = []
-        for position in range(model, len(self.regression.nuisance)):
+        for position in self.columns.tolerances:
             place = int(self.regression.nuisance[position])
             entry = self.layout.sheet[place - model][:2] if place < first else None
             if mine & ({entry} if entry else faults[place].sheet_entries):
@@ -347,7 +387,7 @@ class ScoreTests:
         found = Candidate(
             effect.key, dict(effect.shape), rows=self._rows(place), coverage=coverage, size=size, drop=one.drop,
             values=tuple(float(x) for x in one.values),
-            interval=tuple(float(SELECTION.interval_quantile * x) for x in one.spread),
+            interval=tuple(float(SELECTION.interval_quantile * one.colouring * x) for x in one.spread),
         )  # fmt: skip
         if coverage < SELECTION.least_coverage:
             return replace(found, answer=Answer.NOT_TESTABLE, reason=Reason.FEW_BLOCKS)
@@ -370,13 +410,14 @@ class ScoreTests:
         turned = np.linalg.solve(self.sums.turn, np.eye(p))
         parts = (self.sums.turn @ gain[:p]) * (turned.T @ total[:p, k])
         shares: dict[str, float] = {}
+        selected = {i: t.effect.key for t in self.columns.selected for i in range(t.place.start, t.place.stop)}
         names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]
         for name, part in zip(names, parts, strict=True):
             shares[name] = shares.get(name, 0.0) + float(part) / whole
         for other, part in zip(
             self.regression.nuisance[p:].tolist(), gain[p:] * total[self.regression.nuisance[p:], k], strict=True
         ):
-            name = self.columns.sheet[other]
+            name = self.columns.sheet.get(other) or selected[other]
             shares[name] = shares.get(name, 0.0) + float(part) / whole
         ranked = sorted(
             ((key, share) for key, share in shares.items() if share > SELECTION.absorbed_share),
@@ -436,20 +477,16 @@ class ScoreTests:
 
     # -- effects added, at shapes of their own -------------------------------------------------------------------------
 
-    @property
-    def _grid(self) -> dict[str, slice]:
-        return {key: one.trial.place for key, one in self.best_tests.items()}
-
     def beside(self, effects: Sequence[Effect], draws: bool = True) -> tuple[PartialRegression, tuple[Trial, ...]]:
         """Partial regression of effects at their present shapes on model, zeros and sheet, and their trials.
 
         `draws` : whether noise and simulated runs are included.
         """
-        return beside(self.columns, self.regression, effects, self._grid if draws else None)
+        return beside(self.columns, self.regression, effects, draws)
 
     def residual_beside(self, added: Sequence[Effect]) -> LackOfFit:
         """Lack of fit with model, zeros, sensor sheet and the `added` effects."""
-        return residual_beside(self.columns, self.regression, added, self._grid if added else {})
+        return residual_beside(self.columns, self.regression, added)
 
     def residual_without_tolerance(self, key: str) -> LackOfFit:
         """Lack of fit with model, zeros and sheet, without the own tolerance of the sensor fault `key`."""
@@ -481,13 +518,14 @@ class ScoreTests:
     def family_wise(self, found: Sequence[Candidate]) -> list[Candidate]:
         """The candidates with family-wise p: their falls compared with the max-score statistic of simulated runs.
 
-        Falls are in units of their own mean under the null hypothesis: with a misfit, where the sheet's priors are
-        stiffened, a fault with a wide tolerance would else exceed all physics.
+        Falls are in units of their own mean over simulated and measured runs: with a misfit, where the sheet's priors
+        are stiffened, a fault with a wide tolerance would else exceed all physics.
         """
         tested = [self.best_tests[c.key] for c in found if c.tested]
         if not tested:
             return list(found)
-        means = {one.key: float(np.mean(one.null)) for one in tested}
+        # Simulated and measured runs alike: exchangeable when nothing is missing, so that p is exact for any number.
+        means = {one.key: float((np.sum(one.null) + one.drop) / (1 + one.null.size)) for one in tested}
         worst = np.max([one.null / means[one.key] for one in tested], axis=0)
         return [
             replace(c, p=float((1 + np.count_nonzero(worst >= c.drop / means[c.key])) / (1 + worst.size)))
@@ -536,9 +574,9 @@ class EnergyTask:
         return np.sum(parts, axis=0)
 
 
-def judged(c: Candidate, effect: Effect) -> Candidate:
-    """A tested candidate with its answer, missing or not needed, and the reason."""
-    if c.p > SELECTION.significance:
+def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
+    """A tested candidate with its answer, missing or not needed, and the reason; p is from `draws` simulated runs."""
+    if c.p > SELECTION.level(draws):
         return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
     if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
         return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.LITTLE)
@@ -547,9 +585,9 @@ def judged(c: Candidate, effect: Effect) -> Candidate:
     return replace(c, answer=Answer.MISSING, reason=Reason.PASSES)
 
 
-def is_significant(c: Candidate, effect: Effect) -> bool:
+def is_significant(c: Candidate, effect: Effect, draws: int) -> bool:
     """Whether a candidate is significant and of plausible size, whatever its gain."""
-    return c.p <= SELECTION.significance and c.gain > 0.0 and implausible(c, effect) is None
+    return c.p <= SELECTION.level(draws) and c.gain > 0.0 and implausible(c, effect) is None
 
 
 def implausible(c: Candidate, effect: Effect) -> int | None:

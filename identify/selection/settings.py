@@ -21,9 +21,18 @@ class SelectionSettings:
 
     # -- what may be proposed ------------------------------------------------------------------------------------------
 
-    significance: float = 0.05
+    significance: float = 0.01
     """Family-wise error of a proposal [probability]: the max-score statistic against simulated runs. Source: method
-    section 6, step 6; the usual 5 %."""
+    section 6, step 7."""
+    law_inexactness: float = 0.05
+    """RMS force by which a catalogue's law in the model may differ from the true one, ÷ that of the law [share]. A
+    further effect must explain more than its square. Source: docs/decisions/joint-search.md."""
+    selected_inexactness: float = 0.2
+    """The same for a law that is selected and not yet in the fit (its noise is that of other constants, and the floor
+    is one without it), and for the same law at another place: left and right are never equal [share]. Source:
+    docs/decisions/joint-search.md."""
+    most_refits: int = 4
+    """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
     least_gain: float = 0.01
     """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].
     Source: method section 6, step 7; docs/decisions/ranking.md, "A gain of 1 %"."""
@@ -65,10 +74,10 @@ class SelectionSettings:
     # -- when the cause is called unlisted -----------------------------------------------------------------------------
 
     most_together: int = 3
-    """Effects tried together before a cause is called unlisted [count]. Source: docs/ranking.md, step 8."""
+    """Effects tried together before a cause is called unlisted [count]. Source: docs/ranking.md, step 9."""
     set_share: float = 0.75
     """Part of the excess of its rows that the best set must explain, else the cause is not listed [share]. Source:
-    benchmark; docs/ranking.md, step 8."""
+    benchmark; docs/ranking.md, step 9."""
     set_chance: float = 0.01
     """The same only where no more of simulated runs leave as much [probability]. Source: benchmark;
     docs/decisions/ranking.md, "One in a hundred, not in twenty"."""
@@ -116,10 +125,17 @@ class SelectionSettings:
     least_tied_blocks: int = 6
     """Fewer blocks that differ are too few for signed ranks to be significant at 5 % [count]. Source: exact
     distribution of Wilcoxon's statistic (2 · 2⁻⁶ is the first below 5 %)."""
-    refinement_values: int = 3
-    """Values of a shape constant tried on each side of the best, in each round [count]. Source: a choice, not tuned."""
-    refinement_rounds: int = 2
-    """Rounds of that search [count]. Source: a choice, not tuned."""
+    rival_share: float = 0.5
+    """Part of an effect's fall of the weighted squares from which a candidate, on its grid, may be its rival [share].
+    Source: processor time."""
+    most_rivals: int = 6
+    """Rivals compared with an effect [count]. Source: processor time."""
+    most_constant_rounds: int = 12
+    """Rounds of the search for shape constants, a pass over the samples each [count]. Source: processor time."""
+    least_ratio_of_bounds: float = 4.0
+    """Upper ÷ lower bound of a constant from which it is searched in ratios [ratio]. Source: a choice, not tuned."""
+    least_constant_step: float = 0.1
+    """Step of that search, ÷ the first step, below which it ends [share]. Source: a choice, not tuned."""
     least_refinement_fall: float = 4.0
     """Fall of the weighted squares by which a value off the grid must be better at first [weighted squares]. Source:
     two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
@@ -196,6 +212,10 @@ class SelectionSettings:
     [share]. Source: numerical."""
     smallest_p_slack: float = 1e-12
     """Rounding allowed when a p is compared with the smallest there can be [probability]. Source: numerical."""
+
+    def level(self, draws: int) -> float:
+        """Probability up to which a result is significant: `significance`, or the least that `draws` runs can show."""
+        return max(self.significance, 1.0 / (1.0 + draws)) + self.smallest_p_slack
 
 
 SELECTION = SelectionSettings()

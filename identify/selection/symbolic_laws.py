@@ -76,7 +76,7 @@ def propose(linearisation: Linearisation, failing: Sequence[Row], seed: int) -> 
     found = [
         c
         for c in space.family_wise(space.try_all())
-        if c.tested and c.p <= SELECTION.significance and c.gain >= SELECTION.least_gain
+        if c.tested and c.p <= SELECTION.level(space.draws) and c.gain >= SELECTION.least_gain
     ]
     out: list[Formula] = []
     for c in sorted(found, key=lambda c: -c.total_gain):

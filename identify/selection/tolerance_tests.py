@@ -164,7 +164,7 @@ def tolerance_use(columns: CandidateColumns, known: PartialRegression, null_runs
     sizes: dict[str, float] = {}
     squares, null = 0.0, np.zeros(drawn.shape[1])
     for position, place in enumerate(map(int, known.nuisance)):
-        if place < layout.model:
+        if place not in columns.sigma:
             continue
         size, among = float(found[position]) / columns.sigma[place], place - layout.model
         entry = layout.sheet[among] if among < len(layout.sheet) else None

@@ -76,7 +76,7 @@ class _Exponentials:
         kept = every[every.imag >= 0.0]
         pair = np.where(kept.imag > 0.0, 2.0, 1.0)
         above = np.prod(1.0 - zeros[:, None] / kept, axis=0)
-        below = np.array([np.prod(1.0 - every[every != p] / p) for p in kept])
+        below = np.prod(1.0 - every[:, None] / kept, axis=0, where=every[:, None] != kept)
         residues = pair * gain * above / below
         mirrored = gain * np.prod(1.0 - zeros[:, None] * kept, axis=0) / np.prod(1.0 - every[:, None] * kept, axis=0)
         direct = gain * float(np.prod(zeros / every).real)
@@ -119,7 +119,8 @@ class _Exponentials:
         end = front + size - 1
         block, place = divmod(end, length)
         state = entering[:, block, 0] * self.powers[place + 1] + blocks[:, block, : place + 1] @ self.powers[place::-1]
-        ahead = end - (self.step - 1) - self.step * np.arange(lead, (front + size) // self.step)
+        kept = np.arange(lead, (front + size) // self.step, dtype=np.intp)
+        ahead = end - (self.step - 1) - self.step * kept
         out = out[:, lead : lead + ahead.size] + self._behind(state, series[:, end], ahead)
         return out + level
 

@@ -56,6 +56,7 @@ _FILLED: dict[AnyStage, str] = {
     Stage.PARAMETER_CONSTANCY: "whether {subject} is the same in all runs",
     Stage.REGRESSOR_NOISE_OF_EFFECT: "what noise does through {subject}",
     Stage.EFFECT_REMOVED: "the runs read again with {subject} removed",
+    Stage.FIT_WITH_EFFECTS: "a fit with {subject}",
     Stage.FLOOR_BESIDE_EFFECT: "the noise floor beside {subject}",
     ServiceStage.CAMPAIGN_PASS: "{subject}: {done} of {total} runs",
     ServiceStage.SIMULATING_RUN: "simulating {done} of {total}: {subject}",

@@ -19,6 +19,8 @@ from lacet.services.render.effect_text import not_measured
 
 def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
+    if len(d.found) > 1:
+        return _several(d)
     if d.best is not None:
         return _missing(d, d.best)
     return _unlisted(d) if d.unlisted else _nothing(d)
@@ -50,7 +52,7 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
     takes, chance = _takes(c), _chance(c, effect.as_fault is not None, draws)
     match c.reason:
         case Reason.CHANCE:
-            return f"{takes} Not needed: {chance}, more than {SELECTION.significance:g}."
+            return f"{takes} Not needed: {chance}, more than {SELECTION.level(draws):.2g}."
         case Reason.LITTLE:
             return f"{takes} Not needed: less than {100 * SELECTION.least_gain:g} % of any row, though {chance}."
         case Reason.IMPLAUSIBLE:
@@ -136,6 +138,16 @@ def _missing(d: Diagnosis, best: Candidate) -> str:
     return f"{best.key} is missing. {why(d, best)}{tied}"
 
 
+def _several(d: Diagnosis) -> str:
+    *first, last = [c.key for c in d.found]
+    each = "; ".join(f"{c.key}: {sizes(c, d.effects[c.key].parameters)}" for c in d.found)
+    return (
+        f"{', '.join(first)} and {last} are missing: added together they explain {100 * d.explained:.0f} % of what is "
+        f"above the noise floor in {_listed(d.failing)}. Their sizes, from a fit with all of them (95 %, tolerances of "
+        f"the sensors included): {each}."
+    )
+
+
 def _unlisted(d: Diagnosis) -> str:
     grounds = d.grounds
     if grounds.tolerance_exceeded:
@@ -207,7 +219,7 @@ def _nothing(d: Diagnosis) -> str:
         f"above its noise floor is {worst}, at {ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
         f"does, chance does with p = {least:.2g}."
     )
-    if small := [c for c in ranked if is_significant(c, d.effects[c.key])]:
+    if small := [c for c in ranked if is_significant(c, d.effects[c.key], d.draws)]:
         listed = ", ".join(
             f"{c.key} {c.gain_rms:.3g} {unit_of(c)} RMS, p = {c.p:.2g}" for c in small[: SELECTION.most_reported]
         )

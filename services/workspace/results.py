@@ -142,6 +142,7 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "verdict": d.verdict.value,
             "says": says(d),
             "best": d.best.key if d.best else None,
+            "found": [c.key for c in d.found],
             "candidates": [candidate_result(d, c) for c in d.candidates],
             "rows": dict(d.ratios),
             "excess": d.excess,

@@ -157,7 +157,7 @@ class Session:
         diagnosed: Callable[[Diagnosis], None] = lambda _: None,
         added: Callable[[Mapping[str, Any]], None] = lambda _: None,
     ) -> Search:  # fmt: skip
-        """Rank what is missing and add the best effect, repeatedly until none is missing.
+        """Rank what is missing and add what is found, the best first, repeatedly until nothing is missing.
 
         Parameters
         ----------
@@ -178,12 +178,13 @@ class Session:
             diagnosed(diagnosis)
             if diagnosis.best is None or len(changes) >= most:
                 return Search(tuple(diagnoses), tuple(changes))
-            before = self.study.version()
             expected = min(max(1, len(diagnosis.together)), most - len(changes))
-            self._announce(StudyPlan(self.values).search(before, expected))
-            after = self.add(diagnosis.best.key, diagnosis.best.shape)
-            changes.append(change_result(diagnosis.best.key, before.result["rows"], after.result["rows"]))
-            added(changes[-1])
+            self._announce(StudyPlan(self.values).search(self.study.version(), expected))
+            for found in diagnosis.found[: most - len(changes)]:
+                before = self.study.version()
+                after = self.add(found.key, found.shape)
+                changes.append(change_result(found.key, before.result["rows"], after.result["rows"]))
+                added(changes[-1])
 
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
         """Add an effect to the current version, with these shape constants or those found by the last diagnosis."""

@@ -48,6 +48,18 @@ class Layout:
         """Descriptions of the columns of sheet and trials, equal for equal layouts."""
         return (*map(str, self.sheet), *(f"{t.effect!r} {t.place}" for t in self.trials))
 
+    def interpolation(self, effect: Effect) -> list[tuple[slice, float]]:
+        """Places of an effect's trials around its shape constants, with the weights of multilinear interpolation.
+
+        Beyond the grid's values the outermost stand for it.
+        """
+        around: list[tuple[dict[str, float], float]] = [({}, 1.0)]
+        for name, values in effect.grids.items():
+            sides = _between(sorted(values), effect.shape[name])
+            around = [({**shape, name: at}, weight * w) for shape, weight in around for at, w in sides]
+        places = {_constants(t.effect): t.place for t in self.trials if t.effect.key == effect.key}
+        return [(places[tuple(sorted(shape.items()))], weight) for shape, weight in around if weight > 0.0]
+
     def of_keys(self, sizes: Mapping[str, float]) -> Iterator[tuple[slice, float]]:
         """Place of each trial whose effect is a key of `sizes`, with its size."""
         return ((t.place, sizes[t.effect.key]) for t in self.trials if t.effect.key in sizes)
@@ -61,3 +73,17 @@ class Layout:
     def width(self) -> int:
         """Number of columns."""
         return self.right + 1
+
+
+def _constants(effect: Effect) -> tuple[tuple[str, float], ...]:
+    return tuple(sorted((name, effect.shape[name]) for name in effect.grids))
+
+
+def _between(values: Sequence[float], at: float) -> list[tuple[float, float]]:
+    """Neighbours of `at` among ascending values, with the weights of linear interpolation."""
+    at = min(max(at, values[0]), values[-1])
+    above = min(range(len(values)), key=lambda i: (values[i] < at, i))
+    if values[above] == at:
+        return [(at, 1.0)]
+    low, high = values[above - 1], values[above]
+    return [(low, (high - at) / (high - low)), (high, (at - low) / (high - low))]

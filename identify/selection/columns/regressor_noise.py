@@ -82,6 +82,11 @@ class RegressorNoise:
         """Whether it was computed for these columns and rows: stored noise may be that of others."""
         return labels == self.labels and set(rows) <= self.totals.keys()
 
+    def at(self, labels: tuple[str, ...], weights: Array) -> RegressorNoise:
+        """The noise of other columns, described by `labels`: combinations (v, w) of these."""
+        totals = {row: weights @ total @ weights.T for row, total in self.totals.items()}
+        return replace(self, labels=labels, totals=totals)
+
     def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
         """(w, w) products of the noise in the columns of `sums`, rows `noise_ratio` times as noisy."""
         turn = np.eye(sums.layout.width)

@@ -92,13 +92,13 @@ def test_the_fit_beside_the_fault_is_as_the_one_before():
     """Without zeros or the bias of noise taken out where that was so, and with seconds that count less."""
     drive = driven(scaled(exact(), 0.05), 1)
     plain = fit(MODEL, [drive], FitOptions(zeros=False, unbias=False))
-    beside = extended(plain, KNOWN[HUB])
+    beside = extended(plain, [KNOWN[HUB]])
     assert not beside.assembly.zeros
     assert not beside.options.zeros
     assert not np.any(beside.correction)
     assert not beside.assembly.weights
     assert KNOWN[HUB] in beside.model.effects
-    robust = extended(fit(MODEL, [drive], FitOptions(robust=True, draws=2)), KNOWN[HUB])
+    robust = extended(fit(MODEL, [drive], FitOptions(robust=True, draws=2)), [KNOWN[HUB]])
     assert robust.assembly.weights
     assert robust.options.robust
     assert robust.assembly.zeros

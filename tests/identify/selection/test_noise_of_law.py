@@ -61,4 +61,5 @@ def test_what_noise_does_through_the_law_itself_is_no_other_cause(
     monkeypatch.setattr("lacet.identify.selection.score_tests.ScoreTests.residual_beside", leaving(0.2, family=0.01))
     monkeypatch.setattr("lacet.identify.selection.columns.ranked_runs.noise_through_effect", through)
     monkeypatch.setattr("lacet.identify.selection.diagnose.excess_is_coloured", lambda left: True)
+    monkeypatch.setattr("lacet.identify.selection.diagnose._listed_together", lambda *_: None)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict

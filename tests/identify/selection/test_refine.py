@@ -10,7 +10,7 @@ import pytest
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose
-from lacet.identify.selection.forward_selection import refined
+from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.verdicts import says

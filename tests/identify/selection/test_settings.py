@@ -15,7 +15,8 @@ from lacet.identify.selection.settings import SELECTION, SelectionSettings
 from tests.support.places import HOME
 
 ROOM = sorted((HOME / "identify" / "selection").glob("*.py"))
-WITH_COLUMNS = [*ROOM, *sorted((HOME / "identify" / "selection" / "columns").glob("*.py"))]
+FOLDERS = [HOME / "identify" / "selection" / name for name in ("columns", "joint")]
+WITH_COLUMNS = [*ROOM, *(file for folder in FOLDERS for file in sorted(folder.glob("*.py")))]
 MOST_FILES = 13
 MOST_NAMES = 12
 

@@ -77,6 +77,7 @@ def test_what_explains_little_of_what_fails_is_not_named(
         return [replace(c, total_gain=total_gain * c.total_gain) for c in measured(space)]
 
     monkeypatch.setattr(ScoreTests, "try_all", weaker)
+    monkeypatch.setattr("lacet.identify.selection.diagnose._listed_together", lambda *_: None)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -97,8 +98,8 @@ def test_a_latency_is_ranked_by_what_it_takes_off_beside_all_tolerances(
     found = diagnose(unlisted, floor, [latencies, HIDDEN])
     assert found.best is not None, says(found)
     assert found.best.key == HIDDEN.key
-    assert (
-        next(c for c in found.candidates if c.key == latencies.key).p <= SELECTION.significance
+    assert next(c for c in found.candidates if c.key == latencies.key).p <= SELECTION.level(
+        DRAWS
     )  # chance is not what puts it last
 
 
@@ -121,6 +122,7 @@ def test_a_rest_above_chance_calls_for_another_cause(
 ):
     """Six tenths explained are enough where chance leaves the others, and not where it does not."""
     monkeypatch.setattr("lacet.identify.selection.score_tests.ScoreTests.residual_beside", leaving(rest))
+    monkeypatch.setattr("lacet.identify.selection.diagnose._listed_together", lambda *_: None)
     assert diagnose(unlisted, floor, [HIDDEN, *CANDIDATES[:2]]).verdict == verdict
 
 
@@ -163,8 +165,8 @@ def test_what_takes_too_little_of_each_row_is_still_in_the_tie_set():
 def test_what_stands_out_may_be_small_but_is_plausible_and_no_chance(changed: dict, out: bool):
     effect = KNOWN["anti_roll_bar.front"]
     small = Candidate(effect.key, {}, p=0.01, gain=0.002, most=0.004, values=(400.0,), interval=(50.0,))
-    assert judged(small, effect).answer == "not needed"
-    assert is_significant(replace(small, **changed), effect) == out
+    assert judged(small, effect, 199).answer == "not needed"
+    assert is_significant(replace(small, **changed), effect, 199) == out
 
 
 def test_a_small_one_that_is_tied_is_not_called_needless(
@@ -178,8 +180,8 @@ def test_a_small_one_that_is_tied_is_not_called_needless(
     measured = judged
     small = "coulomb.front"
 
-    def needless(c: Candidate, effect: Effect) -> Candidate:
-        return replace(measured(c, effect), **({"answer": Answer.NOT_NEEDED} if c.key == small else {}))
+    def needless(c: Candidate, effect: Effect, draws: int) -> Candidate:
+        return replace(measured(c, effect, draws), **({"answer": Answer.NOT_NEEDED} if c.key == small else {}))
 
     monkeypatch.setattr("lacet.identify.selection.diagnose.judged", needless)
     found = diagnose(unlisted, floor, [*CANDIDATES, HIDDEN])
@@ -234,7 +236,7 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
     ("changed", "answer", "parts"),
     [
         ({}, "missing", ("12.3 N RMS off suspension.fl, suspension.fr", "40.0 ± 6 N", "never did as well in 39")),
-        ({"p": 0.2}, "not needed", ("p = 0.2", "0.05")),
+        ({"p": 0.2}, "not needed", ("p = 0.2", "0.025")),
         ({"gain": 0.004}, "not needed", ("less than 1 %",)),
         ({"values": (-40.0,)}, "not needed", ("-40 ± 6 N", "plausible: 0 to 500", "which no car has")),
         ({"values": (-4.0,)}, "missing", ("-4.0 ± 6 N",)),
@@ -243,7 +245,7 @@ def candidate(effect: Effect, **changed: object) -> Candidate:
 )
 def test_wording(changed: dict[str, object], answer: str, parts: Sequence[str]):
     effect = KNOWN["coulomb.front"]
-    said = judged(candidate(effect, **changed), effect)
+    said = judged(candidate(effect, **changed), effect, DRAWS)
     text = reason_text(said, effect, DRAWS)
     assert said.answer == answer, text
     assert len(sentences(text)) >= 2

@@ -1,0 +1,140 @@
+"""Shape constants of effects that are in the model together: a pattern search for those that explain most.
+
+Every round is one pass over the samples with a few further values of each constant; which combination of them explains
+most then follows from the cross products. Source: R. Hooke and T. A. Jeeves, "Direct search" solution of numerical and
+statistical problems, Journal of the ACM 8 (1961).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.partial_regression import PartialRegression
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.settings import SELECTION
+
+
+def with_best_constants(
+    space: ScoreTests, effects: Sequence[Effect], progress: Progress = silent, together: bool = True
+) -> list[Effect]:
+    """The effects with the shape constants, within their bounds, at which they explain most, `together` or each alone.
+
+    The search begins at the constants that they have and at all values of their grids, with steps of half the distance
+    between two of these.
+    """
+    found = list(effects)
+    steps = [_first_steps(effect) for effect in found]
+    for number in range(SELECTION.most_constant_rounds):
+        moving = [i for i, own in enumerate(steps) if own]
+        if not moving:
+            break
+        progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=", ".join(found[i].key for i in moving)))
+        grid = [effect.shapes() if own and number == 0 else [] for effect, own in zip(found, steps, strict=True)]
+        tried = [
+            [effect, *_around(effect, own), *further] for effect, own, further in zip(found, steps, grid, strict=True)
+        ]
+        fall = _Falls.of(space, tried)
+        chosen = [0] * len(found)
+        for i in moving:
+            others = chosen if together else [None] * len(found)
+            falls = [fall.of_choice([*others[:i], k, *others[i + 1 :]]) for k in range(len(tried[i]))]
+            chosen[i] = int(np.argmax(falls))
+            gained = falls[chosen[i]] - falls[0]
+            if gained < SELECTION.least_refinement_fall:
+                # Another value than that of the grid must be better by more than noise.
+                chosen[i] = chosen[i] if gained > 0.0 and found[i].shape != effects[i].shape else 0
+                steps[i] = _halved(tried[i][chosen[i]], steps[i])
+        found = [options[k] for options, k in zip(tried, chosen, strict=True)]
+    return found
+
+
+def refined(space: ScoreTests, c: Candidate) -> Candidate:
+    """The candidate with shape constants searched between the values of its grid, and its parameters for them.
+
+    p and gain remain those of the grid, over which the simulated runs were searched as well.
+    """
+    if not c.shape or not c.tested:
+        return c
+    (best,) = with_best_constants(space, [replace(space.effects[c.key], shape=c.shape)])
+    if best.shape == c.shape:
+        return c
+    inside, (trial,) = space.beside([best], draws=False)
+    values, spread = inside.values(trial.place)
+    half = SELECTION.interval_quantile * spread
+    return replace(c, shape=dict(best.shape), values=tuple(map(float, values)), interval=tuple(map(float, half)))
+
+
+def _scaled(effect: Effect, name: str) -> bool:
+    """Whether a constant is searched in ratios: its bounds are positive, and far apart."""
+    low, high = effect.bounds_of(name)
+    return low > 0.0 and high >= SELECTION.least_ratio_of_bounds * low
+
+
+def _first_steps(effect: Effect) -> dict[str, float]:
+    """Step of each constant: half the distance to the next value of its grid, or its ratio's logarithm."""
+    out: dict[str, float] = {}
+    for name in effect.shape:
+        values = np.unique(effect.grids[name])
+        scale = np.log(values) if _scaled(effect, name) else values
+        out[name] = float(np.min(np.diff(scale))) / 2 if values.size > 1 else 0.0
+    return {name: step for name, step in out.items() if step > 0.0}
+
+
+def _halved(effect: Effect, steps: dict[str, float]) -> dict[str, float]:
+    """Half the steps; none once they are small."""
+    first = _first_steps(effect)
+    if any(steps[name] < SELECTION.least_constant_step * first[name] for name in steps):
+        return {}
+    return {name: step / 2 for name, step in steps.items()}
+
+
+def _around(effect: Effect, steps: dict[str, float]) -> Iterator[Effect]:
+    """The effect with its constants one step, and two steps, to each side, within their bounds."""
+    names = list(steps)
+    moves = [move for move in itertools.product((-1, 0, 1), repeat=len(names)) if any(move)]
+    for move in [*moves, *(tuple(2 * m for m in move) for move in moves if np.count_nonzero(move) == 1)]:
+        shape = dict(effect.shape)
+        for name, by in zip(names, move, strict=True):
+            low, high = effect.bounds_of(name)
+            moved = shape[name] * np.exp(by * steps[name]) if _scaled(effect, name) else shape[name] + by * steps[name]
+            shape[name] = float(np.clip(moved, low, high))
+        if shape != dict(effect.shape):
+            yield replace(effect, shape=shape)
+
+
+@dataclass(frozen=True)
+class _Falls:
+    """Falls of the weighted squares by one option of each effect, all in the model together.
+
+    `places` : for each effect, the places of the columns of its options; `prior` 1 σ of each column's parameter.
+    """
+
+    inside: PartialRegression
+    places: list[list[slice]]
+    prior: Array
+
+    @classmethod
+    def of(cls, space: ScoreTests, tried: Sequence[Sequence[Effect]]) -> _Falls:
+        inside, trials = space.beside([option for options in tried for option in options], draws=False)
+        queue = iter(trials)
+        places = [[next(queue).place for _ in options] for options in tried]
+        prior = np.ones(inside.sums.layout.width)
+        for trial in trials:
+            prior[trial.place] = [q.prior for q in trial.effect.parameters]
+        return cls(inside, places, prior)
+
+    def of_choice(self, chosen: Sequence[int | None]) -> float:
+        """Fall by the option of each effect that is chosen; None for an effect that is left out."""
+        pairs = zip(self.places, chosen, strict=True)
+        at = np.concatenate([np.r_[options[k]] for options, k in pairs if k is not None])
+        score = self.inside.reduced[at, self.inside.sums.layout.right]
+        normal = self.inside.reduced[np.ix_(at, at)] + np.diag(self.prior[at] ** -2.0)
+        return float(score @ solved(normal, score[:, None])[:, 0])
