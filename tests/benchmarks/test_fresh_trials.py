@@ -40,7 +40,7 @@ def _bytes(folder: Path) -> dict[str, bytes]:
 @pytest.mark.usefixtures("short")
 def test_a_trial_is_the_same_bytes_each_time_and_tells_nothing(tmp_path: Path) -> None:
     trial = make("development", 1)
-    first, again = (_bytes(write(make("development", 1), tmp_path / name)) for name in "ab")
+    first, again = _bytes(write(trial, tmp_path / "a")), _bytes(write(make("development", 1), tmp_path / "b"))
     assert first == again
     assert set(first) == {
         "rig.toml", "vehicle.toml", *(f"used/{run}.parquet" for run in trial.used),
