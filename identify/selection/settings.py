@@ -31,6 +31,8 @@ class SelectionSettings:
     """The same for a law that is selected and not yet in the fit (its noise is that of other constants, and the floor
     is one without it), and for the same law at another place: left and right are never equal [share]. Source:
     docs/decisions/joint-search.md."""
+    most_selected: int = 12
+    """Effects selected together before a fit with them [count]. Source: processor time."""
     most_refits: int = 4
     """Fits with all effects found so far, each with a new noise floor and search [count]. Source: processor time."""
     least_gain: float = 0.01

@@ -20,6 +20,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import with_best_constants
@@ -152,7 +153,7 @@ def _fitted_with(before: Fit, effects: Sequence[Effect], count: int) -> tuple[Fi
         for effect in kept:
             at = [fitted.model.names.index(q.name) for q in effect.parameters]
             values = fitted.theta[at]
-            wald = float(values @ np.linalg.solve(covariance[np.ix_(at, at)], values))
+            wald = float(values @ solved(covariance[np.ix_(at, at)], values[:, None])[:, 0])
             p[effect.key] = count * float(scipy.stats.chi2.sf(wald, len(at)))
         worst = max(kept, key=lambda effect: p[effect.key])
         if p[worst.key] <= SELECTION.significance:
@@ -171,7 +172,7 @@ def search(alone: ScoreTests, settled: Sequence[Settled] = (), progress: Progres
     found, tried = Subset(alone, first, alone, settled=tuple(settled)), first
     seen: set[frozenset[str]] = set()
     while True:
-        while (step := _strongest(found, tried)) is not None:
+        while len(found.effects) < SELECTION.most_selected and (step := _strongest(found, tried)) is not None:
             progress(Step(Stage.FORWARD_SELECTION, len(found.effects) + 1, subject=step.key))
             added = replace(alone.effects[step.key], shape=step.shape)
             found = found.with_effects([*found.effects, added], progress)
