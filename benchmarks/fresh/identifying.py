@@ -16,6 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
+import lacet
+
 LAST_LINES = 3
 """Lines that are kept of what a program that failed said."""
 WELL = (0, 3)
@@ -83,6 +87,24 @@ def read(study: Path, said: Mapping[str, Any], seconds: float = 0.0) -> Verdict:
         list(said["failing"]) if unlisted else [], _ratios(last), _ratios(first),
         [{"verdict": s["verdict"], "best": s["best"], "explained": s["explained"]} for s in said["steps"]], seconds,
     )  # fmt: skip
+
+
+def held_of(folder: Path, study: Path, effects: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, float]]:
+    """Run held out → row → residual ÷ floor, of a model with these effects fitted to a folder's runs used.
+
+    Constants that an effect of the catalogue does not have are left out.
+    """
+    used, held = (sorted((folder / part).glob("*.parquet")) for part in ("used", "held"))
+    rig, vehicle = lacet.Rig.load(folder / "rig.toml"), lacet.Vehicle.load(folder / "vehicle.toml")
+    made = lacet.Study.create(study, used, held, rig, vehicle)
+    known = made.effects(rig.wheel_reference)
+    model = {
+        key: {name: value for name, value in shape.items() if name in known[key].grids}
+        for key, shape in effects.items()
+    }
+    with threadpool_limits(1):
+        version = lacet.Session(made).record(model, "what is hidden")
+    return _ratios({"result": version.result})
 
 
 def _ratios(version: Mapping[str, Any]) -> dict[str, dict[str, float]]:
