@@ -400,10 +400,15 @@ class ScoreTests:
         return replace(found, total_gain=one.gain_test.fall() if one.gain_test else self.regression.fall(place))
 
     def _absorbed(self, one: ScoreTest) -> tuple[tuple[str, float], ...]:
-        """Shares of a candidate's columns that effects of the model and sensor tolerances explain, largest first."""
+        """Shares of a candidate's columns that effects of the model and sensor tolerances explain, largest first.
+
+        Empty for columns of zeros: a channel that reads 0 throughout.
+        """
         place, total = one.trial.place, self.sums.total
         k = place.start + int(np.argmax(np.diag(self.regression.reduced)[place]))
         whole = float(total[k, k])
+        if whole == 0.0:
+            return ()
         # Shares of a regression, as products of coefficient and covariance, in the model's own parameters.
         p = self.layout.model
         gain = self.regression.gain[:, k]
