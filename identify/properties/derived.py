@@ -75,7 +75,7 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
     by_number = _jacobian(x, vehicle)
-    slopes = by_number @ table
+    slopes = _by_parameter(by_number, table)
     rows = rows_unseen(fitted)
     unseen = np.array([row is not None for row in rows])
     moved = (np.abs(by_number) > 0.0) & unseen
@@ -105,8 +105,19 @@ def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:
     return list(found), [unit for _, unit in found.values()], np.array([value for value, _ in found.values()])
 
 
+def _by_parameter(by_number: Array, table: Array) -> Array:
+    """(values, parameters) from derivatives by number; a value with an infinite one, an impossible car's, has NaN."""
+    finite = np.all(np.isfinite(by_number), axis=1)
+    slopes: Array = np.where(finite[:, None], by_number, 0.0) @ table
+    slopes[~finite] = np.nan
+    return slopes
+
+
 def _jacobian(x: Array, vehicle: Vehicle) -> Array:
-    """(values, numbers) by central differences, each number moved by 1e-5 of the largest of its kind."""
+    """(values, numbers) by central differences, each number moved by 1e-5 of the largest of its kind.
+
+    Infinite or NaN where a value is, as of a car without mass.
+    """
     blocks = np.array(BLOCKS)
     columns: list[Array] = []
     for i in range(x.size):
@@ -114,7 +125,8 @@ def _jacobian(x: Array, vehicle: Vehicle) -> Array:
         largest = float(np.max(np.abs(x[blocks == blocks[i]])))
         step[i] = 1e-5 * (largest or 1.0)
         up, down = (_values(x + sign * step, vehicle)[2] for sign in (1.0, -1.0))
-        columns.append((up - down) / (2.0 * step[i]))
+        with np.errstate(invalid="ignore"):
+            columns.append((up - down) / (2.0 * step[i]))
     return np.stack(columns, axis=1)
 
 

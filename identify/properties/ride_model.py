@@ -54,6 +54,8 @@ def modes(mass: Array, damping: Array, stiffness: Array) -> list[Mode]:
     if not np.all(np.isfinite(whole)) or np.any(np.linalg.eigvalsh(0.5 * (mass + mass.T)) <= 0.0):
         return []
     lower = -np.linalg.solve(mass, np.concatenate([stiffness, damping], axis=1))
+    if not np.all(np.isfinite(lower)):  # a mass so small that its inverse is not finite
+        return []
     solution = np.linalg.eig(np.concatenate([np.eye(2 * n)[n:], lower]))
     roots: NDArray[np.complex128] = np.asarray(solution[0], np.complex128)
     vectors: NDArray[np.complex128] = np.asarray(solution[1], np.complex128)

@@ -19,7 +19,7 @@ from lacet.identify.multibody.rigid_body import STANDARD_GRAVITY as G
 from lacet.identify.multibody.rigid_body import move_parameters
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import CornerNumbers, corner_numbers
-from lacet.identify.properties.derived import Derived, damper_curves, derived_values, ranges
+from lacet.identify.properties.derived import Derived, _by_parameter, damper_curves, derived_values, ranges
 from lacet.identify.properties.ride_model import modes, ride_values, roll_centre
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -311,3 +311,21 @@ def test_damper_curves_and_ranges(fitted: Fit, knowledge: Knowledge, truth: dict
     assert found["travel.fl"].low < -0.02
     assert found["travel.fl"].high > 0.02
     assert found["load.fl"].low < 4059 - 40 * 9.81 < found["load.fl"].high
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("mass", [0.0, 1e-318, -1200.0])
+def test_an_impossible_mass_gives_no_values_of_the_ride_and_no_warning(mass: float) -> None:
+    """As fits to channels that read 0 throughout have it."""
+    numbers = symmetric_car()
+    numbers = replace(numbers, chassis=mass / 1270.0 * numbers.chassis)
+    assert not np.isfinite(value(numbers, "heave.frequency"))
+    assert not np.isfinite(value(numbers, "roll.frequency"))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_value_with_an_infinite_derivative_has_none_by_any_parameter() -> None:
+    by_number = np.array([[np.inf, 1.0], [2.0, 1.0], [-np.inf, np.nan]])
+    slopes = _by_parameter(by_number, np.array([[0.0, 1.0, 3.0], [1.0, 0.0, 2.0]]))
+    assert np.all(np.isnan(slopes[[0, 2]]))
+    assert slopes[1].tolist() == [1.0, 2.0, 8.0]
