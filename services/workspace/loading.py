@@ -15,9 +15,10 @@ from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
+from lacet.identify.validation.channels.recorded_values import columns_at_rest, copied_columns
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
-from lacet.services.render import plausibility
+from lacet.services.render import channels, plausibility
 from lacet.services.render.rows import row_absence, run_notes
 
 
@@ -147,7 +148,9 @@ def prepare_run(
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
     drive = PreparedRun.of(run, vehicle, rig, filters)
-    warnings += [f"{run.name}: {plausibility.sentence(doubt)}" for doubt in doubtful_channels(drive)]
+    faults = [*map(channels.at_rest, columns_at_rest(run, rig)), *map(channels.copies, copied_columns(run))]
+    faults += map(plausibility.sentence, doubtful_channels(drive))
+    warnings += [f"{run.name}: {fault}" for fault in faults]
     moved = exchanged_wheels(drive)
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())

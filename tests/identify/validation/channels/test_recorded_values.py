@@ -1,0 +1,105 @@
+"""Columns that stand still and columns that are copies, in runs of the reference car; and none where there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CHANNELS, COLUMNS
+from lacet.daq.formats.open_run import open_run
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.identify.validation.channels.recorded_values import columns_at_rest, copied_columns
+from lacet.services.workspace.loading import load
+from tests.support.tables import CAR, piece, without, written
+
+RIG = Rig.load(CAR / "rig.toml")
+EVERY = [column for column, (channel, _) in COLUMNS.items() if not channel.optional]
+
+
+def with_column(run: Run, column: str, values: np.ndarray | float) -> Run:
+    """The run with other values in one column."""
+    channel, place = COLUMNS[column]
+    table = run.signals[channel.name].values.copy()
+    table[:, place] = values
+    return run.with_values({channel.name: table})
+
+
+def series_of(run: Run, column: str) -> np.ndarray:
+    """The values of one column."""
+    channel, place = COLUMNS[column]
+    return run.signals[channel.name].values[:, place]
+
+
+@pytest.mark.parametrize("column", EVERY)
+@pytest.mark.parametrize("value", [0.0, 14.0])
+def test_a_column_that_stands_still_all_the_time_is_told_with_its_seconds(column: str, value: float) -> None:
+    run = piece()
+    (found,) = columns_at_rest(with_column(run, column, value), RIG)
+    assert (found.column, found.value) == (column, value)
+    t = run.signals[COLUMNS[column][0].name].t
+    assert (found.start, found.stop) == (t[0], t[-1])
+
+
+def test_a_column_that_stops_is_told_from_then_on() -> None:
+    run = piece()
+    column = "laser.rl.hub"
+    t, values = run.signals[column].t, series_of(run, column).copy()
+    dead = t > 11.0
+    values[dead] = values[~dead][-1]
+    (found,) = columns_at_rest(with_column(run, column, values), RIG)
+    assert found.column == column
+    assert found.start == pytest.approx(11.0, abs=0.01)
+    assert found.stop == t[-1]
+
+
+def test_a_value_held_over_several_rows_is_no_rest() -> None:
+    """A slow instrument in a fast table, and a coarse one."""
+    run = piece()
+    held = np.repeat(series_of(run, "camera.fl.steer")[::5], 5)[: run.signals["camera.fl.steer"].t.size]
+    run = with_column(run, "camera.fl.steer", held)
+    coarse = np.round(series_of(run, "laser.fl.hub"), 3)
+    assert columns_at_rest(with_column(run, "laser.fl.hub", coarse), RIG) == []
+
+
+def test_a_car_that_stands_has_no_column_at_rest() -> None:
+    """Wheels and road stand still together, while the loads have their noise."""
+    run = piece()
+    for channel in (c for c in CHANNELS.values() if c.family in ("wheel.speed", "wheel.angle", "correvit.speed")):
+        run = run.with_values({channel.name: 0.0 * run.signals[channel.name].values})
+    assert columns_at_rest(run, RIG) == []
+
+
+@pytest.mark.parametrize(("column", "of"), [
+    ("laser.fr.hub", "laser.fl.hub"), ("wheel.rl.force.z", "wheel.rr.force.z"), ("imu.rate.y", "imu.rate.x"),
+    ("camera.fr.steer", "camera.fl.steer"), ("laser.rr.ground", "laser.rr.hub"),
+])  # fmt: skip
+def test_a_copy_is_told_with_what_it_is_a_copy_of(column: str, of: str) -> None:
+    run = piece()
+    (found,) = copied_columns(with_column(run, column, series_of(run, of)))
+    assert set(found.columns) == {column, of}
+
+
+@pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
+def test_nothing_is_said_of_sound_runs(name: str) -> None:
+    run = open_run(CAR / f"{name}.parquet")
+    assert columns_at_rest(run, RIG) == []
+    assert copied_columns(run) == []
+
+
+@pytest.mark.parametrize("gone", ["imu.", "imu.accel", "correvit", "laser.", "camera.fl", "wheel.", "wheel.fl.speed"])
+def test_what_was_not_measured_is_no_fault(gone: str) -> None:
+    run = without(piece(), gone)
+    assert columns_at_rest(run, RIG) == []
+    assert copied_columns(run) == []
+
+
+def test_a_user_is_told_when_runs_are_read(tmp_path: Path) -> None:
+    run = with_column(piece(), "wheel.fl.force.x", 14.0)
+    run = with_column(run, "laser.fr.hub", series_of(run, "laser.fl.hub"))
+    file = written(run, tmp_path / "run.parquet")
+    said = load([file], CAR / "rig.toml", CAR / "vehicle.toml").warnings
+    assert any("run: wheel.fl.force.x stands still at 14 from 5.00 to 15.00 s while others" in line for line in said)
+    assert any("run: laser.fr.hub is laser.fl.hub again, sample by sample" in line for line in said)
