@@ -142,8 +142,8 @@ def read_run(reference: RunReference, settings: Settings) -> ReadRun:
     warnings = [f"{run.name}: {problem}" for problem in run.problems]
     rig = Rig.parse(settings.rig) if settings.rig else find_rig(run, None)
     vehicle = settings.car if settings.vehicle else find_vehicle(run, None)
-    _, prepared = prepare_run(run, vehicle, rig, settings.filters, warnings)
-    return ReadRun(replace(reference, digest=digest), rig, vehicle, prepared, tuple(warnings))
+    ready = prepare_run(run, vehicle, rig, settings.filters, warnings)
+    return ReadRun(replace(reference, digest=digest), rig, vehicle, ready.prepared, tuple(warnings))
 
 
 @contextmanager

@@ -1,23 +1,85 @@
-"""Sentences about faults of single channels."""
+"""Sentences about faults of single channels: what was found, what it should be, and what to do."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+from lacet.daq.channels import COLUMNS
+from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandsStill
+from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects
+from lacet.identify.validation.channels.sizes import NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 
 
-def at_rest(found: StandsStill) -> str:
-    """A column that stands still, with its seconds and the remedy."""
-    return (
-        f"{found.column} stands still at {found.value:.6g} from {found.start:.2f} to {found.stop:.2f} s while others "
-        "of its kind move: the instrument or its wire is dead. Leave the channel, or these seconds, out"
+def sentence(found: RecordedFault) -> str:
+    """A fault that the recorded values of a channel show, in one line."""
+    match found:
+        case StandsStill(column, value, start, stop):
+            return (
+                f"{column} stands still at {value:.6g} from {start:.2f} to {stop:.2f} s while others of its kind move: "
+                "the instrument or its wire is dead. Leave the channel, or these seconds, out"
+            )
+        case Copies((first, *others)):
+            one = len(others) == 1
+            return (
+                f"{', '.join(others)} {'is' if one else 'are'} {first} again, sample by sample: "
+                f"{'one of them was' if one else 'all but one were'} written from the wrong channel. Export the table "
+                "anew, or leave out those that are wrong"
+            )
+        case TooQuiet(column, variation, noise, others):
+            unit = COLUMNS[column][0].unit
+            return (
+                f"{column} varies by {variation:.2g} {unit} (1 σ), less than its own noise of {noise:.2g} {unit}, "
+                f"where others of its kind vary by {others:.2g}: it is dead, or recorded in a larger unit"
+            )
+        case OtherSize(column, size, others):
+            unit = COLUMNS[column][0].unit
+            return (
+                f"{column} is {size / others:.2g} times as large as others of its kind ({size:.3g} and {others:.3g} "
+                f"{unit}): is it in another unit?"
+            )
+        case NegativeDistance(column, mean):
+            return f"{column} is {mean:.3g} m, where a distance is positive: it has the wrong sign"
+        case SteersAgainst(column, slope):
+            which = f"{column} steers" if column else "one of camera.fl.steer and camera.fr.steer steers"
+            return f"{which} against the other front wheel (slope {slope:.2f}): it has the wrong sign; left is positive"
+        case _:
+            raise AssertionError(found)
+
+
+def from_equations(found: ColumnFault | Suspects) -> str:
+    """What the car's own equations say of channels, in one line."""
+    if isinstance(found, Suspects):
+        names = ", ".join(f"{column} ({100.0 * part:.0f} %)" for column, part in found.columns.items())
+        return (
+            f"{_runs(found.runs)}: the base model leaves {found.misfit:.0f} times what noise explains, which no "
+            "missing effect does. Look at these channels first, whose scale or delay would explain most of it: "
+            f"{names}"
+        )
+    return f"{_runs(found.runs)}: {_fault(found)}"
+
+
+def _fault(found: ColumnFault) -> str:
+    column, value, half = found.column, found.value, found.half
+    misfit = (
+        f"the base model leaves {found.misfit:.3g} times what noise explains, and {found.remaining:.3g} without that"
     )
+    match found.fault:
+        case Fault.SIGN:
+            return f"{column} has the wrong sign: the car's equations need {value:.2f} ± {half:.2f} times it ({misfit})"
+        case Fault.UNIT:
+            return (
+                f"{column} is recorded in {found.unit}: the car's equations need {value:.3g} ± {half:.2g} times it "
+                f"({misfit})"
+            )
+        case Fault.LATE:
+            when = "later" if value > 0.0 else "earlier"
+            return (
+                f"{column} is {1e3 * abs(value):.0f} ± {1e3 * half:.0f} ms {when} than the rig says, other channels of "
+                f"its instrument are not ({misfit})"
+            )
 
 
-def copies(found: Copies) -> str:
-    """Columns with the same values, and the remedy."""
-    first, *others = found.columns
-    return (
-        f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} {first} again, sample by sample: "
-        f"{'one of them was' if len(others) == 1 else 'all but one were'} written from the wrong channel. Export the "
-        "table anew, or leave out those that are wrong"
-    )
+def _runs(runs: Mapping[str, tuple[float, float]]) -> str:
+    """Runs with the seconds looked at."""
+    return ", ".join(f"{name} ({abs(start):.1f} to {stop:.1f} s)" for name, (start, stop) in runs.items())

@@ -15,7 +15,8 @@ from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
-from lacet.identify.validation.channels.recorded_values import columns_at_rest, copied_columns
+from lacet.identify.validation.channels.recorded_faults import recorded_faults
+from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import channels, plausibility
@@ -39,6 +40,15 @@ class Loaded:
     def reference(self) -> str:
         """Wheel reference of the runs: ``contact`` or ``hub``."""
         return self.prepared[0].recording.reference
+
+
+@dataclass(frozen=True)
+class ReadyRun:
+    """A run without what is left out of it, and prepared; `sound` : whether units, signs and values raised no doubt."""
+
+    run: Run
+    prepared: PreparedRun
+    sound: bool
 
 
 def find_rig(run: Run, given: str | Path | None) -> Rig:
@@ -114,8 +124,7 @@ def load(
     if twice := sorted({str(p) for p in places if places.count(p) > 1}):
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
     warnings: list[str] = []
-    drives: list[PreparedRun] = []
-    runs: list[Run] = []
+    ready: list[ReadyRun] = []
     failed: list[LacetError] = []
     car: Vehicle | None = None
     sensors: Rig | None = None
@@ -126,32 +135,30 @@ def load(
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
-            run, drive = prepare_run(run, car, sensors if rig else find_rig(run, rig), filters, warnings)
-            runs.append(run)
-            drives.append(drive)
+            ready.append(prepare_run(run, car, sensors if rig else find_rig(run, rig), filters, warnings))
         except (RunError, NotIdentifiable) as error:
             failed.append(error)
             warnings.append(f"left out: {error}")
-    if not drives or car is None or sensors is None:
+    if not ready or car is None or sensors is None:
         raise failed[0]
+    drives = tuple(one.prepared for one in ready)
     references = {drive.recording.reference for drive in drives}
     if len(references) > 1:
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
-    return Loaded(car, sensors, tuple(drives), tuple(warnings), tuple(runs))
+    warnings += map(channels.from_equations, column_faults([one.prepared for one in ready if one.sound]))
+    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready))
 
 
-def prepare_run(
-    run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]
-) -> tuple[Run, PreparedRun]:
+def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
     """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
     drive = PreparedRun.of(run, vehicle, rig, filters)
-    faults = [*map(channels.at_rest, columns_at_rest(run, rig)), *map(channels.copies, copied_columns(run))]
-    faults += map(plausibility.sentence, doubtful_channels(drive))
-    warnings += [f"{run.name}: {fault}" for fault in faults]
-    moved = exchanged_wheels(drive)
+    recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
+    doubts = [plausibility.sentence(doubt) for doubt in doubtful_channels(drive)]
+    warnings += [f"{run.name}: {said}" for said in (*recorded, *doubts)]
+    moved = {} if recorded else exchanged_wheels(drive)
     if moved:
         pairs = ", ".join(f"the loads of {wheel} follow the tyre at {corner}" for wheel, corner in moved.items())
         warnings.append(
@@ -170,7 +177,7 @@ def prepare_run(
         found = sorted({row_absence(why) for why in drive.measured_rows.left_out.values()})
         reasons = "; ".join(found) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
-    return run, drive
+    return ReadyRun(run, drive, not (recorded or doubts or moved))
 
 
 def _named_apart(run: Run, path: Path, places: Sequence[Path]) -> Run:

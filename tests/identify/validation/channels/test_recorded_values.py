@@ -10,27 +10,13 @@ import pytest
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
-from lacet.daq.run import Run
 from lacet.identify.validation.channels.recorded_values import columns_at_rest, copied_columns
 from lacet.services.workspace.loading import load
+from tests.identify.validation.channels.spoilt_columns import series_of, with_column
 from tests.support.tables import CAR, piece, without, written
 
 RIG = Rig.load(CAR / "rig.toml")
 EVERY = [column for column, (channel, _) in COLUMNS.items() if not channel.optional]
-
-
-def with_column(run: Run, column: str, values: np.ndarray | float) -> Run:
-    """The run with other values in one column."""
-    channel, place = COLUMNS[column]
-    table = run.signals[channel.name].values.copy()
-    table[:, place] = values
-    return run.with_values({channel.name: table})
-
-
-def series_of(run: Run, column: str) -> np.ndarray:
-    """The values of one column."""
-    channel, place = COLUMNS[column]
-    return run.signals[channel.name].values[:, place]
 
 
 @pytest.mark.parametrize("column", EVERY)

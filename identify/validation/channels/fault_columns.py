@@ -1,0 +1,226 @@
+"""Equations of the base model on one run, beside them what a scale error or a delay of each channel would change.
+
+The left sides are linear in the wheel loads, so that the scale of one of their columns is estimated exactly, beside all
+parameters of the car; in the other channels it is a first-order estimate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lacet.daq.channels import CHANNELS
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import PhysicalEffect
+from lacet.identify.effects.catalogue import base_model
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.signals.decimation import decimated
+from lacet.identify.signals.filters import derivative
+from lacet.identify.signals.noise_draws import draw_noise
+
+BLOCKS = 8
+"""Blocks of a run, each left out in turn, from which the estimates have their spread (jackknife)."""
+_DRAWS = 8
+"""Simulated draws of noise behind the weights of the rows, known to about 2 %."""
+_PRIORS = 1e-3
+"""Weight of the parameters' priors in the first estimate, by which the equations are linearised."""
+
+
+@dataclass(frozen=True)
+class FaultEstimate:
+    """Estimates of a channel's column as the only one at fault.
+
+    Attributes
+    ----------
+    column : name in the exchange table.
+    scale, scale_spread : true ÷ recorded value, 1 for a sound column, and its 1 σ (jackknife).
+    delay, delay_spread : samples later than the rig says by this [s], and its 1 σ.
+    scale_fall, delay_fall : weighted squares that it takes away, ÷ number of samples.
+    noise, rate_noise : variance of the sheet's noise ÷ variance of the column, and of its rate, up to the fit's
+        cut-off: where it is not small, noise in the column biases the estimate towards that of a dead one.
+    """
+
+    column: str
+    scale: float
+    scale_spread: float
+    delay: float
+    delay_spread: float
+    scale_fall: float
+    delay_fall: float
+    noise: float
+    rate_noise: float
+
+
+@dataclass(frozen=True)
+class FaultColumns:
+    """Products of the base model's equations with the columns of all faults, by block of the run.
+
+    Attributes
+    ----------
+    columns : names of the channels' columns that a row depends on.
+    grams : (B, w, w) products of [nuisance, scale and delay of each column, left side], rows ÷ noise floor.
+    priors : (q,) 1 σ of the nuisance: parameters of the base model, zeros of all columns.
+    noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
+        fit's cut-off, times the number of samples.
+    count : number of samples.
+    """
+
+    columns: tuple[str, ...]
+    grams: Array
+    priors: Array
+    noise: Array
+    signal: Array
+    count: int
+
+    @classmethod
+    def of(cls, run: PreparedRun) -> FaultColumns | None:
+        """The products of a run, of a long one those of its first piece; None where no row can be formed."""
+        run = next(iter(run.pieces()))
+        if not run.rows:
+            return None
+        recording = run.recording
+        effects = [e for effect in base_model(recording.vehicle, recording.reference) if (e := effect.as_physics)]
+        priors = np.array([q.prior for effect in effects for q in effect.parameters])
+        sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors))
+        floor = _floor(run, sensitivity)
+        channels = sensitivity.channels
+        parts = {row: [run.matrix(effects, row) / floor[row]] for row in run.rows}
+        zeros: list[dict[Row, Array]] = []
+        faults: list[dict[Row, Array]] = []
+        for channel in channels:
+            zero, fault = _changes(run, sensitivity, channel)
+            zeros.append(zero)
+            faults.append(fault)
+        for some in (*zeros, *faults):
+            for row, found in parts.items():
+                found.append(some[row].T / floor[row])
+        grams = 0.0
+        for row, found in parts.items():
+            table = np.concatenate([*found, run.measured[row][:, None] / floor[row]], axis=1)
+            grams = grams + np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
+        names = [column for channel in channels for column in CHANNELS[channel].columns]
+        zero_priors = [
+            recording.rig.tolerance(channel, "zero") or recording.rig.noise(channel)
+            for channel in channels
+            for _ in CHANNELS[channel].columns
+        ]
+        variances = [_variances(run, channel) for channel in channels]
+        return cls(
+            tuple(names), np.asarray(grams), np.concatenate([priors, zero_priors]),
+            recording.t.size * np.concatenate([noise for noise, _ in variances]),
+            recording.t.size * np.concatenate([signal for _, signal in variances]),
+            sum(len(run.index[row]) for row in run.rows),
+        )  # fmt: skip
+
+    @classmethod
+    def joined(cls, parts: Sequence[FaultColumns]) -> FaultColumns:
+        """The products of several runs with the same columns, their zeros alike; of many runs, each is one block."""
+        many = len(parts) >= BLOCKS
+        return cls(
+            parts[0].columns,
+            np.concatenate([part.grams.sum(axis=0, keepdims=True) if many else part.grams for part in parts]),
+            parts[0].priors,
+            np.sum([part.noise for part in parts], axis=0),
+            np.sum([part.signal for part in parts], axis=0),
+            sum(part.count for part in parts),
+        )  # fmt: skip
+
+    @property
+    def block_count(self) -> int:
+        """Number of blocks."""
+        return len(self.grams)
+
+    @property
+    def misfit(self) -> float:
+        """Weighted squares that the base model leaves ÷ number of samples: 1 where it lacks nothing."""
+        return float(_reduced(self.grams.sum(axis=0), self.priors)[-1, -1]) / self.count
+
+    def estimates(self) -> list[FaultEstimate]:
+        """Every column's estimates, the one that explains most first; without those that change nothing."""
+        total = self.grams.sum(axis=0)
+        whole = _reduced(total, self.priors)
+        parts = [_reduced(total - block, self.priors) for block in self.grams]
+        values = _single(whole)
+        spread = _jackknife(np.stack([_single(part) for part in parts]))
+        fall = values**2 * np.diag(whole)[:-1] / self.count
+        noise = np.divide(self.noise, self.signal, out=np.full(self.noise.shape, np.inf), where=self.signal > 0.0)
+        out: list[FaultEstimate] = []
+        for i, column in enumerate(self.columns):
+            scale, delay = 2 * i, 2 * i + 1
+            if np.diag(whole)[scale] > 0.0 and np.isfinite(spread[[scale, delay]]).all():
+                falls = float(fall[scale]), float(fall[delay])
+                found = 1.0 - float(values[scale]), float(spread[scale]), float(values[delay]), float(spread[delay])
+                out.append(FaultEstimate(column, *found, *falls, float(noise[i, 0]), float(noise[i, 1])))
+        return sorted(out, key=lambda one: -max(one.scale_fall, one.delay_fall))
+
+
+def _first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors: Array) -> Array:
+    """(p,) parameters of least squares, every row weighted by its own variation."""
+    run.prepare(effects)
+    size = {row: float(np.std(run.measured[row])) or 1.0 for row in run.rows}
+    table = [run.matrix(effects, row) / size[row] for row in run.rows] + [_PRIORS * np.diag(1.0 / priors)]
+    right = [run.measured[row] / size[row] for row in run.rows] + [np.zeros(priors.size)]
+    return np.asarray(np.linalg.lstsq(np.concatenate(table), np.concatenate(right), rcond=None)[0], float)
+
+
+def _floor(run: PreparedRun, sensitivity: Sensitivity) -> dict[Row, float]:
+    """Row → RMS of the residual from the sheet's noise."""
+    squares = dict.fromkeys(run.rows, 0.0)
+    for drawn in sensitivity.noises(np.random.default_rng(0), _DRAWS):
+        for row, series in run.decimated(drawn).items():
+            squares[row] += float(np.sum(np.mean(series**2, axis=-1)))
+    return {row: float(np.sqrt(total / _DRAWS)) or 1.0 for row, total in squares.items()}
+
+
+def _changes(run: PreparedRun, sensitivity: Sensitivity, channel: str) -> tuple[dict[Row, Array], dict[Row, Array]]:
+    """Change of the rows by a channel's zeros, row → (k, n), and by scale and delay of its columns, row → (2 k, n)."""
+    values = run.recording.signals.value[channel]
+    rates = derivative(values, run.recording.filters.rate)
+    k, n = values.shape
+    change = np.zeros((k, 3 * k, n))
+    for i in range(k):
+        change[i, i] = 1.0
+        change[i, k + 2 * i] = values[i]
+        change[i, k + 2 * i + 1] = -rates[i]
+    found = run.decimated(sensitivity.response({channel: change}))
+    found = {row: found.get(row, np.zeros((3 * k, len(run.index[row])))) for row in run.rows}
+    return {row: a[:k] for row, a in found.items()}, {row: a[k:] for row, a in found.items()}
+
+
+def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:
+    """(k, 2) variances of the sheet's noise and of a channel: of columns and their rates, after the parallel filter."""
+    recording = run.recording
+    noise = draw_noise(recording, [channel], np.random.default_rng(0))[channel]
+
+    def variance(series: Array) -> Array:
+        rates = derivative(series, recording.filters.rate)
+        both = decimated(np.stack([series - np.mean(series, axis=1, keepdims=True), rates], axis=1), recording.filters)
+        return np.asarray(np.var(both, axis=-1), float)
+
+    return variance(noise), variance(recording.signals.value[channel])
+
+
+def _reduced(gram: Array, priors: Array) -> Array:
+    """Products of faults and left side with the nuisance removed (partial regression, its priors as equations)."""
+    q = priors.size
+    nuisance = gram[:q, :q] + np.diag(1.0 / priors**2)
+    size = 1.0 / np.sqrt(np.diag(nuisance))
+    scaled = nuisance * size * size[:, None]
+    explained = np.linalg.solve(scaled, size[:, None] * gram[:q, q:])
+    return gram[q:, q:] - (gram[q:, :q] * size) @ explained
+
+
+def _single(reduced: Array) -> Array:
+    """(f,) value of each fault alone; NaN where it changes nothing."""
+    squares = np.diag(reduced)[:-1]
+    return np.divide(reduced[:-1, -1], squares, out=np.full(squares.size, np.nan), where=squares > 0.0)
+
+
+def _jackknife(values: Array) -> Array:
+    """(f,) 1 σ of estimates from (B, f) those with one block left out."""
+    count = len(values)
+    return np.sqrt((count - 1) / count * np.sum((values - np.mean(values, axis=0)) ** 2, axis=0))

@@ -1,0 +1,232 @@
+"""One channel's column with another sign, in another unit or late, from the car's own equations.
+
+Beside all parameters of the base model the column's scale and delay are estimated (`fault_columns`). A fault is stated
+where the estimate excludes every value of a sound column, whatever the car lacks: a missing effect changes forces by
+parts of them, and is never worth a wheel's side force with the other sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum, auto
+from typing import Final
+
+import numpy as np
+import scipy
+
+from lacet.daq.channels import COLUMNS
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.validation.channels.fault_columns import BLOCKS, FaultColumns, FaultEstimate
+
+_CHANCE: Final = 1e-4
+"""Probability that an interval of the estimates misses the true value."""
+_USUAL: Final = 2.4
+"""Half of a 95 % interval ÷ spread, by Student's t of the blocks."""
+_TWICE: Final = 2.0
+"""Factor from which a scale is no calibration error, either way."""
+_OPPOSITE: Final = 0.1
+"""Distance from −1 within which a scale is taken for it."""
+_TENFOLD: Final = 10.0
+"""Factor from which a scale is another unit: no missing effect is worth nine tenths of a channel."""
+_NOISY: Final = 0.1
+"""Largest part of noise in a column's variance: an estimate is low by no more than that."""
+_NOISY_SIGN: Final = 0.3
+"""The same for a wrong sign, which noise makes smaller and not another."""
+_MATTERS: Final = 0.001
+"""Least fall of weighted squares ÷ samples for a scale: less moves no estimate."""
+_GROSS: Final = 30.0
+"""Misfit from which the columns that explain most of it are named: no effect that a car lacks is worth as much."""
+_SUSPECTS: Final = 4
+"""Largest number of columns named."""
+_PART: Final = 0.02
+"""Least part of all excess over the floor that a wrong sign takes away: what else is wrong may take the rest."""
+_EXPLAINS: Final = 0.8
+"""Least part of all excess over the floor that another unit takes away."""
+_LATE: Final = 0.010
+"""Delay from which a single column is late [s]: several times what sensor sheets leave open."""
+_SHOWS: Final = 0.03
+"""Least fall of weighted squares ÷ samples for a delay, and for a scale other than −1."""
+_LATE_PART: Final = 0.2
+"""Least part of the excess that a delay takes away, to first order and again when it is removed."""
+_TRIED: Final = 3
+"""Number of columns whose delay is removed, one at a time."""
+_STEPS: Final = 4
+"""Largest number of times that a delay is removed and estimated again."""
+_LATEST: Final = 0.06
+"""Largest delay that is looked for [s]: half a period at the fit's cut-off and more, where estimates mean nothing."""
+_CLOSE: Final = 1e-3
+"""Change of a delay with which it is settled [s]."""
+
+
+class Fault(Enum):
+    """A kind of fault of one column."""
+
+    SIGN = auto()
+    UNIT = auto()
+    LATE = auto()
+
+
+@dataclass(frozen=True)
+class ColumnFault:
+    """Fault of one column, from the equations of runs.
+
+    Attributes
+    ----------
+    column : name in the exchange table.
+    fault : its kind.
+    value, half : true ÷ recorded value, or delay [s], and half of its 95 % interval.
+    misfit, remaining : root of the weighted squares ÷ samples (1 : noise alone) as it is, and without the fault.
+    runs : run → the seconds looked at, from and to.
+    unit : in what the column seems to be recorded; empty where it is no question of unit.
+    """
+
+    column: str
+    fault: Fault
+    value: float
+    half: float
+    misfit: float
+    remaining: float
+    runs: Mapping[str, tuple[float, float]]
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Suspects:
+    """Columns that explain most of what the base model leaves in a run, where none is at fault for sure.
+
+    `misfit` : root of the weighted squares ÷ samples (1 : noise alone); `columns` : column → the part of the excess
+    that its scale or delay takes away, the largest first.
+    """
+
+    misfit: float
+    columns: Mapping[str, float]
+    runs: Mapping[str, tuple[float, float]]
+
+
+def column_faults(runs: Sequence[PreparedRun]) -> list[ColumnFault | Suspects]:
+    """Columns at fault in runs, or those to look at; empty where the equations hold.
+
+    Each run is looked at by itself first, one column a run at most; where no run shows a fault, all together.
+    """
+    runs = [next(iter(run.pieces())) for run in runs]
+    products = [FaultColumns.of(run) for run in runs]
+    each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
+    out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
+    if not out and len({found.columns for _, found in each}) == 1 and len(each) > 1:
+        joined = FaultColumns.joined([found for _, found in each])
+        seconds = {run.name: _seconds(run) for run, _ in each}
+        wrong = _first_wrong_scale(joined, joined.estimates(), seconds)
+        out = [wrong] if wrong is not None else []
+    return _together(out)
+
+
+def _seconds(run: PreparedRun) -> tuple[float, float]:
+    return float(run.recording.t[0]), float(run.recording.t[-1])
+
+
+def _together(found: Sequence[ColumnFault | Suspects]) -> list[ColumnFault | Suspects]:
+    """Faults of the same kind in the same column of several runs as one, with the values of the first.
+
+    Columns to look at are left out where other runs show which it is.
+    """
+    named = any(isinstance(one, ColumnFault) for one in found)
+    out: dict[object, ColumnFault | Suspects] = {}
+    for one in found:
+        if named and isinstance(one, Suspects):
+            continue
+        key = (one.column, one.fault) if isinstance(one, ColumnFault) else tuple(one.columns)
+        out[key] = replace(out[key], runs={**out[key].runs, **one.runs}) if key in out else one
+    return list(out.values())
+
+
+def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects | None:
+    """The fault of one run, or the columns to look at; None where the equations hold."""
+    estimates, misfit, seconds = products.estimates(), products.misfit, {run.name: _seconds(run)}
+    late = [
+        ColumnFault(column, Fault.LATE, delay, _USUAL * spread, misfit**0.5, remaining**0.5, seconds)
+        for column, delay, spread, remaining in _delays(run, estimates, misfit)
+        if remaining < _GROSS**2
+        and misfit - remaining > _LATE_PART * (misfit - 1.0)
+        and abs(delay) - _reach(BLOCKS) * spread > _LATE
+    ]
+    wrong = _first_wrong_scale(products, estimates, seconds)
+    if late or wrong is not None:
+        return min([*late, *([wrong] if wrong is not None else [])], key=lambda one: one.remaining)
+    if misfit**0.5 < _GROSS:
+        return None
+    parts = {one.column: max(one.scale_fall, one.delay_fall) / (misfit - 1.0) for one in estimates[:_SUSPECTS]}
+    return Suspects(misfit**0.5, parts, seconds)
+
+
+def _first_wrong_scale(
+    products: FaultColumns, estimates: Sequence[FaultEstimate], seconds: Mapping[str, tuple[float, float]]
+) -> ColumnFault | None:
+    """The first of the columns whose scale is certainly wrong; None where all may be right."""
+    misfit, reach = products.misfit, _reach(products.block_count)
+    for one in estimates:
+        if (fault := _wrong_scale(one, misfit, reach * one.scale_spread)) is not None:
+            remaining = max(0.0, misfit - one.scale_fall) ** 0.5
+            kind, unit = fault
+            half = _USUAL * one.scale_spread
+            return ColumnFault(one.column, kind, one.scale, half, misfit**0.5, remaining, seconds, unit)
+    return None
+
+
+def _reach(blocks: int) -> float:
+    return float(scipy.stats.t.ppf(1.0 - 0.5 * _CHANCE, blocks - 1))
+
+
+def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault, str] | None:
+    """Kind of fault, and unit, of a scale that is certainly wrong; None where it may be right."""
+    if one.noise > _NOISY_SIGN or one.scale_fall < max(_MATTERS, _PART * (misfit - 1.0)):
+        return None
+    if misfit - one.scale_fall > _GROSS**2:  # beside a misfit as large any value may come out
+        return None
+    opposite = abs(one.scale + 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
+    if opposite and one.scale + half < 1.0 / _TWICE:
+        return Fault.SIGN, ""
+    if one.noise > _NOISY or one.scale_fall < max(_SHOWS, _EXPLAINS * (misfit - 1.0)):
+        return None
+    if abs(one.scale) + half < 1.0 / _TENFOLD:
+        return Fault.UNIT, "thousandths of its unit"
+    return (Fault.UNIT, "thousands of its unit") if abs(one.scale) - half > _TENFOLD else None
+
+
+def _delays(
+    run: PreparedRun, estimates: Sequence[FaultEstimate], misfit: float
+) -> list[tuple[str, float, float, float]]:
+    """Column, delay [s], its 1 σ and remaining weighted squares ÷ samples, of columns that may be late.
+
+    The delay is removed from the recording and estimated again until it is settled: 30 ms are more than a first-order
+    estimate reaches.
+    """
+    least = max(_SHOWS, _LATE_PART * (misfit - 1.0))
+    able = [one for one in estimates if one.rate_noise < _NOISY and one.delay_fall > least]
+    out: list[tuple[str, float, float, float]] = []
+    for one in sorted(able, key=lambda one: -one.delay_fall)[:_TRIED]:
+        delay = one.delay
+        for _ in range(_STEPS):
+            if abs(delay) > _LATEST:
+                break
+            moved = FaultColumns.of(PreparedRun(_earlier(run.recording, one.column, delay), is_piece=True))
+            again = None if moved is None else next((e for e in moved.estimates() if e.column == one.column), None)
+            if moved is None or again is None:
+                break
+            now, remaining = again, moved.misfit
+            delay += now.delay
+            if abs(now.delay) < _CLOSE:
+                out.append((one.column, delay, now.delay_spread, remaining))
+                break
+    return out
+
+
+def _earlier(recording: Recording, column: str, delay: float) -> Recording:
+    """The recording with one column read `delay` [s] later, by cubic interpolation."""
+    channel, place = COLUMNS[column]
+    values = recording.signals.value[channel.name].copy()
+    samples = np.arange(values.shape[1], dtype=float)
+    at = np.clip(samples + delay * recording.filters.rate, 0.0, samples[-1])
+    values[place] = scipy.interpolate.CubicSpline(samples, values[place])(at)
+    return recording.with_signals(recording.signals.changed({channel.name: values}, recording.filters.rate))

@@ -1,0 +1,96 @@
+"""One column with another sign, in another unit or late, from the car's equations; none in sound runs."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import pytest
+
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.validation.channels.fault_columns import FaultColumns
+from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects, column_faults
+from lacet.services.render.channels import from_equations
+from tests.identify.validation.channels.spoilt_columns import LATE, spoilt_column
+from tests.support.tables import CAR, piece, without
+
+RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+
+
+def prepared(run: Run) -> PreparedRun:
+    return PreparedRun.of(run, VEHICLE, RIG)
+
+
+@cache
+def run_of(name: str) -> Run:
+    return piece(name, 2.0, 22.0)
+
+
+@pytest.mark.parametrize(("column", "name"), [
+    ("wheel.fl.force.y", "sine"), ("wheel.rr.force.x", "liftoff"), ("wheel.rl.moment.x", "sine"),
+])  # fmt: skip
+def test_a_wrong_sign_is_named_with_the_factor_that_the_equations_need(column: str, name: str) -> None:
+    (found,) = column_faults([prepared(spoilt_column(run_of(name), column, "sign"))])
+    assert isinstance(found, ColumnFault)
+    assert (found.column, found.fault) == (column, Fault.SIGN)
+    assert found.value == pytest.approx(-1.0, abs=max(0.1, 2.0 * found.half))
+    assert found.remaining < found.misfit
+    assert f"{column} has the wrong sign" in from_equations(found)
+
+
+@pytest.mark.parametrize("column", ["wheel.fl.moment.x", "wheel.fr.force.y"])
+def test_a_unit_is_named_with_its_factor(column: str) -> None:
+    (found,) = column_faults([prepared(spoilt_column(run_of("sine"), column, "× 1000"))])
+    assert isinstance(found, ColumnFault)
+    assert (found.column, found.fault, found.unit) == (column, Fault.UNIT, "thousandths of its unit")
+    assert "recorded in thousandths of its unit" in from_equations(found)
+
+
+@pytest.mark.parametrize(("column", "name"), [("laser.fr.hub", "rough"), ("imu.accel.y", "sine")])
+def test_a_late_column_is_named_with_its_delay(column: str, name: str) -> None:
+    """30 ms are more than a first-order estimate reaches: the delay is removed and estimated again."""
+    (found,) = column_faults([prepared(spoilt_column(run_of(name), column, "late"))])
+    assert isinstance(found, ColumnFault)
+    assert (found.column, found.fault) == (column, Fault.LATE)
+    assert found.value == pytest.approx(LATE, abs=0.002)
+    assert "ms later than the rig says" in from_equations(found)
+
+
+def test_runs_with_the_same_fault_share_a_line() -> None:
+    runs = [prepared(spoilt_column(run_of(name), "wheel.fl.force.y", "sign")) for name in ("sine", "sweep")]
+    (found,) = column_faults(runs)
+    assert list(found.runs) == ["sine", "sweep"]
+    assert from_equations(found).startswith("sine (2.0 to 22.0 s), sweep (2.0 to 22.0 s): wheel.fl.force.y has the ")
+
+
+def test_where_no_column_is_at_fault_for_sure_those_to_look_at_are_named() -> None:
+    """Two faults at once, of which neither alone explains the misfit."""
+    run = spoilt_column(run_of("sine"), "wheel.fl.force.y", "× 1000")
+    (found,) = column_faults([prepared(spoilt_column(run, "wheel.rr.force.y", "× 1000"))])
+    assert isinstance(found, Suspects)
+    assert {"wheel.fl.force.y", "wheel.rr.force.y"} <= set(found.columns)
+    assert found.misfit > 100.0
+    assert "Look at these channels first" in from_equations(found)
+
+
+@pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
+def test_nothing_is_said_of_sound_runs(name: str) -> None:
+    """Both anti-roll bars are missing in the base model, and no channel is blamed for it."""
+    assert column_faults([prepared(run_of(name))]) == []
+
+
+@pytest.mark.parametrize("gone", ["imu.", "laser.", "wheel.fl", "camera.fl", "correvit"])
+def test_what_was_not_measured_is_no_fault(gone: str) -> None:
+    assert column_faults([prepared(without(run_of("sine"), gone))]) == []
+
+
+def test_products_of_runs_add_up() -> None:
+    one, other = (FaultColumns.of(prepared(run_of(name))) for name in ("sine", "rough"))
+    assert one is not None
+    assert other is not None
+    both = FaultColumns.joined([one, other])
+    assert both.block_count == one.block_count + other.block_count
+    assert both.count == one.count + other.count
+    assert both.misfit >= (one.misfit * one.count + other.misfit * other.count) / both.count

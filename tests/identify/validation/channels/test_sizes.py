@@ -1,0 +1,79 @@
+"""Columns in other units and with other signs that their values show beside others of their kind."""
+
+from __future__ import annotations
+
+import pytest
+
+from lacet.daq.channels import COLUMNS
+from lacet.daq.formats.open_run import open_run
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.validation.channels.recorded_faults import recorded_faults
+from lacet.identify.validation.channels.sizes import (
+    SteersAgainst,
+    negative_distances,
+    opposed_steer,
+    other_sizes,
+    quiet_columns,
+)
+from lacet.services.render.channels import sentence
+from tests.identify.validation.channels.spoilt_columns import series_of, spoilt_column, with_column
+from tests.support.tables import CAR, piece, without
+
+RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+
+
+@pytest.mark.parametrize("column", [c for c, (channel, _) in COLUMNS.items() if not channel.optional and "wheel" in c])
+def test_a_wheel_s_column_in_thousands_is_quieter_than_its_noise(column: str) -> None:
+    run = spoilt_column(piece(), column, "÷ 1000")
+    found = [*quiet_columns(run, RIG), *other_sizes(run, RIG)]
+    assert {one.column for one in found} == {column}
+
+
+def test_a_load_cell_that_is_dead_but_for_a_little_noise_is_named() -> None:
+    run = piece()
+    load = series_of(run, "wheel.fr.force.z")
+    run = with_column(run, "wheel.fr.force.z", 14.0 + 1e-3 * (load - load.mean()))
+    (found,) = quiet_columns(run, RIG)
+    assert "wheel.fr.force.z varies by " in sentence(found)
+    assert "it is dead, or recorded in a larger unit" in sentence(found)
+
+
+@pytest.mark.parametrize("column", ["wheel.rl.force.z", "camera.fl.camber", "camera.rr.steer", "laser.fr.ground"])
+def test_a_column_in_thousandths_is_larger_than_the_others(column: str) -> None:
+    (found,) = other_sizes(spoilt_column(piece(), column, "× 1000"), RIG)
+    assert found.column == column
+    assert 500.0 < found.size / found.others < 2000.0
+    assert f"{column} is " in sentence(found)
+    assert sentence(found).endswith("is it in another unit?")
+
+
+@pytest.mark.parametrize("column", ["laser.fl.hub", "laser.rr.ground"])
+def test_a_distance_below_zero_has_the_wrong_sign(column: str) -> None:
+    (found,) = negative_distances(spoilt_column(piece(), column, "sign"))
+    assert sentence(found).startswith(f"{column} is -")
+
+
+@pytest.mark.parametrize("column", ["camera.fl.steer", "camera.fr.steer"])
+def test_the_front_wheel_that_steers_against_the_turn_is_named(column: str) -> None:
+    run = PreparedRun.of(spoilt_column(piece(), column, "sign"), VEHICLE, RIG)
+    found = opposed_steer(run)
+    assert found is not None
+    assert found.column == column
+    assert found.slope == pytest.approx(-1.0, abs=0.2)
+    assert f"{column} steers against the other front wheel" in sentence(found)
+
+
+def test_without_a_yaw_rate_one_of_the_two_steers_against_the_other() -> None:
+    run = spoilt_column(without(piece(), "imu"), "camera.fl.steer", "sign")
+    found = opposed_steer(PreparedRun.of(run, VEHICLE, RIG))
+    assert isinstance(found, SteersAgainst)
+    assert found.column == ""
+    assert "one of camera.fl.steer and camera.fr.steer steers" in sentence(found)
+
+
+@pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
+def test_nothing_is_said_of_sound_runs(name: str) -> None:
+    run = open_run(CAR / f"{name}.parquet")
+    assert recorded_faults(run, PreparedRun.of(run, VEHICLE, RIG)) == []
