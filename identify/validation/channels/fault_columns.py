@@ -6,7 +6,7 @@ parameters of the car; in the other channels it is a first-order estimate.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +21,7 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.signals.reconstruct import Recording
 
 BLOCKS = 8
 """Blocks of a run, each left out in turn, from which the estimates have their spread (jackknife)."""
@@ -28,6 +29,12 @@ _DRAWS = 8
 """Simulated draws of noise behind the weights of the rows, known to about 2 %."""
 _PRIORS = 1e-3
 """Weight of the parameters' priors in the first estimate, by which the equations are linearised."""
+
+
+_ANY_DELAY = 0.05
+"""Prior of the delay of a whole instrument, 1 σ [s]: `lacet check` estimates it, here it is not to be blamed on one of
+its channels."""
+_TIME_BASE = ("wheel.force", "wheel.moment")
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ class FaultColumns:
     ----------
     columns : names of the channels' columns that a row depends on.
     grams : (B, w, w) products of [nuisance, scale and delay of each column, left side], rows ÷ noise floor.
-    priors : (q,) 1 σ of the nuisance: parameters of the base model, zeros of all columns.
+    priors : (q,) 1 σ of the nuisance: parameters of the base model, zeros of all columns, delays of whole instruments.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
@@ -89,13 +96,9 @@ class FaultColumns:
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
         parts = {row: [run.matrix(effects, row) / floor[row]] for row in run.rows}
-        zeros: list[dict[Row, Array]] = []
-        faults: list[dict[Row, Array]] = []
-        for channel in channels:
-            zero, fault = _changes(run, sensitivity, channel)
-            zeros.append(zero)
-            faults.append(fault)
-        for some in (*zeros, *faults):
+        changes = [_changes(run, sensitivity, channel) for channel in channels]
+        delays = _of_instruments(recording, {c: fault for c, (_, fault) in zip(channels, changes, strict=True)})
+        for some in (*(zero for zero, _ in changes), *delays, *(fault for _, fault in changes)):
             for row, found in parts.items():
                 found.append(some[row].T / floor[row])
         grams = 0.0
@@ -110,7 +113,7 @@ class FaultColumns:
         ]
         variances = [_variances(run, channel) for channel in channels]
         return cls(
-            tuple(names), np.asarray(grams), np.concatenate([priors, zero_priors]),
+            tuple(names), np.asarray(grams), np.concatenate([priors, zero_priors, np.full(len(delays), _ANY_DELAY)]),
             recording.t.size * np.concatenate([noise for noise, _ in variances]),
             recording.t.size * np.concatenate([signal for _, signal in variances]),
             sum(len(run.index[row]) for row in run.rows),
@@ -189,6 +192,22 @@ def _changes(run: PreparedRun, sensitivity: Sensitivity, channel: str) -> tuple[
     found = run.decimated(sensitivity.response({channel: change}))
     found = {row: found.get(row, np.zeros((3 * k, len(run.index[row])))) for row in run.rows}
     return {row: a[:k] for row, a in found.items()}, {row: a[k:] for row, a in found.items()}
+
+
+def _of_instruments(recording: Recording, faults: Mapping[str, Mapping[Row, Array]]) -> list[dict[Row, Array]]:
+    """Change of the rows by a delay of each instrument as a whole, row → (1, n); without that of the wheel loads.
+
+    That one is the time base: a delay that all instruments have in common changes nothing.
+    """
+    by_sensor: dict[str, dict[Row, Array]] = {}
+    for channel, changes in faults.items():
+        sensor = recording.rig.sensor_of(channel)
+        if sensor is None or CHANNELS[channel].family in _TIME_BASE:
+            continue
+        whole = by_sensor.setdefault(sensor.name, {row: np.zeros((1, a.shape[1])) for row, a in changes.items()})
+        for row, table in changes.items():
+            whole[row] = whole[row] + table[1::2].sum(axis=0)
+    return list(by_sensor.values())
 
 
 def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:

@@ -43,11 +43,16 @@ _SUSPECTS: Final = 4
 _PART: Final = 0.02
 """Least part of all excess over the floor that a wrong sign takes away: what else is wrong may take the rest."""
 _EXPLAINS: Final = 0.8
-"""Least part of all excess over the floor that another unit takes away."""
+"""Least part of all excess over the floor that another unit takes away, or a delay."""
+_MUCH: Final = 3.0
+"""Fall of weighted squares ÷ samples of another unit, and of a delay that explains a part only: errors within a sensor
+sheet are worth less than 1, a column in thousandths has a thousandfold noise."""
 _LATE: Final = 0.010
 """Delay from which a single column is late [s]: several times what sensor sheets leave open."""
 _SHOWS: Final = 0.03
-"""Least fall of weighted squares ÷ samples for a delay, and for a scale other than −1."""
+"""Least fall of weighted squares ÷ samples for a delay."""
+_LITTLE: Final = 0.005
+"""The same in all runs together, where a delay is the same in each."""
 _LATE_PART: Final = 0.2
 """Least part of the excess that a delay takes away, to first order and again when it is removed."""
 _TRIED: Final = 3
@@ -115,11 +120,23 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[ColumnFault | Suspects]:
     each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
     if not out and len({found.columns for _, found in each}) == 1 and len(each) > 1:
-        joined = FaultColumns.joined([found for _, found in each])
-        seconds = {run.name: _seconds(run) for run, _ in each}
-        wrong = _first_wrong_scale(joined, joined.estimates(), seconds)
-        out = [wrong] if wrong is not None else []
+        found = _joint_fault(FaultColumns.joined([found for _, found in each]), [run for run, _ in each])
+        out = [found] if found is not None else []
     return _together(out)
+
+
+def _joint_fault(products: FaultColumns, runs: Sequence[PreparedRun]) -> ColumnFault | None:
+    """The fault of one column in all runs together, too small to be seen in one; None where there is none."""
+    estimates, misfit, seconds = products.estimates(), products.misfit, {run.name: _seconds(run) for run in runs}
+    if (wrong := _first_wrong_scale(products, estimates, seconds)) is not None or not estimates:
+        return wrong
+    one = max(estimates, key=lambda one: one.delay_fall)
+    least = abs(one.delay) - _reach(products.block_count) * one.delay_spread
+    fall = one.delay_fall
+    if one.rate_noise > _NOISY or not least > _LATE or fall < max(_LITTLE, _EXPLAINS * (misfit - 1.0)):
+        return None
+    half, remaining = _USUAL * one.delay_spread, max(0.0, misfit - fall) ** 0.5
+    return ColumnFault(one.column, Fault.LATE, one.delay, half, misfit**0.5, remaining, seconds)
 
 
 def _seconds(run: PreparedRun) -> tuple[float, float]:
@@ -148,7 +165,7 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
         ColumnFault(column, Fault.LATE, delay, _USUAL * spread, misfit**0.5, remaining**0.5, seconds)
         for column, delay, spread, remaining in _delays(run, estimates, misfit)
         if remaining < _GROSS**2
-        and misfit - remaining > _LATE_PART * (misfit - 1.0)
+        and _is_large(misfit - remaining, misfit)
         and abs(delay) - _reach(BLOCKS) * spread > _LATE
     ]
     wrong = _first_wrong_scale(products, estimates, seconds)
@@ -158,6 +175,11 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
         return None
     parts = {one.column: max(one.scale_fall, one.delay_fall) / (misfit - 1.0) for one in estimates[:_SUSPECTS]}
     return Suspects(misfit**0.5, parts, seconds)
+
+
+def _is_large(fall: float, misfit: float) -> bool:
+    """Whether a delay explains all that the base model leaves, or so much that a missing effect may hold the rest."""
+    return fall > _EXPLAINS * (misfit - 1.0) or fall > max(_MUCH, _LATE_PART * (misfit - 1.0))
 
 
 def _first_wrong_scale(
@@ -187,7 +209,7 @@ def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault,
     opposite = abs(one.scale + 1.0) < max(_USUAL * one.scale_spread, _OPPOSITE)
     if opposite and one.scale + half < 1.0 / _TWICE:
         return Fault.SIGN, ""
-    if one.noise > _NOISY or one.scale_fall < max(_SHOWS, _EXPLAINS * (misfit - 1.0)):
+    if one.noise > _NOISY or one.scale_fall < max(_MUCH, _EXPLAINS * (misfit - 1.0)):
         return None
     if abs(one.scale) + half < 1.0 / _TENFOLD:
         return Fault.UNIT, "thousandths of its unit"
