@@ -27,6 +27,7 @@ class ServiceStage(Enum):
     BODY_CONSISTENCY = auto()
     CONSISTENT_FIT = auto()
     INSTRUMENTS = auto()
+    POSITION = auto()
     CANDIDATES = auto()
     # Campaign
     CAMPAIGN_PASS = auto()

@@ -1,4 +1,4 @@
-"""``lacet check``: check sensors against the rig file: noise, latencies, and the bias of a fit from noise."""
+"""``lacet check``: check sensors against the rig file: noise, latencies, position of the inertial unit, noise bias."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from lacet.identify.regression.latency import Timings, estimate_latencies
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.signals.noise_level import measured_noise
+from lacet.identify.validation.channels.unit_position import unit_position
 from lacet.identify.validation.score import compare, worst_row
 from lacet.services.commands.progress import Line
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, planned
@@ -27,12 +28,13 @@ from lacet.services.workspace.results import scores
 from lacet.services.workspace.rig_text import with_latencies
 from lacet.services.workspace.study import Study
 
-HELP = "check the sensors' noise and latencies against the rig file, and the fit for bias by noise"
+HELP = "check the sensors' noise, latencies and position against the rig file, and the fit for bias by noise"
 DESCRIPTION = """\
-Are the sensors as the rig file says? Three questions, answered from ordinary runs:
+Are the sensors as the rig file says? Four questions, answered from ordinary runs:
 
   noise    each channel's noise from the upper part of its spectrum, against the rig's sheet
   latency  each sensor's latency, estimated together with the model's parameters, against the rig's
+  position where the inertial unit is, by axis, estimated in the same way, against the rig's
   bias     whether noise biases the parameters, and whether the sheet's noise explains it: even and odd samples of
            every channel are fitted as each other's instruments (Durbin-Wu-Hausman test)
 
@@ -44,7 +46,7 @@ Latencies are relative to a time base, the sensor of the wheel loads: a common s
 interval is wider than 5 ms is not testable with these runs; fast steering and rough roads help. Latencies follow what
 a model lacks, so diagnose first. The other questions are answered with the latencies found."""
 
-QUESTIONS = ("noise", "latency", "bias")
+QUESTIONS = ("noise", "latency", "position", "bias")
 _DRAWS = 6
 
 
@@ -74,8 +76,8 @@ def run(args: argparse.Namespace) -> int:
     with Line("check") as line:
         stages = [ServiceStage.READING_RUN]
         stages += [Stage.LATENCIES, ServiceStage.COMPARING] * ("latency" in asked)
-        if "bias" in asked:
-            stages += [ServiceStage.FITTING] * ("latency" not in asked) + [ServiceStage.INSTRUMENTS]
+        stages += [ServiceStage.FITTING] * (bool({"position", "bias"} & set(asked)) and "latency" not in asked)
+        stages += [ServiceStage.POSITION] * ("position" in asked) + [ServiceStage.INSTRUMENTS] * ("bias" in asked)
         line.progress(planned(stretch(stage, len(args.runs)) for stage in stages))
         loaded, model = _load(args, line.progress)
         result |= {
@@ -117,9 +119,15 @@ def run(args: argparse.Namespace) -> int:
                 print(f"The search had not settled after {timings.steps} readings: distrust these values.")
             if args.write_rig is not None:
                 _write(args.write_rig, loaded, timings)
-        if "bias" in asked:
+        if fitted is None and {"position", "bias"} & set(asked):
             line.progress(ServiceStep(ServiceStage.FITTING))
-            fitted = fitted or fit(model, loaded.prepared)
+            fitted = fit(model, loaded.prepared)
+        if "position" in asked and fitted is not None:
+            line.progress(ServiceStep(ServiceStage.POSITION))
+            axes = unit_position(fitted)
+            result["position"] = checking.position_result(axes)
+            print(f"\nInertial unit, in body axes:\n{sensor_report.position_table(axes)}", flush=True)
+        if "bias" in asked and fitted is not None:
             line.progress(ServiceStep(ServiceStage.INSTRUMENTS))
             found = fit_instruments(fitted, pairs_of(fitted, loaded.runs))
             result["bias"] = checking.bias_result(found, loaded.vehicle)

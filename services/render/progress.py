@@ -29,6 +29,7 @@ _PLAIN: dict[AnyStage, str] = {
     ServiceStage.MANOEUVRE_PHASES: "the phases of driving",
     ServiceStage.BODY_CONSISTENCY: "testing whether these bodies can exist",
     ServiceStage.INSTRUMENTS: "fitting again with instruments",
+    ServiceStage.POSITION: "fitting again with the inertial unit's position",
     ServiceStage.CONSISTENT_FIT: "looking for the nearest bodies that can",
     Stage.RESIDUAL_SPECTRA: "the residual in frequency",
     Stage.RESTORING_FORCES: "restoring-force surfaces",

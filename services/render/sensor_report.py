@@ -9,6 +9,7 @@ from typing import Any
 
 from lacet.identify.regression.latency import SensorTiming, Timings
 from lacet.identify.signals.noise_level import NoiseLevel
+from lacet.identify.validation.channels.unit_position import AxisPosition
 from lacet.services.render.tables import number, table
 
 LEVEL = 0.01
@@ -69,6 +70,20 @@ def latency_table(timings: Timings) -> str:
             [s.sensor, f"{1e3 * s.rig:.1f}", f"{1e3 * s.found:.{digits}f}", f"± {1e3 * s.half:.{digits}f}", says]
         )
     return _with_verdicts(["sensor", "rig ms", "found ms", "95 %", "verdict"], rows)
+
+
+def position_table(found: Sequence[AxisPosition]) -> str:
+    """Position of the inertial unit by body axis [mm]."""
+    rows: list[list[str]] = []
+    for one in found:
+        if not one.testable:
+            why = f"not testable with these runs: ± {1e3 * one.half:.0f} mm"
+            rows.append([one.axis, f"{1e3 * one.rig:.0f}", "-", "-", why])
+            continue
+        off = f"{1e3 * (one.found - one.rig):+.0f} mm"
+        says = "agrees" if one.agrees else f"differs from the rig by {off}: inertias and heights are off with it"
+        rows.append([one.axis, f"{1e3 * one.rig:.0f}", f"{1e3 * one.found:.1f}", f"± {1e3 * one.half:.1f}", says])
+    return _with_verdicts(["axis", "rig mm", "found mm", "95 %", "verdict"], rows)
 
 
 def _with_verdicts(head: list[str], rows: list[list[str]], text_columns: int = 1) -> str:

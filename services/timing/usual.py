@@ -13,12 +13,13 @@ from lacet.services.progress import AnyStage, ServiceStage, Stretch
 
 USUAL: Mapping[AnyStage, float] = {
     # for each run
-    ServiceStage.READING_RUN: 0.57,
+    ServiceStage.READING_RUN: 1.0,
     ServiceStage.STRUCTURE: 0.5,
     ServiceStage.FITTING: 0.9,
     Stage.NOISE_CORRECTION: 1.15,
     Stage.LATENCIES: 4.0,
     ServiceStage.INSTRUMENTS: 1.0,
+    ServiceStage.POSITION: 1.5,
     ServiceStage.BODY_CONSISTENCY: 0.3,
     ServiceStage.CONSISTENT_FIT: 1.0,
     ServiceStage.COMPARING: 0.7,

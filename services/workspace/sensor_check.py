@@ -1,4 +1,4 @@
-"""Check of the sensors against the rig file, as plain data: noise, latencies, and bias from noise."""
+"""Check of the sensors against the rig file, as plain data: noise, latencies, a position, and bias from noise."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
 from lacet.identify.regression.instrumental_variables import Contrast, Instruments
 from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
+from lacet.identify.validation.channels.unit_position import AxisPosition
 from lacet.services.render.sensor_report import not_testable, unmeasured
 
 DISTRUST = 1.5
@@ -53,6 +54,17 @@ def latency_result(timings: Timings, trust: tuple[str, float]) -> dict[str, Any]
             for s in timings.sensors
         ],
     }  # fmt: skip
+
+
+def position_result(found: Sequence[AxisPosition]) -> list[dict[str, Any]]:
+    """Position of the inertial unit by axis as plain data."""
+    return [
+        {
+            "axis": one.axis, "rig": one.rig, "found": one.found, "half95": one.half, "tolerance": one.tolerance,
+            "testable": one.testable, "agrees": one.agrees if one.testable else None,
+        }
+        for one in found
+    ]  # fmt: skip
 
 
 @dataclass(frozen=True)

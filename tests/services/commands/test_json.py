@@ -114,12 +114,14 @@ def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     latency = {s["sensor"]: s for s in result["latency"]["sensors"]}
     assert latency["imu"]["agrees"]
     assert latency["correvit"]["half95"] is None
+    assert [one["axis"] for one in result["position"]] == ["x", "y", "z"]
+    assert all(one["agrees"] for one in result["position"] if one["testable"])
     assert Rig.load(rig) == replace(Rig.load(CAR / "rig.toml"), folder=tmp_path, text=rig.read_text("utf-8"))
     text = capsys.readouterr().out
     for part in ("time base", "not testable with these runs", "agrees with the instruments"):
         assert part in text
     assert main(["check", str(run), *FILES, "--only", "noise", "--json", str(file)]) == 0
-    assert set(conforms(file, "check")) & {"noise", "bias", "latency"} == {"noise"}
+    assert set(conforms(file, "check")) & {"noise", "bias", "latency", "position"} == {"noise"}
 
 
 def test_info_decode_export_and_replay(tmp_path: Path):

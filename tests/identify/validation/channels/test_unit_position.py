@@ -1,0 +1,66 @@
+"""The inertial unit's position from the car's equations: where the rig says, and 128 mm from there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.catalogue import catalogue
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.channels.unit_position import unit_position
+from lacet.services.render.sensor_report import position_table
+from tests.support.tables import CAR, piece, without
+
+RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
+KNOWN = catalogue(VEHICLE, "hub")
+BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
+
+
+def moved(*by: float) -> Rig:
+    """The rig with the inertial unit elsewhere in the file."""
+    sensors = []
+    for sensor in RIG.sensors:
+        if sensor.name == "imu":
+            x = sensor.position[""]
+            sensor = replace(sensor, position={"": (x[0] + by[0], x[1] + by[1], x[2] + by[2])})
+        sensors.append(sensor)
+    return replace(RIG, sensors=tuple(sensors))
+
+
+def fitted(rig: Rig, names: tuple[str, ...] = ("sine", "rough", "sweep"), *gone: str) -> Fit:
+    runs = [PreparedRun.of(without(piece(name, 2.0, 22.0), *gone), VEHICLE, rig) for name in names]
+    return fit(Model.of([*(e for e in KNOWN.values() if e.base), *(KNOWN[key] for key in BARS)]), runs)
+
+
+def test_a_unit_128_mm_from_where_the_rig_says_is_found_where_it_is() -> None:
+    found = unit_position(fitted(moved(0.128, -0.03, 0.0)))
+    assert [one.axis for one in found] == ["x", "y", "z"]
+    true = RIG.sensor_of("imu.accel").position[""]  # pyright: ignore[reportOptionalMemberAccess]
+    for one, x in zip(found, true, strict=True):
+        assert one.testable
+        assert one.found == pytest.approx(x, abs=1.5 * one.half + 0.002)
+    assert [one.agrees for one in found] == [False, False, True]
+    assert "differs from the rig by -128" in position_table(found)
+
+
+def test_a_unit_where_the_rig_says_agrees() -> None:
+    found = unit_position(fitted(RIG))
+    assert all(one.testable and one.agrees for one in found)
+    assert position_table(found).count("agrees") == 3
+
+
+def test_runs_that_hardly_turn_say_nothing_of_it() -> None:
+    x, y, z = unit_position(fitted(moved(0.128, 0.0, 0.0), ("liftoff",)))
+    assert not x.testable
+    assert not y.testable
+    assert z.agrees
+    assert "not testable with these runs" in position_table([x, y, z])
+
+
+def test_without_a_row_of_the_chassis_there_is_no_position() -> None:
+    assert unit_position(fitted(RIG, ("sine",), "camera.fl")) == []
