@@ -7,7 +7,13 @@ from collections.abc import Mapping
 from lacet.daq.channels import COLUMNS
 from lacet.identify.validation.channels.recorded_faults import RecordedFault
 from lacet.identify.validation.channels.recorded_values import Copies, StandsStill
-from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects
+from lacet.identify.validation.channels.single_faults import (
+    ColumnFault,
+    EquationFault,
+    Fault,
+    Misplaced,
+    Suspects,
+)
 from lacet.identify.validation.channels.sizes import NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 
 
@@ -47,7 +53,7 @@ def sentence(found: RecordedFault) -> str:
             raise AssertionError(found)
 
 
-def from_equations(found: ColumnFault | Suspects) -> str:
+def from_equations(found: EquationFault) -> str:
     """What the car's own equations say of channels, in one line."""
     if isinstance(found, Suspects):
         names = ", ".join(f"{column} ({100.0 * part:.0f} %)" for column, part in found.columns.items())
@@ -56,11 +62,19 @@ def from_equations(found: ColumnFault | Suspects) -> str:
             "missing effect does. Look at these channels first, whose scale or delay would explain most of it: "
             f"{names}"
         )
+    if isinstance(found, Misplaced):
+        off = ", ".join(
+            f"{1e3 * value:+.0f} ± {1e3 * found.half[axis]:.0f} mm in {axis}" for axis, value in found.off.items()
+        )
+        return (
+            f"{_runs(found.runs)}: the inertial unit is not where the rig says, but {off} from there "
+            f"({_misfit(found)}). Inertias and heights are off with it: measure it again; lacet check estimates it"
+        )
     return f"{_runs(found.runs)}: {_fault(found)}"
 
 
 def _fault(found: ColumnFault) -> str:
-    column, value, half = found.column, found.value, found.half
+    column, value, half = " or ".join((found.column, *found.ties)), found.value, found.half
     misfit = (
         f"the base model leaves {found.misfit:.3g} times what noise explains, and {found.remaining:.3g} without that"
     )
@@ -78,6 +92,11 @@ def _fault(found: ColumnFault) -> str:
                 f"{column} is {1e3 * abs(value):.0f} ± {1e3 * half:.0f} ms {when} than the rig says, other channels of "
                 f"its instrument are not ({misfit})"
             )
+
+
+def _misfit(found: ColumnFault | Misplaced) -> str:
+    before, after = f"{found.misfit:.3g}", f"{found.remaining:.3g}"
+    return f"the base model leaves {before} times what noise explains, and {after} without that"
 
 
 def _runs(runs: Mapping[str, tuple[float, float]]) -> str:

@@ -15,6 +15,7 @@ from lacet.daq.channels import CHANNELS
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.effects.catalogue import base_model
+from lacet.identify.effects.sensors.sensor_position import SensorPosition
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -34,6 +35,11 @@ _PRIORS = 1e-3
 _ANY_DELAY = 0.05
 """Prior of the delay of a whole instrument, 1 σ [s]: `lacet check` estimates it, here it is not to be blamed on one of
 its channels."""
+LATE = 0.010
+"""Delay from which a column, or an instrument, is late [s]: several times what sensor sheets leave open."""
+_ANYWHERE = 0.5
+"""Prior of the inertial unit's position error, 1 σ [m]."""
+_UNIT = "imu.accel"
 _TIME_BASE = ("wheel.force", "wheel.moment")
 
 
@@ -63,17 +69,32 @@ class FaultEstimate:
 
 
 @dataclass(frozen=True)
+class PositionEstimate:
+    """Estimate of the inertial unit's position error, its three axes together.
+
+    `value`, `spread` (3,) farther along the body axes than the rig says, and 1 σ [m]; `fall` : weighted squares that it
+    takes away, ÷ number of samples.
+    """
+
+    value: Array
+    spread: Array
+    fall: float
+
+
+@dataclass(frozen=True)
 class FaultColumns:
     """Products of the base model's equations with the columns of all faults, by block of the run.
 
     Attributes
     ----------
     columns : names of the channels' columns that a row depends on.
-    grams : (B, w, w) products of [nuisance, scale and delay of each column, left side], rows ÷ noise floor.
+    grams : (B, w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
+        axes, left side], rows ÷ noise floor.
     priors : (q,) 1 σ of the nuisance: parameters of the base model, zeros of all columns, delays of whole instruments.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
+    unit_delay : place of the inertial unit's delay in the nuisance.
     """
 
     columns: tuple[str, ...]
@@ -82,6 +103,7 @@ class FaultColumns:
     noise: Array
     signal: Array
     count: int
+    unit_delay: int
 
     @classmethod
     def of(cls, run: PreparedRun) -> FaultColumns | None:
@@ -98,12 +120,14 @@ class FaultColumns:
         parts = {row: [run.matrix(effects, row) / floor[row]] for row in run.rows}
         changes = [_changes(run, sensitivity, channel) for channel in channels]
         delays = _of_instruments(recording, {c: fault for c, (_, fault) in zip(channels, changes, strict=True)})
-        for some in (*(zero for zero, _ in changes), *delays, *(fault for _, fault in changes)):
+        unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
+        for some in (*(zero for zero, _ in changes), *delays.values(), *(fault for _, fault in changes)):
             for row, found in parts.items():
                 found.append(some[row].T / floor[row])
         grams = 0.0
         for row, found in parts.items():
-            table = np.concatenate([*found, run.measured[row][:, None] / floor[row]], axis=1)
+            others = [*(axis[row] for axis in unit), run.measured[row]]
+            table = np.concatenate([*found, np.stack(others, axis=1) / floor[row]], axis=1)
             grams = grams + np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
         names = [column for channel in channels for column in CHANNELS[channel].columns]
         zero_priors = [
@@ -117,6 +141,7 @@ class FaultColumns:
             recording.t.size * np.concatenate([noise for noise, _ in variances]),
             recording.t.size * np.concatenate([signal for _, signal in variances]),
             sum(len(run.index[row]) for row in run.rows),
+            len(priors) + len(zero_priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
         )  # fmt: skip
 
     @classmethod
@@ -129,7 +154,7 @@ class FaultColumns:
             parts[0].priors,
             np.sum([part.noise for part in parts], axis=0),
             np.sum([part.signal for part in parts], axis=0),
-            sum(part.count for part in parts),
+            sum(part.count for part in parts), parts[0].unit_delay,
         )  # fmt: skip
 
     @property
@@ -149,7 +174,7 @@ class FaultColumns:
         parts = [_reduced(total - block, self.priors) for block in self.grams]
         values = _single(whole)
         spread = _jackknife(np.stack([_single(part) for part in parts]))
-        fall = values**2 * np.diag(whole)[:-1] / self.count
+        fall = values**2 * np.diag(whole)[:-4] / self.count
         noise = np.divide(self.noise, self.signal, out=np.full(self.noise.shape, np.inf), where=self.signal > 0.0)
         out: list[FaultEstimate] = []
         for i, column in enumerate(self.columns):
@@ -159,6 +184,27 @@ class FaultColumns:
                 found = 1.0 - float(values[scale]), float(spread[scale]), float(values[delay]), float(spread[delay])
                 out.append(FaultEstimate(column, *found, *falls, float(noise[i, 0]), float(noise[i, 1])))
         return sorted(out, key=lambda one: -max(one.scale_fall, one.delay_fall))
+
+    def _delay_of_unit(self, gram: Array) -> float:
+        """Delay of the inertial unit as a whole [s]; 0 without one."""
+        q = self.priors.size
+        size = 1.0 / np.sqrt(np.diag(gram)[:q] + 1.0 / self.priors**2)
+        nuisance = (gram[:q, :q] + np.diag(1.0 / self.priors**2)) * size * size[:, None]
+        found = size * np.linalg.solve(nuisance, size * gram[:q, -1])
+        return float(found[self.unit_delay]) if self.unit_delay >= 0 else 0.0
+
+    def unit_position(self) -> PositionEstimate | None:
+        """The position error of the inertial unit; None where no row depends on it.
+
+        None, too, where the unit as a whole is `LATE`: its delay is removed here to first order only.
+        """
+        total = self.grams.sum(axis=0)
+        whole = _reduced(total, self.priors)
+        if not np.all(np.diag(whole)[-4:-1] > 0.0) or abs(self._delay_of_unit(total)) > LATE:
+            return None
+        value = _three(whole)
+        spread = _jackknife(np.stack([_three(_reduced(total - block, self.priors)) for block in self.grams]))
+        return PositionEstimate(value, spread, float(value @ whole[-4:-1, -1]) / self.count)
 
 
 def _first_estimate(run: PreparedRun, effects: Sequence[PhysicalEffect], priors: Array) -> Array:
@@ -194,20 +240,29 @@ def _changes(run: PreparedRun, sensitivity: Sensitivity, channel: str) -> tuple[
     return {row: a[:k] for row, a in found.items()}, {row: a[k:] for row, a in found.items()}
 
 
-def _of_instruments(recording: Recording, faults: Mapping[str, Mapping[Row, Array]]) -> list[dict[Row, Array]]:
-    """Change of the rows by a delay of each instrument as a whole, row → (1, n); without that of the wheel loads.
+def _of_position(run: PreparedRun, sensitivity: Sensitivity, axis: str) -> dict[Row, Array]:
+    """Change of the rows by the inertial unit mounted farther along a body axis, row → (n,)."""
+    found = run.decimated(sensitivity.fault(SensorPosition(f"imu.{axis}")))
+    return {row: found.get(row, np.zeros(len(run.index[row]))) for row in run.rows}
 
-    That one is the time base: a delay that all instruments have in common changes nothing.
+
+def _of_instruments(recording: Recording, faults: Mapping[str, Mapping[Row, Array]]) -> dict[str, dict[Row, Array]]:
+    """Change of the rows by a delay of each instrument as a whole, row → (1, n), by its first channel.
+
+    Without that of the wheel loads, the time base: a delay that all instruments have in common changes nothing.
     """
-    by_sensor: dict[str, dict[Row, Array]] = {}
+    out: dict[str, dict[Row, Array]] = {}
+    first: dict[str, str] = {}
     for channel, changes in faults.items():
         sensor = recording.rig.sensor_of(channel)
         if sensor is None or CHANNELS[channel].family in _TIME_BASE:
             continue
-        whole = by_sensor.setdefault(sensor.name, {row: np.zeros((1, a.shape[1])) for row, a in changes.items()})
+        whole = out.setdefault(
+            first.setdefault(sensor.name, channel), {row: np.zeros((1, a.shape[1])) for row, a in changes.items()}
+        )
         for row, table in changes.items():
             whole[row] = whole[row] + table[1::2].sum(axis=0)
-    return list(by_sensor.values())
+    return out
 
 
 def _variances(run: PreparedRun, channel: str) -> tuple[Array, Array]:
@@ -235,8 +290,13 @@ def _reduced(gram: Array, priors: Array) -> Array:
 
 def _single(reduced: Array) -> Array:
     """(f,) value of each fault alone; NaN where it changes nothing."""
-    squares = np.diag(reduced)[:-1]
-    return np.divide(reduced[:-1, -1], squares, out=np.full(squares.size, np.nan), where=squares > 0.0)
+    squares = np.diag(reduced)[:-4]
+    return np.divide(reduced[:-4, -1], squares, out=np.full(squares.size, np.nan), where=squares > 0.0)
+
+
+def _three(reduced: Array) -> Array:
+    """(3,) position error from the reduced products, beside a wide prior."""
+    return np.asarray(np.linalg.solve(reduced[-4:-1, -4:-1] + np.eye(3) / _ANYWHERE**2, reduced[-4:-1, -1]), float)
 
 
 def _jackknife(values: Array) -> Array:

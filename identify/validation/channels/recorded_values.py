@@ -20,6 +20,8 @@ _CHANCE = 1e-6
 """Probability, below which a stretch of equal values is a fault, that a sound column has one as long."""
 _MOVES = 3.0
 """Standard deviation ÷ noise of the sensor sheet from which a column moves."""
+_NOISES = 0.3
+"""The same from which a column has noise at least."""
 _LEAST = 30
 """Least number of samples of a stretch, and of a column that is compared."""
 _KIN: Mapping[str, Sequence[str]] = {
@@ -100,10 +102,15 @@ def _by_chance(series: Array, first: int, last: int) -> bool:
 
 
 def _others_move(run: Run, rig: Rig, channel: Channel, column: str, start: float, stop: float) -> bool:
-    """Whether another column of its family, or of one that moves with it, moves in an interval."""
+    """Whether another column of its family, or of one that moves with it, moves in an interval.
+
+    Where it is the whole run, noise in its own family is enough: an instrument that is read has some.
+    """
     families = (channel.family, *_KIN.get(channel.family, ()))
+    t = run.signals[channel.name].t
+    least = _NOISES if start <= t[0] and stop >= t[-1] else _MOVES
     return any(
-        float(np.std(series)) > _MOVES * rig.noise(name)
+        float(np.std(series)) > (least if CHANNELS[name].family == channel.family else _MOVES) * rig.noise(name)
         for name, signal in run.signals.items()
         if CHANNELS[name].family in families
         for other, series in _between(name, signal, start, stop)

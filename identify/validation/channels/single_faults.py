@@ -18,7 +18,7 @@ import scipy
 from lacet.daq.channels import COLUMNS
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording
-from lacet.identify.validation.channels.fault_columns import BLOCKS, FaultColumns, FaultEstimate
+from lacet.identify.validation.channels.fault_columns import BLOCKS, LATE, FaultColumns, FaultEstimate
 
 _CHANCE: Final = 1e-4
 """Probability that an interval of the estimates misses the true value."""
@@ -47,14 +47,16 @@ _EXPLAINS: Final = 0.8
 _MUCH: Final = 3.0
 """Fall of weighted squares ÷ samples of another unit, and of a delay that explains a part only: errors within a sensor
 sheet are worth less than 1, a column in thousandths has a thousandfold noise."""
-_LATE: Final = 0.010
-"""Delay from which a single column is late [s]: several times what sensor sheets leave open."""
 _SHOWS: Final = 0.03
 """Least fall of weighted squares ÷ samples for a delay."""
 _LITTLE: Final = 0.005
 """The same in all runs together, where a delay is the same in each."""
 _LATE_PART: Final = 0.2
 """Least part of the excess that a delay takes away, to first order and again when it is removed."""
+_ELSEWHERE: Final = 0.02
+"""Least distance from the rig's position at which the inertial unit is elsewhere [m]: less is a tape's."""
+_ALIKE: Final = 0.2
+"""Part of a delay's fall by which that of another column must be less for the two to be distinguished."""
 _TRIED: Final = 3
 """Number of columns whose delay is removed, one at a time."""
 _STEPS: Final = 4
@@ -85,6 +87,7 @@ class ColumnFault:
     misfit, remaining : root of the weighted squares ÷ samples (1 : noise alone) as it is, and without the fault.
     runs : run → the seconds looked at, from and to.
     unit : in what the column seems to be recorded; empty where it is no question of unit.
+    ties : other columns whose delay would explain as much, but for chance.
     """
 
     column: str
@@ -95,6 +98,7 @@ class ColumnFault:
     remaining: float
     runs: Mapping[str, tuple[float, float]]
     unit: str = ""
+    ties: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,33 +114,86 @@ class Suspects:
     runs: Mapping[str, tuple[float, float]]
 
 
-def column_faults(runs: Sequence[PreparedRun]) -> list[ColumnFault | Suspects]:
-    """Columns at fault in runs, or those to look at; empty where the equations hold.
+@dataclass(frozen=True)
+class Misplaced:
+    """The inertial unit somewhere else than the rig says.
 
-    Each run is looked at by itself first, one column a run at most; where no run shows a fault, all together.
+    `off`, `half` : axis → position found less the rig's, and half of its 95 % interval [m], of the axes that differ.
+    """
+
+    off: Mapping[str, float]
+    half: Mapping[str, float]
+    misfit: float
+    remaining: float
+    runs: Mapping[str, tuple[float, float]]
+
+
+EquationFault = ColumnFault | Misplaced | Suspects
+"""What the car's equations say of the channels of runs."""
+
+
+def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
+    """Columns at fault in runs, or those to look at, or a misplaced inertial unit; empty where the equations hold.
+
+    Each run is looked at by itself first, one column a run at most; where no run shows a fault, all together. A unit at
+    another place explains columns that seem late.
     """
     runs = [next(iter(run.pieces())) for run in runs]
     products = [FaultColumns.of(run) for run in runs]
     each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]
-    if not out and len({found.columns for _, found in each}) == 1 and len(each) > 1:
-        found = _joint_fault(FaultColumns.joined([found for _, found in each]), [run for run, _ in each])
+    if len({found.columns for _, found in each}) != 1:
+        return [*_together(out)]
+    seconds = {run.name: _seconds(run) for run, _ in each}
+    joined = FaultColumns.joined([found for _, found in each])
+    if all(isinstance(one, ColumnFault) and one.fault is Fault.LATE for one in out):
+        least = sum(found.count * _taken(out, run.name) for run, found in each) / joined.count
+        misplaced = _misplaced(joined, each[0][0], seconds)
+        if misplaced is not None and misplaced.misfit**2 - misplaced.remaining**2 > least:
+            return [misplaced]
+    if not out and len(each) > 1:
+        found = _joint_fault(joined, seconds)
         out = [found] if found is not None else []
-    return _together(out)
+    return [*_together(out)]
 
 
-def _joint_fault(products: FaultColumns, runs: Sequence[PreparedRun]) -> ColumnFault | None:
+def _taken(found: Sequence[ColumnFault | Suspects], run: str) -> float:
+    """Weighted squares ÷ samples of a run that the faults found in it take away."""
+    return sum(one.misfit**2 - one.remaining**2 for one in found if isinstance(one, ColumnFault) and run in one.runs)
+
+
+def _misplaced(
+    products: FaultColumns, run: PreparedRun, seconds: Mapping[str, tuple[float, float]]
+) -> Misplaced | None:
+    """The inertial unit at a place that is certainly another than the rig's; None where it may be right."""
+    found = products.unit_position() if any(row.kind == "chassis" for row in run.rows) else None
+    if found is None:
+        return None
+    reach = _reach(products.block_count)
+    least = max(_ELSEWHERE, 3.0 * run.recording.rig.tolerance("imu.accel", "position"))
+    off: dict[str, float] = {}
+    half: dict[str, float] = {}
+    for axis, value, spread in zip("xyz", found.value.tolist(), found.spread.tolist(), strict=True):
+        if abs(value) - reach * spread > least:
+            off[axis], half[axis] = value, _USUAL * spread
+    misfit = products.misfit
+    return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
+
+
+def _joint_fault(products: FaultColumns, seconds: Mapping[str, tuple[float, float]]) -> ColumnFault | None:
     """The fault of one column in all runs together, too small to be seen in one; None where there is none."""
-    estimates, misfit, seconds = products.estimates(), products.misfit, {run.name: _seconds(run) for run in runs}
+    estimates, misfit = products.estimates(), products.misfit
     if (wrong := _first_wrong_scale(products, estimates, seconds)) is not None or not estimates:
         return wrong
     one = max(estimates, key=lambda one: one.delay_fall)
     least = abs(one.delay) - _reach(products.block_count) * one.delay_spread
     fall = one.delay_fall
-    if one.rate_noise > _NOISY or not least > _LATE or fall < max(_LITTLE, _EXPLAINS * (misfit - 1.0)):
+    if one.rate_noise > _NOISY or not least > LATE or fall < max(_LITTLE, _EXPLAINS * (misfit - 1.0)):
         return None
     half, remaining = _USUAL * one.delay_spread, max(0.0, misfit - fall) ** 0.5
-    return ColumnFault(one.column, Fault.LATE, one.delay, half, misfit**0.5, remaining, seconds)
+    apart = max(_ALIKE * fall, float(scipy.stats.chi2.isf(_CHANCE, 1)) / products.count)
+    ties = tuple(other.column for other in estimates if other is not one and fall - other.delay_fall < apart)
+    return ColumnFault(one.column, Fault.LATE, one.delay, half, misfit**0.5, remaining, seconds, ties=ties)
 
 
 def _seconds(run: PreparedRun) -> tuple[float, float]:
@@ -166,7 +223,7 @@ def _fault(run: PreparedRun, products: FaultColumns) -> ColumnFault | Suspects |
         for column, delay, spread, remaining in _delays(run, estimates, misfit)
         if remaining < _GROSS**2
         and _is_large(misfit - remaining, misfit)
-        and abs(delay) - _reach(BLOCKS) * spread > _LATE
+        and abs(delay) - _reach(BLOCKS) * spread > LATE
     ]
     wrong = _first_wrong_scale(products, estimates, seconds)
     if late or wrong is not None:

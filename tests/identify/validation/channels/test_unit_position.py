@@ -12,7 +12,9 @@ from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
+from lacet.identify.validation.channels.single_faults import Misplaced, column_faults
 from lacet.identify.validation.channels.unit_position import unit_position
+from lacet.services.render.channels import from_equations
 from lacet.services.render.sensor_report import position_table
 from tests.support.tables import CAR, piece, without
 
@@ -64,3 +66,11 @@ def test_runs_that_hardly_turn_say_nothing_of_it() -> None:
 
 def test_without_a_row_of_the_chassis_there_is_no_position() -> None:
     assert unit_position(fitted(RIG, ("sine",), "camera.fl")) == []
+
+
+def test_a_unit_at_another_place_is_named_when_runs_are_read_beside_anti_roll_bars_that_are_missing() -> None:
+    runs = [PreparedRun.of(piece(name, 2.0, 22.0), VEHICLE, moved(0.128, 0.0, 0.0)) for name in ("sine", "rough")]
+    (found,) = column_faults(runs)
+    assert isinstance(found, Misplaced)
+    assert found.off == {"x": pytest.approx(-0.128, abs=0.04)}
+    assert "rough (2.0 to 22.0 s): the inertial unit is not where the rig says" in from_equations(found)
