@@ -7,7 +7,7 @@ parameters of the car; in the other channels it is a first-order estimate.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -88,9 +88,10 @@ class FaultColumns:
     Attributes
     ----------
     columns : names of the channels' columns that a row depends on.
-    grams : (B, w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
-        axes, left side], rows ÷ noise floor.
-    priors : (q,) 1 σ of the nuisance: parameters of the base model, zeros of all columns, delays of whole instruments.
+    whole : (w, w) products of [nuisance, scale and delay of each column, position of the inertial unit along three
+        axes, left side], rows ÷ noise floor; the zeros of all columns are removed run by run.
+    left_out : (B, w, w) the same with one block left out.
+    priors : (q,) 1 σ of the nuisance: parameters of the base model, delays of whole instruments.
     noise, signal : (c, 2) variance of the sheet's noise, and of the column, of its values and of its rate, up to the
         fit's cut-off, times the number of samples.
     count : number of samples.
@@ -98,7 +99,8 @@ class FaultColumns:
     """
 
     columns: tuple[str, ...]
-    grams: Array
+    whole: Array
+    left_out: Array
     priors: Array
     noise: Array
     signal: Array
@@ -117,63 +119,67 @@ class FaultColumns:
         sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors))
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
-        parts = {row: [run.matrix(effects, row) / floor[row]] for row in run.rows}
+        parts: dict[Row, list[Array]] = {row: [] for row in run.rows}
         changes = [_changes(run, sensitivity, channel) for channel in channels]
         delays = _of_instruments(recording, {c: fault for c, (_, fault) in zip(channels, changes, strict=True)})
         unit = [_of_position(run, sensitivity, axis) for axis in "xyz"]
-        for some in (*(zero for zero, _ in changes), *delays.values(), *(fault for _, fault in changes)):
-            for row, found in parts.items():
-                found.append(some[row].T / floor[row])
-        grams = 0.0
+        for row, found in parts.items():
+            found += [zero[row].T / floor[row] for zero, _ in changes]
+            found.append(run.matrix(effects, row) / floor[row])
+            found += [some[row].T / floor[row] for some in (*delays.values(), *(fault for _, fault in changes))]
+        blocks = np.zeros((BLOCKS, 1, 1))
         for row, found in parts.items():
             others = [*(axis[row] for axis in unit), run.measured[row]]
             table = np.concatenate([*found, np.stack(others, axis=1) / floor[row]], axis=1)
-            grams = grams + np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
-        names = [column for channel in channels for column in CHANNELS[channel].columns]
-        zero_priors = [
-            recording.rig.tolerance(channel, "zero") or recording.rig.noise(channel)
-            for channel in channels
-            for _ in CHANNELS[channel].columns
-        ]
+            blocks = blocks + np.stack([block.T @ block for block in np.array_split(table, BLOCKS)])
+        total = blocks.sum(axis=0)
+        columns = [(channel, column) for channel in channels for column in CHANNELS[channel].columns]
+        rig = recording.rig
+        zeros = np.array([rig.tolerance(channel, "zero") or rig.noise(channel) for channel, _ in columns])
         variances = [_variances(run, channel) for channel in channels]
         return cls(
-            tuple(names), np.asarray(grams), np.concatenate([priors, zero_priors, np.full(len(delays), _ANY_DELAY)]),
+            tuple(column for _, column in columns),
+            _reduced(total, zeros),
+            np.stack([_reduced(total - block, zeros) for block in blocks]),
+            np.concatenate([priors, np.full(len(delays), _ANY_DELAY)]),
             recording.t.size * np.concatenate([noise for noise, _ in variances]),
             recording.t.size * np.concatenate([signal for _, signal in variances]),
             sum(len(run.index[row]) for row in run.rows),
-            len(priors) + len(zero_priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
-        )  # fmt: skip
+            len(priors) + list(delays).index(_UNIT) if _UNIT in delays else -1,
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[FaultColumns]) -> FaultColumns:
-        """The products of several runs with the same columns, their zeros alike; of many runs, each is one block."""
-        many = len(parts) >= BLOCKS
-        return cls(
-            parts[0].columns,
-            np.concatenate([part.grams.sum(axis=0, keepdims=True) if many else part.grams for part in parts]),
-            parts[0].priors,
-            np.sum([part.noise for part in parts], axis=0),
-            np.sum([part.signal for part in parts], axis=0),
-            sum(part.count for part in parts), parts[0].unit_delay,
-        )  # fmt: skip
+        """The products of several runs with the same columns; of many runs, each is one block."""
+        whole = np.sum([part.whole for part in parts], axis=0)
+        if len(parts) >= BLOCKS:
+            left_out = np.stack([whole - part.whole for part in parts])
+        else:
+            left_out = np.concatenate([whole - part.whole + part.left_out for part in parts])
+        return replace(
+            parts[0],
+            whole=whole,
+            left_out=left_out,
+            noise=np.sum([part.noise for part in parts], axis=0),
+            signal=np.sum([part.signal for part in parts], axis=0),
+            count=sum(part.count for part in parts),
+        )
 
     @property
     def block_count(self) -> int:
         """Number of blocks."""
-        return len(self.grams)
+        return len(self.left_out)
 
     @property
     def misfit(self) -> float:
         """Weighted squares that the base model leaves ÷ number of samples: 1 where it lacks nothing."""
-        return float(_reduced(self.grams.sum(axis=0), self.priors)[-1, -1]) / self.count
+        return float(_reduced(self.whole, self.priors)[-1, -1]) / self.count
 
     def estimates(self) -> list[FaultEstimate]:
         """Every column's estimates, the one that explains most first; without those that change nothing."""
-        total = self.grams.sum(axis=0)
-        whole = _reduced(total, self.priors)
-        parts = [_reduced(total - block, self.priors) for block in self.grams]
+        whole = _reduced(self.whole, self.priors)
         values = _single(whole)
-        spread = _jackknife(np.stack([_single(part) for part in parts]))
+        spread = _jackknife(np.stack([_single(_reduced(part, self.priors)) for part in self.left_out]))
         fall = values**2 * np.diag(whole)[:-4] / self.count
         noise = np.divide(self.noise, self.signal, out=np.full(self.noise.shape, np.inf), where=self.signal > 0.0)
         out: list[FaultEstimate] = []
@@ -198,12 +204,11 @@ class FaultColumns:
 
         None, too, where the unit as a whole is `LATE`: its delay is removed here to first order only.
         """
-        total = self.grams.sum(axis=0)
-        whole = _reduced(total, self.priors)
-        if not np.all(np.diag(whole)[-4:-1] > 0.0) or abs(self._delay_of_unit(total)) > LATE:
+        whole = _reduced(self.whole, self.priors)
+        if not np.all(np.diag(whole)[-4:-1] > 0.0) or abs(self._delay_of_unit(self.whole)) > LATE:
             return None
         value = _three(whole)
-        spread = _jackknife(np.stack([_three(_reduced(total - block, self.priors)) for block in self.grams]))
+        spread = _jackknife(np.stack([_three(_reduced(part, self.priors)) for part in self.left_out]))
         return PositionEstimate(value, spread, float(value @ whole[-4:-1, -1]) / self.count)
 
 

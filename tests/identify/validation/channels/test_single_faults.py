@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from functools import cache
 
+import numpy as np
 import pytest
 
+from lacet.daq.channels import COLUMNS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
@@ -13,7 +15,7 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.fault_columns import FaultColumns
 from lacet.identify.validation.channels.single_faults import ColumnFault, Fault, Suspects, column_faults
 from lacet.services.render.channels import from_equations
-from tests.identify.validation.channels.spoilt_columns import LATE, spoilt_column
+from tests.identify.validation.channels.spoilt_columns import LATE, series_of, spoilt_column, with_column
 from tests.support.tables import CAR, piece, without
 
 RIG, VEHICLE = Rig.load(CAR / "rig.toml"), Vehicle.load(CAR / "vehicle.toml")
@@ -87,6 +89,20 @@ def test_where_no_column_is_at_fault_for_sure_those_to_look_at_are_named() -> No
 def test_nothing_is_said_of_sound_runs(name: str) -> None:
     """Both anti-roll bars are missing in the base model, and no channel is blamed for it."""
     assert column_faults([prepared(run_of(name))]) == []
+
+
+def test_zeros_that_differ_from_run_to_run_are_no_fault() -> None:
+    """Within the sheet: half a millimetre of a laser is a hundred newtons of its tyre."""
+    runs = [run_of(name) for name in ("sine", "rough", "sweep")]
+    signs = np.random.default_rng(3).choice([-1.0, 1.0], (len(runs), len(COLUMNS)))
+    moved: list[PreparedRun] = []
+    for run, each in zip(runs, signs, strict=True):
+        for sign, (column, (channel, _)) in zip(each.tolist(), COLUMNS.items(), strict=True):
+            if channel.name in run.signals:
+                off = sign * RIG.tolerance(channel.name, "zero")
+                run = with_column(run, column, series_of(run, column) + off)
+        moved.append(prepared(run))
+    assert column_faults(moved) == []
 
 
 @pytest.mark.parametrize("gone", ["imu.", "laser.", "wheel.fl", "camera.fl", "correvit"])
