@@ -14,7 +14,7 @@ from lacet.identify.validation.channels.single_faults import (
     Misplaced,
     Suspects,
 )
-from lacet.identify.validation.channels.sizes import NegativeDistance, OtherSize, SteersAgainst, TooQuiet
+from lacet.identify.validation.channels.sizes import LeansAlike, NegativeDistance, OtherSize, SteersAgainst, TooQuiet
 
 
 def sentence(found: RecordedFault) -> str:
@@ -49,6 +49,11 @@ def sentence(found: RecordedFault) -> str:
         case SteersAgainst(column, slope):
             which = f"{column} steers" if column else "one of camera.fl.steer and camera.fr.steer steers"
             return f"{which} against the other front wheel (slope {slope:.2f}): it has the wrong sign; left is positive"
+        case LeansAlike((one, other), left, right):
+            return (
+                f"{one} and {other} are {left:.4f} and {right:.4f} rad: both wheels lean to the same side, where the "
+                "two of an axle mirror each other. One has the wrong sign; a left wheel with its top inward is positive"
+            )
         case _:
             raise AssertionError(found)
 

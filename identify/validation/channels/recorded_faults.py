@@ -6,6 +6,7 @@ from lacet.daq.run import Run
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.recorded_values import Copies, StandsStill, columns_at_rest, copied_columns
 from lacet.identify.validation.channels.sizes import (
+    LeansAlike,
     NegativeDistance,
     OtherSize,
     SteersAgainst,
@@ -14,9 +15,10 @@ from lacet.identify.validation.channels.sizes import (
     opposed_steer,
     other_sizes,
     quiet_columns,
+    unmirrored_camber,
 )
 
-RecordedFault = StandsStill | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst
+RecordedFault = StandsStill | Copies | TooQuiet | OtherSize | NegativeDistance | SteersAgainst | LeansAlike
 """A fault that a channel's values show, alone or beside others of their kind."""
 
 
@@ -27,5 +29,6 @@ def recorded_faults(run: Run, drive: PreparedRun) -> list[RecordedFault]:
     quiet = quiet_columns(run, rig)
     named = {one.column for one in quiet}
     found += [*quiet, *(one for one in other_sizes(run, rig) if one.column not in named), *negative_distances(run)]
+    found += unmirrored_camber(run, rig)
     steer = opposed_steer(drive)
     return found if steer is None else [*found, steer]

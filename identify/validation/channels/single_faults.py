@@ -169,6 +169,9 @@ def _misplaced(
     found = products.unit_position() if any(row.kind == "chassis" for row in run.rows) else None
     if found is None:
         return None
+    late = max((one.delay_fall for one in products.estimates() if one.column.startswith("imu.accel")), default=0.0)
+    if late > found.fall:  # one of its columns is late rather
+        return None
     reach = _reach(products.block_count)
     least = max(_ELSEWHERE, 3.0 * run.recording.rig.tolerance("imu.accel", "position"))
     off: dict[str, float] = {}

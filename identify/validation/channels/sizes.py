@@ -30,6 +30,10 @@ _LEAST = 30
 """Least number of samples of a column."""
 _SURE = 1e-6
 """Probability by chance of a correlation between two noises, below which two columns are compared."""
+_ZEROS = 5.0
+"""Camber ÷ tolerance of the camera's zero from which the side that a wheel leans to is sure."""
+_LEAST_CAMBER = 0.0025
+"""The same where the sheet has no tolerance [rad]."""
 _FRONT = ("camera.fl.steer", "camera.fr.steer")
 
 
@@ -75,6 +79,15 @@ class SteersAgainst:
 
     column: str
     slope: float
+
+
+@dataclass(frozen=True)
+class LeansAlike:
+    """Two wheels of an axle that lean to the same side of the car; `left`, `right` : camber at zero steer [rad]."""
+
+    columns: tuple[str, str]
+    left: float
+    right: float
 
 
 def quiet_columns(run: Run, rig: Rig) -> list[TooQuiet]:
@@ -179,6 +192,33 @@ def opposed_steer(run: PreparedRun) -> SteersAgainst | None:
     if not (fitted.slope < 0.0 and fitted.rvalue**2 > 0.5 and fitted.pvalue < _SURE):
         return None
     return SteersAgainst(_against_yaw(run, keep, (left, right)), float(fitted.slope))
+
+
+def unmirrored_camber(run: Run, rig: Rig) -> list[LeansAlike]:
+    """Axles whose wheels lean to the same side, by more than the cameras' zeros: on a car they are mirror images.
+
+    At the front the part that goes with the steer is removed.
+    """
+    out: list[LeansAlike] = []
+    for pair in (CORNERS[:2], CORNERS[2:]):
+        names = f"camera.{pair[0]}.camber", f"camera.{pair[1]}.camber"
+        if len(_there(run, "camera.{}.camber")) < len(CORNERS) or len(_there(run, "camera.{}.steer")) < len(CORNERS):
+            continue
+        left, right = (_at_zero_steer(run, c) for c in pair)
+        small, large = sorted((abs(left), abs(right)))
+        if left * right > 0.0 and small > max(0.5 * large, _ZEROS * rig.tolerance(names[0], "zero"), _LEAST_CAMBER):
+            out.append(LeansAlike(names, left, right))
+    return out
+
+
+def _at_zero_steer(run: Run, corner: str) -> float:
+    """Mean camber of a wheel [rad], at the front that at zero steer."""
+    camber, steer = run.signals[f"camera.{corner}.camber"], run.signals[f"camera.{corner}.steer"]
+    series = camber.values[camber.usable, 0]
+    if corner in CORNERS[2:]:
+        return float(np.mean(series))
+    at = np.interp(camber.t[camber.usable], steer.t[steer.usable], steer.values[steer.usable, 0])
+    return float(np.linalg.lstsq(np.stack([np.ones(at.size), at], axis=1), series, rcond=None)[0][0])
 
 
 def _against_yaw(run: PreparedRun, keep: Array, steer: Sequence[Array]) -> str:

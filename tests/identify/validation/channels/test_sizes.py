@@ -7,6 +7,7 @@ import pytest
 from lacet.daq.channels import COLUMNS
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
+from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
@@ -16,6 +17,7 @@ from lacet.identify.validation.channels.sizes import (
     opposed_steer,
     other_sizes,
     quiet_columns,
+    unmirrored_camber,
 )
 from lacet.services.render.channels import sentence
 from tests.identify.validation.channels.spoilt_columns import series_of, spoilt_column, with_column
@@ -71,6 +73,21 @@ def test_without_a_yaw_rate_one_of_the_two_steers_against_the_other() -> None:
     assert isinstance(found, SteersAgainst)
     assert found.column == ""
     assert "one of camera.fl.steer and camera.fr.steer steers" in sentence(found)
+
+
+def leaning(run: Run, left: float, right: float) -> Run:
+    """The run with rear wheels that lean."""
+    for column, camber in (("camera.rl.camber", left), ("camera.rr.camber", right)):
+        run = with_column(run, column, series_of(run, column) - series_of(run, column).mean() + camber)
+    return run
+
+
+def test_wheels_of_an_axle_that_lean_to_the_same_side_are_named() -> None:
+    assert unmirrored_camber(leaning(piece(), 0.018, -0.017), RIG) == []
+    (found,) = unmirrored_camber(leaning(piece(), 0.018, 0.017), RIG)
+    assert found.columns == ("camera.rl.camber", "camera.rr.camber")
+    assert "both wheels lean to the same side" in sentence(found)
+    assert unmirrored_camber(leaning(piece(), 0.002, 0.001), RIG) == []  # the cameras' zeros
 
 
 @pytest.mark.parametrize("name", ["sine", "rough", "liftoff", "sweep"])
