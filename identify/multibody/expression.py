@@ -18,7 +18,7 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "cos": np.cos, "sin": np.sin, "tan": np.tan, "sqrt": np.sqrt,
     "acos": np.arccos, "asin": np.arcsin, "atan": np.arctan, "atan2": np.arctan2,
 }  # fmt: skip
-_ARGUMENTS = {"atan2": 2, "min": 2, "max": 2}
+_ARGUMENTS = {"atan2": 2, "min": 2, "max": 2, "lag": 2, "hysteresis": 2}
 _OPERATORS: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: np.true_divide,
     ast.Pow: np.float_power,

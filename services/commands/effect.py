@@ -142,7 +142,10 @@ def _states() -> dict[str, Any]:
     print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in wheel], text_columns=3))
     print("\nOf the body:")
     print(tables.table(["state", "unit", "meaning"], [[s.name, s.unit, s.about] for s in body], text_columns=3))
-    print(f"\nFunctions: {', '.join(FUNCTIONS)} (min and max of two); + - * / ** and brackets; pi.")
+    print(
+        f"\nFunctions: {', '.join(FUNCTIONS)} (min and max of two; lag(x, time), hysteresis(x, length)); "
+        "+ - * / ** and brackets; pi."
+    )
     return {
         "all_states": [{"name": s.name, "unit": s.unit, "about": s.about, "of": "wheel" if s.wheel else "body"}
                        for s in STATES.values()],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, NoReturn, Self, cast
 
 import numpy as np
@@ -13,6 +14,7 @@ from lacet.daq.errors import UsageError
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect
+from lacet.identify.effects.language.linearity import along_run
 from lacet.identify.effects.language.parser import Line, LineFault, RowLaw, read_line
 from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
@@ -64,12 +66,13 @@ class OneLine(PhysicalEffect):
         """The law's terms in the rows acted on. Raises UsageError where one has no finite value."""
         out: dict[str, Array] = {}
         names = list(self.line.parameters)
+        functions = along_run(float(np.ptp(motion.t)) / max(1, motion.t.size - 1))
         for row, corner, law in self.acted_on():
             values = {name: use.value(motion, corner) for name, use in law.uses.items()}
             table = out.setdefault(row, np.zeros((len(names), motion.t.size)))
             for name, term in law.terms.items():
                 with np.errstate(all="ignore"):
-                    part = term.series({**values, **self.shape}, motion.t.size)
+                    part = replace(term, functions=functions).series({**values, **self.shape}, motion.t.size)
                 bad = np.flatnonzero(~np.isfinite(part))
                 if bad.size:
                     self._refuse_not_finite(motion, row, law, values, int(bad[0]))
@@ -101,6 +104,7 @@ def effect_class(line: Line) -> type[OneLine]:
         "source": "one line of the user's",
         "rows": tuple(dict.fromkeys(law.row for law in line.rows)),
         "grids": dict(line.grids),
+        "instantaneous": not line.has_memory,
         "plausible": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
     }  # fmt: skip
     return cast(type[OneLine], type(f"OneLine_{line.name}", (OneLine,), attributes))

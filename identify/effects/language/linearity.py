@@ -10,20 +10,69 @@ from typing import Any
 
 import numpy as np
 
-from lacet.identify.effects.language.units import NUMBER, Dimension
+from lacet.identify.effects.language.units import NUMBER, TIME, Dimension
+from lacet.identify.effects.memory import dahl, first_order_lag
 from lacet.identify.multibody.expression import CONSTANTS, Expression
+from lacet.identify.multibody.vectors import Array
+
+
+def _lag_of_constant(x: Array, time: float) -> Array:
+    return x
+
+
+def _hysteresis_of_constant(x: Array, length: float) -> Array:
+    return np.sign(x)
+
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     "abs": np.abs, "sign": np.sign, "sqrt": np.sqrt, "min": np.minimum, "max": np.maximum,
     "exp": np.exp, "log": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos, "tan": np.tan, "atan": np.arctan,
+    "lag": _lag_of_constant, "hysteresis": _hysteresis_of_constant,
 }  # fmt: skip
-"""Functions that a one-line effect may use."""
+"""Functions that a one-line effect may use; those with memory as they are for a state that has long been constant."""
+MEMORY = ("lag", "hysteresis")
+"""Functions whose value depends on the run until now; their second argument is a constant above 0."""
 LARGEST_POWER = 8.0
 MOST_PARTS, DEEPEST = 300, 40
 """Largest number of nodes (numbers, names, operations) of one expression, and largest depth of nesting."""
 
 Terms = dict[str, ast.expr]
 """Parameter → its factor; the term without a parameter has an empty name."""
+
+
+def along_run(step: float) -> dict[str, Callable[..., Any]]:
+    """The functions on series sampled every `step` [s]: with memory."""
+
+    def lag(x: Array, time: float) -> Array:
+        return first_order_lag(x, time, step) if time > 0.0 else np.full(x.shape, np.nan)
+
+    def hysteresis(x: Array, length: float) -> Array:
+        return dahl(x, length) if length > 0.0 else np.full(x.shape, np.nan)
+
+    return {**FUNCTIONS, "lag": lag, "hysteresis": hysteresis}
+
+
+def has_memory(expression: Expression) -> bool:
+    """Whether a function with memory is in an expression."""
+    return bool(_calls_with_memory(expression))
+
+
+def check_memory(expression: Expression, states: Set[str]) -> None:
+    """Check that each function with memory has states in its first argument and none in its second.
+
+    Raises ExpressionFault.
+    """
+    for call in _calls_with_memory(expression):
+        name, (series, constant) = ast.unparse(call.func), call.args
+        if not _inside(series, states):
+            raise expression.fault(series, f"{name}() follows a measured state, and there is none in this")
+        if _inside(constant, states):
+            says = f"the second argument of {name}() is a constant: a number with its unit, or one that is searched"
+            raise expression.fault(constant, says)
+
+
+def _calls_with_memory(expression: Expression) -> list[ast.Call]:
+    return [n for n in ast.walk(expression.tree) if isinstance(n, ast.Call) and ast.unparse(n.func) in MEMORY]
 
 
 def within_size(expression: Expression) -> None:
@@ -124,10 +173,14 @@ class Dimensions:
     ----------
     names : dimension of every name but ``pi``.
     units : dimension of a number by its place; other numbers are plain.
+    constants : those of the names that are constants, one of which may be an exponent.
     """
 
-    def __init__(self, expression: Expression, names: Mapping[str, Dimension], units: Mapping[int, Dimension]):
-        self.expression, self.names, self.units = expression, names, units
+    def __init__(
+        self, expression: Expression, names: Mapping[str, Dimension], units: Mapping[int, Dimension],
+        constants: Set[str] = frozenset(),
+    ):  # fmt: skip
+        self.expression, self.names, self.units, self.constants = expression, names, units, constants
 
     def of(self, node: ast.expr | None = None) -> Dimension:
         """The dimension of a part, by default of the whole. Raises ExpressionFault where dimensions do not agree."""
@@ -170,10 +223,14 @@ class Dimensions:
         return first
 
     def _power(self, node: ast.BinOp) -> Dimension | None:
-        if any(name.id not in CONSTANTS for name in _names(node.right)):
-            raise self.expression.fault(node.right, "an exponent must be a number")
         if not (self._of(node.right) or NUMBER).plain:
             raise self.expression.fault(node.right, "an exponent has no unit")
+        symbols = {name.id for name in _names(node.right)} - CONSTANTS.keys()
+        if symbols and symbols <= self.constants and (self._of(node.left) or NUMBER).plain:
+            return NUMBER
+        if symbols:
+            says = "an exponent must be a number, or a constant where what is raised has no unit: (travel/10 mm)**n"
+            raise self.expression.fault(node.right, says)
         try:
             power = Expression(self.expression.text, node.right, self.expression.functions).value({})
         except ValueError:
@@ -190,6 +247,12 @@ class Dimensions:
         inside = self._of(node.args[0])
         if name == "abs":
             return inside
+        if name in MEMORY:
+            second, wanted = self._of(node.args[1]), TIME if name == "lag" else inside or NUMBER
+            if second is not None and second != wanted:
+                says = f"the second argument of {name}() is in {wanted.unit}, and this is in {second.unit}"
+                raise self.expression.fault(node.args[1], says)
+            return inside if name == "lag" else NUMBER
         if name == "sign":
             return NUMBER
         if name == "sqrt":

@@ -23,7 +23,14 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.car.rows import CHASSIS_ROWS, Row
 from lacet.identify.effects.base import AXLES
-from lacet.identify.effects.language.linearity import FUNCTIONS, Dimensions, terms_of, within_size
+from lacet.identify.effects.language.linearity import (
+    FUNCTIONS,
+    Dimensions,
+    check_memory,
+    has_memory,
+    terms_of,
+    within_size,
+)
 from lacet.identify.effects.language.states import STATES, SUFFIXES, Use, all_names, use_of
 from lacet.identify.effects.language.units import FORCE, LENGTH, TIME, Dimension, read_unit, whole_unit
 from lacet.identify.multibody.expression import CONSTANTS, Expression, ExpressionFault
@@ -132,6 +139,11 @@ class Line:
         inertial = any(state.dimension in (LENGTH / TIME**2, TIME**-2) for state in uses)
         dimension = self.parameters[parameter]
         return dimension.inertial_unit if inertial else dimension.unit
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a law depends on the run until now and not on its instant alone."""
+        return any(has_memory(term) for law in self.rows for term in law.terms.values())
 
     @property
     def states(self) -> dict[str, Use]:
@@ -289,6 +301,7 @@ class _Reader:
         try:
             expression, units = self._expression(begin, stop)
             uses = self._uses(expression, row, constants)
+            check_memory(expression, uses.keys())
             parameters = expression.symbols - uses.keys() - constants.keys()
             if not parameters:
                 says = "there is no parameter in this law: multiply by one, as in p * travel**2 (any name that is free)"
@@ -297,7 +310,7 @@ class _Reader:
             known = {**{name: use.state.dimension for name, use in uses.items()}, **constants}
             law = RowLaw(row, place, self.text[begin:stop], terms, uses)
             for name, term in terms.items():
-                dimension = law.dimension / Dimensions(term, known, units).of()
+                dimension = law.dimension / Dimensions(term, known, units, constants.keys()).of()
                 if out.setdefault(name, dimension) != dimension:
                     says = f"{name} is in {out[name].unit} by the row before, and would be in {dimension.unit} here"
                     raise expression.fault(expression.tree, f"{says}: multiply by a length or use another parameter")

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import ClassVar, Self
 
-import numpy as np
-
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import AXLES, Parameter, PhysicalEffect
+from lacet.identify.effects.memory import dahl
 from lacet.identify.multibody.vectors import Array
 
 
@@ -47,21 +46,3 @@ class DamperHysteresis(PhysicalEffect):
         """z at the corners acted on."""
         length = self.shape.get("length", 0.003)
         return {f"suspension.{c}": dahl(motion.corners[c].travel, length)[None] for c in self.corners()}
-
-
-def dahl(travel: Array, length: float) -> Array:
-    """(N,) state z of Dahl's friction along a travel [m], from z = 0.
-
-    Each step is z ← a z + b with a = exp(−|Δs| / length), b = (1 − a) sign Δs. Steps are put together in pairs, pairs
-    of pairs and so on (a prefix scan): no loop over samples, and 0 ≤ a ≤ 1 keeps rounding small.
-    """
-    step = np.diff(travel, prepend=travel[:1])
-    a = np.exp(-np.abs(step) / length)
-    b = (1.0 - a) * np.sign(step)
-    a[0] = 0.0
-    shift = 1
-    while shift < travel.size and np.any(a[shift:] > 1e-15):
-        b[shift:] += a[shift:] * b[:-shift]
-        a[shift:] *= a[:-shift].copy()
-        shift *= 2
-    return b

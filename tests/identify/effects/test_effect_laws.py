@@ -13,7 +13,8 @@ from lacet.identify.car.kinematics import build_motion
 from lacet.identify.effects.body.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import catalogue, effect_classes
-from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis, dahl
+from lacet.identify.effects.memory import dahl
+from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis
 from lacet.identify.effects.suspension.damper_knee import DamperKnee
 from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
 from lacet.identify.multibody.chain import FrameMotion

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import UsageError
@@ -52,6 +53,8 @@ def refused(text: str) -> LineFault:
     ("x = suspension: min(travel, gap) * k, gap = -0.04 -0.02 -0.01 0 0.01 0.02 0.04 m", "helper_spring"),
     ("x = suspension: d * sign(rate) * max(0, abs(rate) - v0), v0 = 50 70 100 150 250 mm/s", "damper_knee"),
     ("x = suspension: p * abs(travel) * rate", "damper_stroke_symmetric"),
+    ("x = suspension: f * hysteresis(travel, length), length = 1 3 10 mm", "damper_hysteresis"),
+    ("x = suspension: k * 10 mm*(max(0, travel - gap)/10 mm)**n, gap = 5 10 15 20 30 40 60 mm, n = 1 2", "bump_stop"),
     ("x = chassis.fx: d*speed*abs(speed); chassis.my: m*vx*abs(vx)", "aero_drag"),
 ])  # fmt: skip
 def test_a_line_is_the_catalogues_effect(text: str, same: str, motion: Motion) -> None:
@@ -160,6 +163,12 @@ def test_what_is_no_law_is_refused(law: str, tmp_path, monkeypatch: pytest.Monke
     ("suspension: p * (1 + q) * travel", "p and q are multiplied", "p * (1 + q)"),
     ("suspension: travel / p", "p stands in a divisor", "p"),
     ("suspension: k * 2**n", "n stands in an exponent", "2**n"),
+    ("suspension: k * travel**n, n = 1 2", "an exponent must be a number, or a constant where", "n"),
+    ("suspension: k * lag(rate, 30 mm)", "the second argument of lag() is in s, and this is in m", "30"),
+    ("suspension: k * hysteresis(travel, 3)", "the second argument of hysteresis() is in m", "3"),
+    ("suspension: k * lag(rate, t)", "the second argument of lag() is a constant", "t"),
+    ("suspension: k * travel*lag(2, 1 s)", "lag() follows a measured state, and there is none", "2"),
+    ("suspension: k * lag(rate)", "lag takes 2 argument(s)", "lag(rate)"),
     ("suspension: k * tanh(k * steer)", "k stands inside tanh", "tanh(k * steer)"),
     ("suspension: p * travel + rate", "this has no parameter", "rate"),
     ("suspension: travel", "there is no parameter", "travel"),
@@ -344,3 +353,36 @@ def test_a_files_lines_are_read_or_named() -> None:
         read_lines(text + "suspension: p*rate^3", "f")
     with pytest.raises(UsageError, match=r"f, line 5: .*\n.*\n +\^"):
         read_lines(text + "c = suspension: p*rat", "f")
+
+
+# ---- memory
+
+
+def test_laws_with_memory_are_what_their_equations_integrate_to() -> None:
+    """lag() follows T ẏ + y = x, hysteresis() Dahl's equation; both along the run, and so no law of an instant."""
+    record = cars.recording(cars.random_signals(3), VEHICLE, cars.in_reference(RIG, "hub"))
+    still = build_motion(record)
+    t = np.arange(2000) / 250.0
+    travel = 0.02 * np.sin(5.0 * t) + 0.01 * np.sin(31.0 * t)
+    corner = replace(still.corners["fl"], travel=travel)
+    moving = replace(still, t=t, corners={**still.corners, "fl": corner})
+    effect = variants("x = suspension.fl: k * lag(travel, 40 ms) + f * hysteresis(travel, 3 mm)")["x.fl"]
+    assert not effect.instantaneous
+    assert variants("x = suspension.fl: k * travel")["x.fl"].instantaneous
+    found = effect.columns(moving)["suspension.fl"]
+
+    def rates(time: float, state: list[float]) -> list[float]:
+        s = 0.02 * math.sin(5.0 * time) + 0.01 * math.sin(31.0 * time)
+        v = 0.1 * math.cos(5.0 * time) + 0.31 * math.cos(31.0 * time)
+        return [(s - state[0]) / 0.04, (v - abs(v) * state[1]) / 0.003]
+
+    exact = solve_ivp(rates, (0.0, t[-1]), [0.0, 0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y
+    assert np.max(np.abs(found[0] - exact[0])) < 1e-3 * np.max(np.abs(exact[0]))
+    # Where the travel turns round between two samples, a part of the stroke is not seen.
+    assert np.max(np.abs(found[1] - exact[1])) < 0.02
+
+
+def test_a_constant_above_zero_is_asked_for_by_memory(motion: Motion) -> None:
+    for law in ("lag(travel, T), T = 0 s", "hysteresis(travel, length), length = -1 mm"):
+        with pytest.raises(UsageError, match="no finite value"):
+            variants(f"x = suspension.fl: k * {law}")["x.fl"].columns(motion)

@@ -1,0 +1,44 @@
+"""Elementary laws with memory along a run: a first-order lag, and friction that depends on the path."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy
+
+from lacet.identify.multibody.vectors import Array
+
+
+def dahl(travel: Array, length: float) -> Array:
+    """(N,) state z of Dahl's friction along a travel [m], from z = 0: dz/ds = (1 − z sign ṡ) / length.
+
+    Each step is z ← a z + b with a = exp(−|Δs| / length), b = (1 − a) sign Δs. Steps are put together in pairs, pairs
+    of pairs and so on (a prefix scan): no loop over samples, and 0 ≤ a ≤ 1 keeps rounding small.
+
+    Source: P. R. Dahl, Solid friction damping of mechanical vibrations, AIAA Journal 14 (1976).
+    """
+    step = np.diff(travel, prepend=travel[:1])
+    a = np.exp(-np.abs(step) / length)
+    b = (1.0 - a) * np.sign(step)
+    a[0] = 0.0
+    shift = 1
+    while shift < travel.size and np.any(a[shift:] > 1e-15):
+        b[shift:] += a[shift:] * b[:-shift]
+        a[shift:] *= a[:-shift].copy()
+        shift *= 2
+    return b
+
+
+def first_order_lag(series: Array, time: float, step: float) -> Array:
+    """(N,) y of time·ẏ + y = x along a series x sampled every `step` [s], from y = x at its first sample.
+
+    Exact for an x that is straight between samples; `time` [s] is above 0.
+    """
+    ratio = step / time
+    a = math.exp(-ratio)
+    now = 1.0 + math.expm1(-ratio) / ratio
+    before = 1.0 - a - now
+    # The filter's state is what the sample before adds to the next output: at rest x (1 − now).
+    out, _ = scipy.signal.lfilter([now, before], [1.0, -a], series, zi=[(1.0 - now) * series[0]])
+    return np.asarray(out, float)
