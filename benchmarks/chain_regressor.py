@@ -20,10 +20,10 @@ from pathlib import Path
 import numba
 import numpy as np
 import pinocchio as pin
-from threadpoolctl import threadpool_limits
 
 from lacet.identify.car.car_tree import car_chain
 from lacet.identify.multibody.chain import Chain
+from lacet.services.one_thread import one_thread
 
 STATES, ROUNDS = 4000, 15
 PIECE = 64
@@ -208,5 +208,5 @@ again. The row "into the same array" does so too (`out=`), and the packed form h
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
+    with one_thread():
         sys.exit(main())

@@ -23,7 +23,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.open_run import open_run
@@ -37,6 +36,7 @@ from lacet.identify.signals.filters import Filters, derivative, zero_phase
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from lacet.identify.validation.parameter_estimates import estimates
+from lacet.services.one_thread import one_thread
 from tests.identify import cars  # pyright: ignore[reportMissingImports]
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ def reference(missing: bool) -> Fit:
 def campaign(task: tuple[str, int]) -> Array:
     """Values and σ: (4, names), rows estimate, σ from HAC, σ with the sheet, σ as if residuals were independent."""
     kind, number = task
-    with threadpool_limits(1):
+    with one_thread():
         records, _ = stored_motions()
         rng = np.random.default_rng([95, list(KINDS).index(kind), number])
         sheet = sheet_draw(records[0], rng) if kind == "sheet" else {}
@@ -199,7 +199,7 @@ def main() -> None:
     parser.add_argument("--page", type=Path, default=PAGE, help="where the table goes")
     args = parser.parse_args()
     args.folder.mkdir(parents=True, exist_ok=True)
-    with threadpool_limits(1):  # small matrices: more threads would only wait for each other
+    with one_thread():  # small matrices: more threads would only wait for each other
         found = {kind: run_kind(kind, args.campaigns, args.folder, args.workers) for kind in KINDS}
         text = page(found)
     print(text)

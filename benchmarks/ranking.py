@@ -16,7 +16,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
@@ -29,6 +28,7 @@ from lacet.identify.selection.columns.samples import HeldSamples
 from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.validation.noise_floor import floor_of
+from lacet.services.one_thread import one_thread
 from lacet.simulate import Hidden, exchange_run, find_car, make_manoeuvre
 from lacet.simulate import run as simulate_drive
 
@@ -90,7 +90,7 @@ def main() -> None:
         for k, motion in enumerate(motions)
         for seed in range(5)
     ]
-    with threadpool_limits(1):
+    with one_thread():
         drives = [PreparedRun.of(run, vehicle, rig) for run in runs]
         reference = drives[0].recording.reference
         every = [e for e in catalogue(vehicle, reference).values() if not e.base]

@@ -14,13 +14,12 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from benchmarks.blind.cases import BANDS, CAUSES, SINGLES, Cell, cells
 from benchmarks.blind.making import BUILD, code_of, forget
 from benchmarks.blind.page import write_page
 from benchmarks.blind.scoring import trial
 from benchmarks.blind.sizing import settle
+from lacet.services.one_thread import one_thread
 
 DESCRIPTION = """Hide effects in a simulated car, give its tables to lacet, and count how often the right one is named.
 
@@ -72,7 +71,7 @@ def run_cell(cell: Cell, seeds: Sequence[int], path: Path, digest: str, draws: i
     out: list[str] = []
     # A reference left by a run that was cut off may be of another size.
     shutil.rmtree(BUILD / "tables" / cell.name.replace("/", "-"), ignore_errors=True)
-    with threadpool_limits(1):
+    with one_thread():
         for seed in seeds:
             begin = time.process_time()
             record = {"code": digest, "draws": draws, **trial(cell, seed, BUILD, draws)}
@@ -111,7 +110,7 @@ def main() -> None:
     chosen = {name: cell for name, cell in cells().items() if any(fnmatch(name, p) for p in patterns)}
     if args.size:
         names = [n for n in (*SINGLES, *CAUSES) if any(fnmatch(n, p) for p in patterns)]
-        with threadpool_limits(1):
+        with one_thread():
             settle(names, tuple(args.band or BANDS))
         return
     if args.list:

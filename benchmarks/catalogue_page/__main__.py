@@ -8,12 +8,11 @@ import sys
 import time
 from fnmatch import fnmatch
 
-from threadpoolctl import threadpool_limits
-
 from benchmarks.catalogue_page.cases import CASES
 from benchmarks.catalogue_page.page import PAGE, PICTURED, PICTURES, page, pictured
 from lacet.daq.errors import LacetError
 from lacet.identify.effects.catalogue import effect_classes
+from lacet.services.one_thread import one_thread
 
 DESCRIPTION = """Write docs/catalogue.md from the catalogue, and draw the pictures it lacks.
 
@@ -55,7 +54,7 @@ def _pictures(again: list[str]) -> bool:
         or any(fnmatch(name, p) for p in again)
     ]
     failed = False
-    with threadpool_limits(1):
+    with one_thread():
         for number, family in enumerate(missing, 1):
             begin = time.process_time()
             try:

@@ -8,8 +8,6 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from threadpoolctl import threadpool_limits
-
 from benchmarks.blind.making import code_of
 from benchmarks.fresh.laws import CLASSES
 from benchmarks.fresh.making import SETS, class_of, make, write, write_truth
@@ -73,7 +71,7 @@ def run(name: str, numbers: Sequence[int], file: Path, processes: int) -> None:
     """Run the trials that have no result yet."""
     code = code_of("identify", "services", "simulate", "daq")
     todo = to_run(name, numbers, file, code)
-    with ProcessPoolExecutor(processes, get_context("spawn"), threadpool_limits, (1,)) as pool:
+    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         jobs = [pool.submit(run_trial, name, number, file, code) for number in todo]
         for count, job in enumerate(as_completed(jobs), 1):
             print(f"{count} of {len(todo)}: {job.result()}", flush=True)

@@ -16,9 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 import lacet
+from lacet.services.one_thread import one_thread
 
 LAST_LINES = 3
 """Lines that are kept of what a program that failed said."""
@@ -102,7 +101,7 @@ def held_of(folder: Path, study: Path, effects: Mapping[str, Mapping[str, float]
         key: {name: value for name, value in shape.items() if name in known[key].grids}
         for key, shape in effects.items()
     }
-    with threadpool_limits(1):
+    with one_thread():
         version = lacet.Session(made).record(model, "what is hidden")
     return _ratios({"result": version.result})
 

@@ -27,6 +27,7 @@ from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.model import known_beforehand
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import scaled_triangle
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.tolerances import sheet_responses
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.settings import SELECTION
@@ -222,7 +223,9 @@ def planned_run(
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
-    pieces = list(Assembly(model.physics, every, model.faults, [run], fitted.physics, zeros=True).pieces())
+    pieces = list(
+        Assembly(model.physics, every, model.faults, [run], ExpansionPoint(fitted.physics), zeros=True).pieces()
+    )
     squares: dict[Row, float] = dict.fromkeys(run.rows, 0.0)
     counts: dict[Row, int] = dict.fromkeys(run.rows, 0)
     rng = np.random.default_rng([seed, draws])

@@ -14,7 +14,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.sensitivity import ExpansionPoint, Sensitivity
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
 
@@ -99,8 +99,7 @@ class Assembly:
     physics : the model's effects; `keep` indices of their parameters that have columns of their own.
     faults : sensor faults in the model.
     runs : the runs.
-    at : values of all parameters of the physics at which sensitivities are computed; None for equations without
-        sensor zeros and faults.
+    at : where sensitivities are computed; None for equations without sensor zeros and faults.
     zeros : whether each run has sensor zeros as parameters.
     shared : responses from other runs of the same motions, none of them in pieces; None to compute them.
     seeds : number of each run in the seeds of its noise draws; by default its index.
@@ -109,7 +108,7 @@ class Assembly:
 
     def __init__(
         self, physics: Sequence[PhysicalEffect], keep: NDArray[np.int64], faults: Sequence[SensorFault],
-        runs: Sequence[PreparedRun], at: Array | None, zeros: bool, shared: MotionResponses | None = None,
+        runs: Sequence[PreparedRun], at: ExpansionPoint | None, zeros: bool, shared: MotionResponses | None = None,
         seeds: Sequence[int] = (), payload: PayloadSpread | None = None,
     ):  # fmt: skip
         self.physics, self.keep, self.faults = tuple(physics), keep, tuple(faults)
@@ -198,7 +197,7 @@ class Assembly:
         return tuple(
             kept.sensitivity
             if (kept := self._cache.pieces.get((run, None))) is not None and kept.sensitivity is not None
-            else Sensitivity.of(drive.recording, self.physics, at)
+            else Sensitivity.of(drive.recording, self.physics, at.values, at.spacing)
             for run, drive in enumerate(self.runs)
         )
 
@@ -209,7 +208,7 @@ class Assembly:
         sensitivity, zeros = None, None
         if self.at is not None:
             shared = self.shared.sensitivities[run] if self.shared and whole else None
-            sensitivity = shared or Sensitivity.of(drive.recording, self.physics, self.at)
+            sensitivity = shared or Sensitivity.of(drive.recording, self.physics, self.at.values, self.at.spacing)
             faults = [drive.decimated(sensitivity.fault(fault)) for fault in self.faults]
             for row, W in matrices.items():
                 matrices[row] = np.column_stack([W, *(found.get(row, np.zeros(len(W))) for found in faults)])

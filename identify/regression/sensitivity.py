@@ -38,8 +38,25 @@ _SAMPLES = 16_000
 """Largest number of samples of the copies computed at once: it limits the memory for long runs."""
 _DRAWN = 32_000
 """Largest number of samples of the noise drawn at once: what many draws are multiplied with then stays in the cache."""
-_COARSE = 0.04
+FINE = 0.04
 """Spacing of the instants at which derivatives are computed [s]: below half a period of the fit's cut-off."""
+ROUGH = 0.16
+"""The same where the derivatives only lead to better parameter values, at which they are computed again, or to a check
+of the channels [s]."""
+
+
+@dataclass(frozen=True)
+class ExpansionPoint:
+    """Where the residual's derivatives by the channels are computed.
+
+    Attributes
+    ----------
+    values : (p,) every parameter of the physics.
+    spacing : of the instants [s]; in between the derivatives are interpolated.
+    """
+
+    values: Array
+    spacing: float = FINE
 
 
 def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -> dict[Row, Array]:
@@ -105,9 +122,11 @@ class Sensitivity:
         return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
 
     @classmethod
-    def of(cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array) -> Sensitivity:
-        """The sensitivity of a run at parameter values θ, by finite differences."""
-        every = max(1, round(_COARSE * recording.filters.rate))
+    def of(
+        cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array, spacing: float = FINE
+    ) -> Sensitivity:
+        """The sensitivity of a run at parameter values θ, by finite differences at instants `spacing` [s] apart."""
+        every = max(1, round(spacing * recording.filters.rate))
         # The same instants in a piece of a long run as in the whole.
         before_it = round(float(recording.t[0] - recording.start) * recording.filters.rate)
         comb = np.arange(-before_it % every, recording.t.size, every)

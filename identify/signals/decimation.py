@@ -4,7 +4,7 @@ Forward and backward through a filter H, a series is convolved with two-sided ex
 H(z) H(1/z) = e + Σ c Σₙ p^|n| z⁻ⁿ with c the residue of H at p times H(1/p) (partial fractions; A. V. Oppenheim and
 R. W. Schafer, Discrete-Time Signal Processing, 2010, 3.3). So a block of samples acts on the kept instants of other
 blocks through one number for each pole and direction, and on its own by one product of matrices. The result is that of
-`filters.zero_phase`, its padding and its states at rest included, but for rounding.
+`filters.zero_phase`, up to both ends of a series, but for rounding.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from lacet.identify.signals.filters import Array, Filters, padding, two_pass_zeros
+from lacet.identify.signals.filters import Array, Filters, poles
 
 Complex = NDArray[np.complex128]
 
@@ -40,8 +39,7 @@ def decimated(x: Array, filters: Filters) -> Array:
         return np.zeros((*x.shape[:-1], places.size))
     low_pass = filters.fit_cutoff, filters.rate, filters.order
     exponentials = _Exponentials.of(*low_pass, filters.step)
-    found = exponentials.through(x.reshape(-1, x.shape[-1]), padding(x.shape[-1], *low_pass), int(places[0]))
-    return found[:, : places.size].reshape(*x.shape[:-1], places.size)
+    return exponentials.through(x.reshape(-1, x.shape[-1]), places).reshape(*x.shape[:-1], places.size)
 
 
 @dataclass(frozen=True)
@@ -54,91 +52,77 @@ class _Exponentials:
     Attributes
     ----------
     step : samples from one kept instant to the next.
-    powers : (n, P) p^n of each pole, its imaginary part not negative, until they have vanished.
-    residues : (P,) of one pass; `direct` what one pass gives of the present sample beside them.
+    poles, both : (P,) poles, their imaginary parts not negative, and what each exponential is multiplied with.
     weights : (L, G + 4 P) a sample's part in the block's G kept instants; in Σ p^n x over samples past, seen from the
         block's last one, real and imaginary parts; and in the same over samples to come, seen from before its first.
     arriving : (4 P, G) parts of both sums, as they arrive at the block's ends, in its kept instants.
     """
 
     step: int
-    powers: Complex
-    residues: Complex
-    direct: float
+    poles: Complex
+    both: Complex
     weights: Array
     arriving: Array
 
     @classmethod
     @cache
     def of(cls, cutoff: float, rate: float, order: int, step: int) -> _Exponentials:
-        """Of the filter `two_pass_sos`."""
-        zeros, every, gain = two_pass_zeros(cutoff, rate, order)
+        """Of the filter of `filters.zero_phase`."""
+        every = poles(cutoff, rate, order)
         kept = every[every.imag >= 0.0]
         pair = np.where(kept.imag > 0.0, 2.0, 1.0)
-        above = np.prod(1.0 - zeros[:, None] / kept, axis=0)
+        # One pass: all zeros at −1, and 1 at rest.
+        gain = float(np.prod(1.0 - every).real) / 2.0**order
         below = np.prod(1.0 - every[:, None] / kept, axis=0, where=every[:, None] != kept)
-        residues = pair * gain * above / below
-        mirrored = gain * np.prod(1.0 - zeros[:, None] * kept, axis=0) / np.prod(1.0 - every[:, None] * kept, axis=0)
-        direct = gain * float(np.prod(zeros / every).real)
-        both = residues * mirrored
+        residues = pair * gain * (1.0 + 1.0 / kept) ** order / below
+        both = residues * gain * (1.0 + kept) ** order / np.prod(1.0 - every[:, None] * kept, axis=0)
+        direct = gain**2 * float(np.prod(-1.0 / every).real)
         sample = np.arange(_IN_BLOCK * step)[:, None]
         instant = step * np.arange(1, _IN_BLOCK + 1) - 1
         distance = np.abs(sample - instant)
-        own = (kept ** distance[..., None] @ both).real + gain * direct * (distance == 0)
+        own = (kept ** distance[..., None] @ both).real + direct * (distance == 0)
         past, coming = kept ** sample[::-1], kept ** (sample + 1)
         from_past, from_coming = ((both * kept ** n[:, None]).T for n in (instant + 1, instant[::-1] + 1 - step))
-        last = max(len(sample), math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(kept)))))
         return cls(
-            step, kept ** np.arange(last + 1)[:, None], residues, direct,
-            np.concatenate([own, past.real, past.imag, coming.real, coming.imag], axis=1),
+            step, kept, both, np.concatenate([own, past.real, past.imag, coming.real, coming.imag], axis=1),
             np.concatenate([from_past.real, -from_past.imag, from_coming.real, -from_coming.imag]),
         )  # fmt: skip
 
-    def through(self, x: Array, pad: int, first: int) -> Array:
-        """Series (k, N) continued by `pad` samples and filtered, (k, n) at every `step`-th sample from `first`."""
-        length, count = self.weights.shape[0], self.powers.shape[1]
-        size = x.shape[1] + 2 * pad
+    def through(self, x: Array, places: NDArray[np.intp]) -> Array:
+        """Series (k, N) filtered, at `places` (n,), `step` samples apart."""
+        length, count, size = self.weights.shape[0], self.poles.size, x.shape[1]
+        last = size - 1
+        # Without the line between its ends a series is odd about both.
+        slope = (x[:, -1:] - x[:, :1]) / max(1, last)
         # Blocks are laid so that a step ends at each kept instant; zeros stand before the series and behind it.
-        lead = (pad + first) // self.step
-        front = self.step - 1 - (pad + first) % self.step
-        level = 2.0 * x[:, :1] - x[:, pad : pad + 1]
+        front = self.step - 1 - int(places[0])
         series = np.zeros((len(x), -(-(front + size) // length) * length))
-        series[:, front : front + pad] = 2.0 * x[:, :1] - x[:, pad:0:-1]
-        series[:, front + pad : front + size - pad] = x
-        series[:, front + size - pad : front + size] = 2.0 * x[:, -1:] - x[:, -2 : -pad - 2 : -1]
-        series[:, front : front + size] -= level
+        series[:, front : front + size] = x - (x[:, :1] + slope * np.arange(size))
         blocks = series.reshape(len(x), -1, length)
         given = (blocks.reshape(-1, length) @ self.weights).reshape(*blocks.shape[:2], -1)
         sums = given[..., _IN_BLOCK:].reshape(*blocks.shape[:2], 2, 2, count)
         sums = sums[..., 0, :] + 1j * sums[..., 1, :]
+        past, coming = self._summed(sums[:, :, 0]), self._summed(sums[:, ::-1, 1])[:, ::-1]
         entering = np.zeros_like(sums)
-        entering[:, 1:, 0] = self._summed(sums[:, :-1, 0])
-        entering[:, :-1, 1] = self._summed(sums[:, :0:-1, 1])[:, ::-1]
+        entering[:, 1:, 0], entering[:, :-1, 1] = past[:, :-1], coming[:, 1:]
         parts = np.stack([entering.real, entering.imag], axis=3).reshape(*blocks.shape[:2], -1)
         out = (given[..., :_IN_BLOCK] + parts @ self.arriving).reshape(len(x), -1)
-        end = front + size - 1
-        block, place = divmod(end, length)
-        state = entering[:, block, 0] * self.powers[place + 1] + blocks[:, block, : place + 1] @ self.powers[place::-1]
-        kept = np.arange(lead, (front + size) // self.step, dtype=np.intp)
-        ahead = end - (self.step - 1) - self.step * kept
-        out = out[:, lead : lead + ahead.size] + self._behind(state, series[:, end], ahead)
-        return out + level
+        # Sums over the series as seen from its first sample and from its last, and what lies turned beyond these.
+        seen_first = coming[:, 0] / self.poles ** (front + 1)
+        place = np.arange((front + last) % length + 1)
+        seen_last = entering[:, -1, 0] * self.poles**place.size + blocks[:, -1, place] @ self.poles ** place[::-1, None]
+        across = self.poles**last
+        beyond_first = (across * seen_last - seen_first) / (1.0 - across**2)
+        beyond_last = (across * seen_first - seen_last) / (1.0 - across**2)
+        beyond = (self.both * beyond_first) @ self.poles[:, None] ** places
+        beyond += (self.both * beyond_last) @ self.poles[:, None] ** (last - places)
+        return out[:, : places.size] + beyond.real + x[:, :1] + slope * places
 
-    def _summed(self, entering: Complex) -> Complex:
+    def _summed(self, sums: Complex) -> Complex:
         """(k, b, P) sums over all blocks so far of what each gives, decaying by p^L from block to block."""
-        kept = self.powers[len(self.weights)]
-        parts = [scipy.signal.lfilter([1.0], [1.0, -q], entering[..., i], axis=1) for i, q in enumerate(kept)]
-        return np.stack(parts, axis=-1)
-
-    def _behind(self, state: Complex, last: Array, ahead: NDArray[np.intp]) -> Array:
-        """(k, m) what the second pass adds because it begins at rest, `ahead` (m,) samples before the last one.
-
-        `state` (k, P) sums of the first pass at the last sample `last` (k,). It begins as if the first pass had stayed
-        at its last value, not as the first pass would have gone on: falling back to zero.
-        """
-        p, q = self.powers[1][:, None], self.powers[1]
-        going_on = self.residues * state
-        value = self.direct * last + np.sum(going_on.real, axis=1)
-        falling = going_on @ (p * q / (1.0 - p * q)) + going_on.conj() @ (p.conj() * q / (1.0 - p.conj() * q))
-        missing = value[:, None] * (q / (1.0 - q)) - 0.5 * falling
-        return ((self.residues * missing) @ self.powers[np.minimum(ahead, len(self.powers) - 1)].T).real
+        decay = self.poles ** len(self.weights)
+        out = sums.copy()
+        lags = min(sums.shape[1], 1 + math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(decay)))))
+        for lag in range(1, lags):
+            out[:, lag:] += decay**lag * sums[:, :-lag]
+        return out

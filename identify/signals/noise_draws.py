@@ -10,7 +10,7 @@ import scipy
 
 from lacet.daq.channels import CHANNELS
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.signals.filters import two_pass_sos
+from lacet.identify.signals.filters import two_pass_gain
 from lacet.identify.signals.reconstruct import Recording
 
 
@@ -50,5 +50,5 @@ def _passed(cutoff: float | None, rate: float, order: int, n: int) -> Array:
     frequency = np.fft.rfftfreq(n, 1.0 / rate)
     if cutoff is None:
         return np.ones(frequency.size)
-    gain = np.abs(scipy.signal.sosfreqz(two_pass_sos(cutoff, rate, order), worN=frequency, fs=rate)[1]) ** 2
+    gain = two_pass_gain(frequency, cutoff, rate, order)
     return gain[: int(np.flatnonzero(gain > 1e-6)[-1]) + 1]

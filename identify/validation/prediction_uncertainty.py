@@ -116,9 +116,9 @@ class Knowledge:
         return OpenParameters(tuple(self.names[i] for i in which), tuple(runs))
 
 
-def is_used(fitted: Fit, run: PreparedRun) -> bool:
-    """Whether a run is among those that a fit used."""
-    return any(one.recording.t is run.recording.t for one in fitted.runs)
+def place_of(fitted: Fit, run: PreparedRun) -> int | None:
+    """Place of a run among those that a fit used; None where it is none of them."""
+    return next((i for i, one in enumerate(fitted.runs) if one.recording.t is run.recording.t), None)
 
 
 def _shared(fitted: Fit, prior: Array) -> Array:

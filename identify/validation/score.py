@@ -15,8 +15,8 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, joined_zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
-from lacet.identify.validation.noise_floor import SCORE_DRAWS, simulate_floor
-from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, is_used
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, PiecesOfRun, simulate_floor
+from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, place_of
 from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness
 
 FAILS = 1.2
@@ -91,25 +91,31 @@ def compare(
     The run may be one that the fit used or one held out. Its sensor zeros are estimated with the sheet's σ as prior, as
     they belong to the run and not to the car. `knowledge` : that of the fit where it is computed already.
     """
-    payload = fitted.options.payload
-    known = None if is_used(fitted, run) else knowledge or Knowledge.of(fitted)
-    return compare_values(fitted.model.physics, fitted.physics, corrected_run(run, fitted), draws, seed, known, payload)
+    physics, payload, place = fitted.model.physics, fitted.options.payload, place_of(fitted, run)
+    known = None if place is not None else knowledge or Knowledge.of(fitted)
+    # The fit's own sensitivities serve again; sensor faults are removed from its runs but for the last small step.
+    if place is not None and fitted.options.zeros and not fitted.model.faults:
+        run, pieces = fitted.runs[place], fitted.sensitive_pieces(place)
+    else:
+        run, pieces = corrected_run(run, fitted), None
+    return compare_values(physics, fitted.physics, run, draws, seed, known, payload, pieces)
 
 
 def compare_values(
     effects: Sequence[PhysicalEffect], values: Array, run: PreparedRun, draws: int = SCORE_DRAWS, seed: int = 1,
-    knowledge: Knowledge | None = None, payload: PayloadSpread | None = None,
+    knowledge: Knowledge | None = None, payload: PayloadSpread | None = None, pieces: PiecesOfRun | None = None,
 ) -> Comparison:  # fmt: skip
     """The prediction of a run, sensor faults removed, by effects with these values (p,) of their parameters.
 
     `knowledge` : of the values, for a run that they were not fitted to; None for one that they were fitted to.
-    `payload` : how much the runs' payloads differ, where each has its own.
+    `payload` : how much the runs' payloads differ, where each has its own. `pieces` of the run with its sensitivity,
+    where they are known.
     """
     found: list[Zeros] = []
 
     def sensitive(_: int) -> Iterator[tuple[PreparedRun, Sensitivity]]:
         """The run's pieces; the zeros of each are found where its sensitivity is at hand."""
-        for piece, sensitivity in run.sensitive_pieces(effects, values):
+        for piece, sensitivity in pieces or run.sensitive_pieces(effects, values):
             found.append(zeros_of(piece, sensitivity, every=run.is_long))
             yield piece, sensitivity
 

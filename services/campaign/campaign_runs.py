@@ -25,6 +25,7 @@ from lacet.identify.regression.qr_accumulation import (
     merged_squares,
     merged_triangles,
 )
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.uncertainty import Spread
 from lacet.services.campaign.cluster import Cluster
 from lacet.services.campaign.run_reference import RunReference, Settings
@@ -67,7 +68,7 @@ class CampaignRuns:
         return ()
 
     def linearised(
-        self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]
+        self, keep: NDArray[np.int64], at: ExpansionPoint | None, known: Array, rows: Sequence[Row]
     ) -> CampaignEquations:
         """Equations with sensitivities, held by the workers; parameters as in `RunSums.linearised`."""
         return CampaignEquations(self, EquationsAt(keep, at, known, tuple(rows), self.removed))

@@ -18,7 +18,6 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
 from lacet.identify.car.rows import Row
@@ -27,6 +26,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.corrected_scores import NoiseMoments
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.qr_accumulation import RunEquations, squares_at
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.sums.prepared_runs import PreparedEquations, PreparedRuns
 from lacet.identify.regression.uncertainty import Spread, spread_of
 from lacet.identify.validation.score import compare_values
@@ -34,6 +34,7 @@ from lacet.services.cache.keys import key_of, service_sources
 from lacet.services.cache.records import to_record
 from lacet.services.cache.store import Store
 from lacet.services.campaign.run_reference import ReadRun, RunReference, Settings, read_run
+from lacet.services.one_thread import one_thread
 from lacet.services.workspace.results import scores
 
 T = TypeVar("T")
@@ -128,7 +129,7 @@ class EquationsAt:
     """
 
     keep: NDArray[np.int64]
-    at: Array | None
+    at: ExpansionPoint | None
     known: Array
     rows: tuple[Row, ...]
     removed: Array
@@ -372,7 +373,7 @@ def _store(reference: RunReference, settings: Settings) -> Store | None:
 def _or_broken(reference: RunReference, compute: Callable[[], T]) -> T | Broken:
     """The result, or the run's name with the reason why there is none."""
     try:
-        with threadpool_limits(1):
+        with one_thread():
             return compute()
     except LacetError as error:
         return Broken({reference.name: str(error)})
@@ -382,13 +383,13 @@ def _or_broken(reference: RunReference, compute: Callable[[], T]) -> T | Broken:
 
 def reduced_root(run: RunEquations | Broken, sigma: Mapping[Row, float]) -> Array | Broken:
     """(p + 1, p + 1) R factor of a run's weighted equations, its zeros eliminated."""
-    with threadpool_limits(1):
+    with one_thread():
         return run if isinstance(run, Broken) else run.reduced(sigma)[1]
 
 
 def reduced_normal(run: RunEquations | Broken, sigma: Mapping[Row, float]) -> Array | Broken:
     """(p + 1, p + 1) normal matrix of the same."""
-    with threadpool_limits(1):
+    with one_thread():
         return run if isinstance(run, Broken) else run.reduced_normal(sigma)[0]
 
 
@@ -396,7 +397,7 @@ def row_squares(
     run: RunEquations | Broken, sigma: Mapping[Row, float], x: Array, quick: bool
 ) -> dict[Row, float] | Broken:
     """Row → sum of squares of a run at parameters `x` and the zeros that belong to them."""
-    with threadpool_limits(1):
+    with one_thread():
         return run if isinstance(run, Broken) else squares_at(run, x, sigma, quick)
 
 
@@ -410,5 +411,5 @@ def merge(parts: Sequence[T | Broken], how: Callable[[Sequence[T]], T]) -> T | B
     broken = {name: why for part in parts if isinstance(part, Broken) for name, why in part.runs.items()}
     if broken:
         return Broken(broken)
-    with threadpool_limits(1):
+    with one_thread():
         return how([part for part in parts if not isinstance(part, Broken)])

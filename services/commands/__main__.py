@@ -106,11 +106,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         args = build_parser(words[0] if words else None).parse_args(words)
     except BrokenPipeError:
         return _unread()
-    from threadpoolctl import threadpool_limits  # imported here, so that `lacet --help` is fast
+    from lacet.services.one_thread import one_thread  # imported here, so that `lacet --help` is fast
 
     try:
-        # Matrices are small: more threads gain nothing (measured), and other cores stay free for the recorder.
-        with threadpool_limits(1), contextlib.ExitStack() as stack:
+        with one_thread(), contextlib.ExitStack() as stack:
             if args.json == "-":  # standard output is for the result only, text for people goes to standard error
                 args.json = sys.stdout
                 stack.enter_context(contextlib.redirect_stdout(sys.stderr))

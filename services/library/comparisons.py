@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from lacet.identify.car.rows import Row
 from lacet.identify.validation import score
@@ -14,6 +13,7 @@ from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit
 from lacet.services.library.runs import Runs
+from lacet.services.one_thread import one_thread
 from lacet.services.render.tables import table
 from lacet.services.workspace.loading import check_reference
 
@@ -108,6 +108,6 @@ def compare(
     for run in runs or fitted.runs:
         if progress:
             progress(f"comparing with {run.name}")
-        with threadpool_limits(1):
+        with one_thread():
             found[run.name] = score.compare(fitted.details, run, draws, knowledge=fitted.knowledge if runs else None)
     return Comparison(found)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from lacet.daq.errors import UsageError, nearest
 from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
@@ -21,6 +19,7 @@ from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.runs import Runs
+from lacet.services.one_thread import one_thread
 from lacet.services.render import tables
 from lacet.services.render.progress import in_words
 from lacet.services.workspace.results import fit_result
@@ -83,7 +82,7 @@ class Fit:
     def noise_floor(self, draws: int) -> NoiseFloor:
         """The residual that the sensors' noise alone would leave, simulated `draws` times and stored."""
         if draws not in self._floors:
-            with threadpool_limits(1):
+            with one_thread():
                 self._floors[draws] = floor_of(self.details, draws)
         return self._floors[draws]
 
@@ -189,7 +188,7 @@ def fit(model: Model, runs: Runs, *, robust: bool = False, progress: Callable[[s
 
 def _fitted(model: Model, runs: Runs, options: wls.FitOptions, progress: Callable[[str], object] | None) -> Fit:
     # One thread, as on the command line: the same digits, in half the processor time and less time altogether.
-    with threadpool_limits(1):
+    with one_thread():
         details = wls.fit(model, runs.prepared, options, progress=in_words(progress) if progress else silent)
     return Fit(model, runs, details)
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from threadpoolctl import threadpool_limits
-
 from lacet.identify.effects.base import Effect
 from lacet.identify.selection.diagnose import Diagnosis, diagnose
 from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.fits import Fit, catalogue
+from lacet.services.one_thread import one_thread
 from lacet.services.render.progress import in_words
 from lacet.services.render.tables import table
 from lacet.services.render.verdicts import says
@@ -106,5 +105,5 @@ def rank(
             progress(text)
 
     say(f"simulating the noise floor, {draws} times")
-    with threadpool_limits(1):
+    with one_thread():
         return Ranking(diagnose(fitted.details, fitted.noise_floor(draws), tried, seed, progress=in_words(say)))

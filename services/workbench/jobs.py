@@ -16,9 +16,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pyarrow
-from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import LacetError
+from lacet.services.one_thread import one_thread
 from lacet.services.progress import AnyStep, ServiceStage
 from lacet.services.render.progress import sentence
 from lacet.services.timing.job_time import JobTime
@@ -184,7 +184,7 @@ class Jobs:
 
     def _work(self) -> None:
         # One thread for linear algebra, as on the command line, so that a study gives the same digits.
-        with threadpool_limits(1):
+        with one_thread():
             while (job := self._queue.get()) is not None:
                 if job.state == "waiting":
                     self._one(job)

@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from lacet.daq.errors import UsageError
 from lacet.identify.effects.catalogue import base_model, find_effect
 from lacet.identify.progress import silent
@@ -19,6 +17,7 @@ from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import compare
 from lacet.services.cache.store import FOLDER
+from lacet.services.one_thread import one_thread
 from lacet.services.progress import Progress, planned
 from lacet.services.timing.memory import FILE
 from lacet.services.workspace.kept.kept_values import KeptValues
@@ -35,7 +34,7 @@ MOST_EFFECTS = 10
 def fit_run(path: str | Path) -> dict[str, Any]:
     """A fit of the base model to one run that holds its rig and vehicle (a log), as a worker makes it: plain data."""
     # On one thread, as on the command line, so that a log gives the same digits everywhere.
-    with threadpool_limits(1):
+    with one_thread():
         return _fit_run(path)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import scipy.linalg  # noqa: F401  (its threads are limited too, whichever commit is measured)
 from threadpoolctl import threadpool_limits
 
 from benchmarks.blind.cases import cells

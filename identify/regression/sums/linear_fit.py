@@ -30,6 +30,7 @@ from lacet.identify.regression.qr_accumulation import (
     scaled_triangle,
     triangle,
 )
+from lacet.identify.regression.sensitivity import FINE, ROUGH, ExpansionPoint
 from lacet.identify.regression.sensor_offsets import PayloadSpread
 from lacet.identify.regression.uncertainty import Spread, at_least
 
@@ -91,13 +92,13 @@ class RunSums(Protocol[L_co]):
         """Channels that rows of the equations lack in these runs."""
         ...
 
-    def linearised(self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]) -> L_co:
+    def linearised(self, keep: NDArray[np.int64], at: ExpansionPoint | None, known: Array, rows: Sequence[Row]) -> L_co:
         """Equations with sensitivities.
 
         Parameters
         ----------
         keep : places of the physics' parameters that have columns of their own.
-        at : (p,) every parameter of the physics, or None: neither zeros nor sensor faults.
+        at : where sensitivities are computed, or None: neither zeros nor sensor faults.
         known : (k, q) what is known of the parameters kept and the sensor faults beforehand.
         rows : the rows any run has.
         """
@@ -210,19 +211,20 @@ def solve_linear(
     known = known_beforehand(model, keep)
     need = options.zeros or bool(model.faults)
 
-    def found_at(values: Array) -> tuple[L_co, Array, Mapping[Row, float]]:
+    def found_at(values: Array, spacing: float) -> tuple[L_co, Array, Mapping[Row, float]]:
         """Equations with sensitivities at these values of the parameters kept, and their solution."""
         at = np.zeros(len(parameters))
         at[keep] = values
-        there = runs.linearised(keep, at if need else None, known, rows)
+        there = runs.linearised(keep, ExpansionPoint(at, spacing) if need else None, known, rows)
         # From the same σ each time: those of data without noise are too small to begin with.
         return there, *solution(there.equations, begin)
 
-    linearised, x, sigma = found_at(x if near is None else near[keep])
     # How the residual answers to the channels depends on the parameters: what is found before the zeros are removed
     # (a laser's half millimetre is a hundred newtons of tyre load) can be off by a tenth, and the noise floor with it.
-    if need and known_moments is None and near is None:
-        linearised, x, sigma = found_at(x[: len(keep)])
+    again = need and known_moments is None and near is None
+    linearised, x, sigma = found_at(x if near is None else near[keep], ROUGH if again else FINE)
+    if again:
+        linearised, x, sigma = found_at(x[: len(keep)], FINE)
     for _ in range(_HUBER_TURNS - 1 if options.robust else 0):
         linearised = linearised.reweighted(x, sigma)
         x, sigma = solution(linearised.equations, sigma)

@@ -19,6 +19,7 @@ from lacet.identify.regression.identifiability import refuse_not_finite
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, RunEquations
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.sensor_offsets import PayloadSpread
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.signals.reconstruct import Recording
@@ -57,7 +58,7 @@ class PreparedRuns:
         return {name for run in self.runs for why in run.measured_rows.left_out.values() for name in why.channels}
 
     def linearised(
-        self, keep: NDArray[np.int64], at: Array | None, known: Array, rows: Sequence[Row]
+        self, keep: NDArray[np.int64], at: ExpansionPoint | None, known: Array, rows: Sequence[Row]
     ) -> PreparedEquations:
         """Equations with sensitivities; parameters as in `RunSums.linearised`."""
         assembly = Assembly(

@@ -154,7 +154,7 @@ def _fitted_with(before: Fit, effects: Sequence[Effect], count: int) -> tuple[Fi
             at = [fitted.model.names.index(q.name) for q in effect.parameters]
             values = fitted.theta[at]
             wald = float(values @ solved(covariance[np.ix_(at, at)], values[:, None])[:, 0])
-            p[effect.key] = count * float(scipy.stats.chi2.sf(wald, len(at)))
+            p[effect.key] = count * float(scipy.special.chdtrc(len(at), wald))
         worst = max(kept, key=lambda effect: p[effect.key])
         if p[worst.key] <= SELECTION.significance:
             return fitted, kept

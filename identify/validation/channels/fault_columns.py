@@ -18,7 +18,7 @@ from lacet.identify.effects.catalogue import base_model
 from lacet.identify.effects.sensors.sensor_position import SensorPosition
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.sensitivity import ROUGH, Sensitivity
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.noise_draws import draw_noise
@@ -116,7 +116,7 @@ class FaultColumns:
         recording = run.recording
         effects = [e for effect in base_model(recording.vehicle, recording.reference) if (e := effect.as_physics)]
         priors = np.array([q.prior for effect in effects for q in effect.parameters])
-        sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors))
+        sensitivity = Sensitivity.of(recording, effects, _first_estimate(run, effects, priors), ROUGH)
         floor = _floor(run, sensitivity)
         channels = sensitivity.channels
         parts: dict[Row, list[Array]] = {row: [] for row in run.rows}

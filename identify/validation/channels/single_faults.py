@@ -194,7 +194,7 @@ def _joint_fault(products: FaultColumns, seconds: Mapping[str, tuple[float, floa
     if one.rate_noise > _NOISY or not least > LATE or fall < max(_LITTLE, _EXPLAINS * (misfit - 1.0)):
         return None
     half, remaining = _USUAL * one.delay_spread, max(0.0, misfit - fall) ** 0.5
-    apart = max(_ALIKE * fall, float(scipy.stats.chi2.isf(_CHANCE, 1)) / products.count)
+    apart = max(_ALIKE * fall, float(scipy.special.chdtri(1, _CHANCE)) / products.count)
     ties = tuple(other.column for other in estimates if other is not one and fall - other.delay_fall < apart)
     return ColumnFault(one.column, Fault.LATE, one.delay, half, misfit**0.5, remaining, seconds, ties=ties)
 
@@ -257,7 +257,7 @@ def _first_wrong_scale(
 
 
 def _reach(blocks: int) -> float:
-    return float(scipy.stats.t.ppf(1.0 - 0.5 * _CHANCE, blocks - 1))
+    return float(scipy.special.stdtrit(blocks - 1, 1.0 - 0.5 * _CHANCE))
 
 
 def _wrong_scale(one: FaultEstimate, misfit: float, half: float) -> tuple[Fault, str] | None:

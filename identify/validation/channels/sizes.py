@@ -6,6 +6,7 @@ sheet: no sound instrument is. The sheet itself is in doubt where most columns o
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -188,10 +189,12 @@ def opposed_steer(run: PreparedRun) -> SteersAgainst | None:
     left, right = (values[name][0][keep] for name in _FRONT)
     if left.size < _LEAST or min(np.std(s) for s in (left, right)) < run.recording.rig.noise(_FRONT[0]):
         return None
-    fitted = scipy.stats.linregress(left, right)
-    if not (fitted.slope < 0.0 and fitted.rvalue**2 > 0.5 and fitted.pvalue < _SURE):
+    r = float(np.corrcoef(left, right)[0, 1])
+    freedom = left.size - 2
+    chance = 2.0 * float(scipy.special.stdtr(freedom, -abs(r) * math.sqrt(freedom / max(1e-300, 1.0 - r * r))))
+    if not (r < 0.0 and r * r > 0.5 and chance < _SURE):
         return None
-    return SteersAgainst(_against_yaw(run, keep, (left, right)), float(fitted.slope))
+    return SteersAgainst(_against_yaw(run, keep, (left, right)), r * float(np.std(right) / np.std(left)))
 
 
 def unmirrored_camber(run: Run, rig: Rig) -> list[LeansAlike]:

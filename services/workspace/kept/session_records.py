@@ -10,6 +10,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.assembly import Assembly
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.identify.regression.sums.prepared_runs import without_faults
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
@@ -22,7 +23,8 @@ _LIVE = ("model", "runs", "assembly")
 def fit_record(fitted: Fit) -> dict[str, Any]:
     """Values of a fit by name, with where its sensitivities were taken (`at`) and the samples' `weights`."""
     values = {f.name: getattr(fitted, f.name) for f in fields(Fit) if f.name not in _LIVE}
-    return {**values, "at": fitted.assembly.at, "weights": fitted.assembly.weights}
+    at = fitted.assembly.at
+    return {**values, "at": None if at is None else at.values, "weights": fitted.assembly.weights}
 
 
 def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[PreparedRun]) -> Fit:
@@ -33,7 +35,7 @@ def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[Prepare
     if model.faults:
         runs = [without_faults(run, model.faults, removed) for run in runs]
     assembly = Assembly(
-        model.physics, base.independent, model.faults, runs, at, options.zeros, seeds=options.seeds,
+        model.physics, base.independent, model.faults, runs, None if at is None else ExpansionPoint(at), options.zeros, seeds=options.seeds,
         payload=options.payload,
     )  # fmt: skip
     return Fit(model=model, runs=tuple(runs), assembly=assembly.weighted(weights), **values)

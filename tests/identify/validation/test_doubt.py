@@ -10,7 +10,7 @@ import pytest
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.validation.prediction_uncertainty import Knowledge, is_used
+from lacet.identify.validation.prediction_uncertainty import Knowledge, place_of
 from lacet.identify.validation.score import compare
 from lacet.identify.validation.whiteness import Colour
 from lacet.services.render.identifiability import open_parameters, rows_not_judged
@@ -107,7 +107,7 @@ def test_three_runs_judge_the_fourth(drives: dict[str, PreparedRun], models: dic
     """With pitch in the runs used, every row of the rough road can be judged, and none is far off."""
     known = fit(models["bars"], [drives[name] for name in ("sine", "sweep", "liftoff")])
     held = compare(known, drives["rough"], draws=20)
-    assert not is_used(known, drives["rough"])
+    assert place_of(known, drives["rough"]) is None
     assert not held.used
     assert all(s.judged for s in held.scores.values())
     assert max(s.doubt for s in held.scores.values()) < 0.6

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import write_result
@@ -24,6 +23,7 @@ from lacet.services.campaign.fitting import Campaign, CampaignFit, fit_campaign
 from lacet.services.campaign.results import campaign_result
 from lacet.services.campaign.run_reference import Settings
 from lacet.services.commands.__main__ import main
+from lacet.services.one_thread import one_thread
 from lacet.services.progress import AnyStep, ServiceStage
 from lacet.services.workspace.loading import load
 from tests.services.commands.test_json import conforms
@@ -37,7 +37,7 @@ SETTINGS = Settings(RIG.read_text(encoding="utf-8"), VEHICLE.read_text(encoding=
 def in_one_process(campaign: Campaign, options: FitOptions) -> Fit:
     """The same fit without tasks: the runs in memory, one after the other."""
     seeds = tuple(run.reference.seed for run in campaign.runs)
-    with threadpool_limits(1):
+    with one_thread():
         loaded = load([run.reference.place for run in campaign.runs], RIG, VEHICLE)
         return fit(campaign.settings.model(), loaded.prepared, replace(options, seeds=seeds))
 

@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
 
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
@@ -31,6 +30,7 @@ from lacet.services.campaign.ranking_tasks import (
 from lacet.services.campaign.run_reference import RunReference, Settings
 from lacet.services.campaign.tasks import Broken, EquationsAt, State, Survey
 from lacet.services.library.runs import load_runs
+from lacet.services.one_thread import one_thread
 from tests.support.short_runs import CAR, write_short_runs
 
 T = TypeVar("T")
@@ -59,7 +59,7 @@ def references(places: Sequence[Path]) -> list[RunReference]:
 @pytest.fixture(scope="module")
 def whole(places: Sequence[Path]) -> Fit:
     """The fit of both in this process."""
-    with threadpool_limits(1):
+    with one_thread():
         runs = load_runs(*map(str, places), rig=str(CAR / "rig.toml"), vehicle=str(CAR / "vehicle.toml"))
         return fit(SETTINGS.model(), runs.prepared)
 

@@ -9,9 +9,9 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from threadpoolctl import threadpool_limits
 
 from lacet.services.commands.__main__ import main
+from lacet.services.one_thread import one_thread
 from lacet.services.reproduction.campaigns import Places, experiment, identify, simulation
 from lacet.simulate import engine
 from tests.services.commands.test_json import conforms
@@ -71,7 +71,7 @@ def test_tables_1_to_4_from_short_runs_and_what_is_there_is_used_again(
     (folder / "fit.json").unlink()
     hidden_away = shutil.move(tmp_path / "out" / "truth", tmp_path / "elsewhere")
     campaign_again = simulation().shortened(5.0)
-    with threadpool_limits(1):  # as the command line has it
+    with one_thread():  # as the command line has it
         again = identify(campaign_again, Places.of(tmp_path / "out", campaign_again), lambda text: None)
     assert again == first
     shutil.move(hidden_away, tmp_path / "out" / "truth")
