@@ -223,9 +223,8 @@ def planned_run(
     fitted = question.fitted
     model = fitted.model
     every = np.arange(len(fitted.physics), dtype=np.int64)
-    pieces = list(
-        Assembly(model.physics, every, model.faults, [run], ExpansionPoint(fitted.physics), zeros=True).pieces()
-    )
+    at = ExpansionPoint(fitted.physics)
+    pieces = list(Assembly(model.physics, every, model.faults, [run], at, zeros=True).pieces())
     squares: dict[Row, float] = dict.fromkeys(run.rows, 0.0)
     counts: dict[Row, int] = dict.fromkeys(run.rows, 0)
     rng = np.random.default_rng([seed, draws])

@@ -101,20 +101,21 @@ class _Exponentials:
         blocks = series.reshape(len(x), -1, length)
         given = (blocks.reshape(-1, length) @ self.weights).reshape(*blocks.shape[:2], -1)
         sums = given[..., _IN_BLOCK:].reshape(*blocks.shape[:2], 2, 2, count)
-        sums = sums[..., 0, :] + 1j * sums[..., 1, :]
+        sums = np.asarray(sums[..., 0, :] + 1j * sums[..., 1, :], complex)
         past, coming = self._summed(sums[:, :, 0]), self._summed(sums[:, ::-1, 1])[:, ::-1]
-        entering = np.zeros_like(sums)
+        entering = np.zeros(sums.shape, complex)
         entering[:, 1:, 0], entering[:, :-1, 1] = past[:, :-1], coming[:, 1:]
         parts = np.stack([entering.real, entering.imag], axis=3).reshape(*blocks.shape[:2], -1)
         out = (given[..., :_IN_BLOCK] + parts @ self.arriving).reshape(len(x), -1)
         # Sums over the series as seen from its first sample and from its last, and what lies turned beyond these.
         seen_first = coming[:, 0] / self.poles ** (front + 1)
-        place = np.arange((front + last) % length + 1)
-        seen_last = entering[:, -1, 0] * self.poles**place.size + blocks[:, -1, place] @ self.poles ** place[::-1, None]
+        place = np.arange((front + last) % length + 1, dtype=np.intp)
+        own = np.asarray(blocks[:, -1, place] @ self.poles ** place[::-1, None], complex)
+        seen_last = entering[:, -1, 0] * self.poles ** len(place) + own
         across = self.poles**last
         beyond_first = (across * seen_last - seen_first) / (1.0 - across**2)
         beyond_last = (across * seen_first - seen_last) / (1.0 - across**2)
-        beyond = (self.both * beyond_first) @ self.poles[:, None] ** places
+        beyond = np.asarray((self.both * beyond_first) @ self.poles[:, None] ** places, complex)
         beyond += (self.both * beyond_last) @ self.poles[:, None] ** (last - places)
         return out[:, : places.size] + beyond.real + x[:, :1] + slope * places
 

@@ -94,13 +94,15 @@ def zero_phase(x: Array, cutoff: float, rate: float, order: int) -> Array:
         return x.copy()
     # Turned about both ends a series without its line is odd and periodic: a sum of sines.
     line = x[..., :1] + (x[..., -1:] - x[..., :1]) * np.linspace(0.0, 1.0, n)
-    sines = scipy.fft.dst((x - line)[..., 1:-1], 1, axis=-1)
-    sines *= two_pass_gain(np.arange(1, n - 1) * (0.5 * rate / (n - 1)), cutoff, rate, order)
-    line[..., 1:-1] += scipy.fft.idst(sines, 1, axis=-1)
+    sines = np.asarray(scipy.fft.dst((x - line)[..., 1:-1], 1, axis=-1), float)
+    frequency = np.arange(1.0, n - 1.0) * (0.5 * rate / (n - 1))
+    sines *= two_pass_gain(frequency, cutoff, rate, order)
+    line[..., 1:-1] += np.asarray(scipy.fft.idst(sines, 1, axis=-1), float)
     return line
 
 
-# Central differences of eighth order: at 20 Hz and 250 Hz sampling, 0.03 % low, where the three-point rule is 4 % low.
+# Central differences of eighth order: at 6 Hz and 125 Hz sampling one part in ten million low, at 20 Hz 0.15 %; the
+# three-point rule 1.5 % and 16 %.
 _STENCIL = np.array([1 / 280, -4 / 105, 1 / 5, -4 / 5, 0.0, 4 / 5, -1 / 5, 4 / 105, -1 / 280])
 
 

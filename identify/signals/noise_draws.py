@@ -47,7 +47,7 @@ def draw_noises(
 @lru_cache(maxsize=16)
 def _passed(cutoff: float | None, rate: float, order: int, n: int) -> Array:
     """Gain of the pre-filter at the frequencies of `n` samples, up to the last that it lets pass."""
-    frequency = np.fft.rfftfreq(n, 1.0 / rate)
+    frequency = np.asarray(np.fft.rfftfreq(n, 1.0 / rate), float)
     if cutoff is None:
         return np.ones(frequency.size)
     gain = two_pass_gain(frequency, cutoff, rate, order)

@@ -65,6 +65,10 @@ def in_reference(rig: Rig, reference: str, axes: Mapping[str, str] | None = None
     return replace(rig, wheel_reference=reference, sensors=sensors)
 
 
+RATE = Filters().rate
+"""Rate of recordings [Hz]."""
+
+
 class MultiSine:
     """A sum of sines with its derivatives, exact at any instant.
 

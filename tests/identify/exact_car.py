@@ -52,7 +52,7 @@ def exact() -> Recording:
 
 def exact_with(hidden: Effect | None = None, *sizes: float) -> Recording:
     """The same drive of a car that is the model and an effect of this size."""
-    t = np.arange(round(SECONDS * 250.0)) / 250.0
+    t = np.arange(round(SECONDS * cars.RATE)) / cars.RATE
     record = cars.recording(cars.exact_signals(cars.drive_curves(np.random.default_rng(1)), t), VEHICLE, RIG, Filters())
     further = [] if hidden is None else [hidden]
     return cars.fulfil(record, (*MODEL.effects, *further), np.append(theta(), sizes))

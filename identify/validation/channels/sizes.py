@@ -186,12 +186,13 @@ def opposed_steer(run: PreparedRun) -> SteersAgainst | None:
     if not all(name in values for name in _FRONT):
         return None
     keep = np.logical_and.reduce([run.recording.usable[name] for name in _FRONT])
-    left, right = (values[name][0][keep] for name in _FRONT)
+    left, right = (np.asarray(values[name][0][keep], float) for name in _FRONT)
     if left.size < _LEAST or min(np.std(s) for s in (left, right)) < run.recording.rig.noise(_FRONT[0]):
         return None
-    r = float(np.corrcoef(left, right)[0, 1])
+    r = float(np.mean((left - left.mean()) * (right - right.mean())) / (left.std() * right.std()))
     freedom = left.size - 2
-    chance = 2.0 * float(scipy.special.stdtr(freedom, -abs(r) * math.sqrt(freedom / max(1e-300, 1.0 - r * r))))
+    t = -abs(r) * math.sqrt(freedom / max(1e-300, 1.0 - r * r))
+    chance = 2.0 * float(scipy.special.stdtr(float(freedom), t))
     if not (r < 0.0 and r * r > 0.5 and chance < _SURE):
         return None
     return SteersAgainst(_against_yaw(run, keep, (left, right)), r * float(np.std(right) / np.std(left)))

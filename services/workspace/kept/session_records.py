@@ -35,8 +35,8 @@ def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[Prepare
     if model.faults:
         runs = [without_faults(run, model.faults, removed) for run in runs]
     assembly = Assembly(
-        model.physics, base.independent, model.faults, runs, None if at is None else ExpansionPoint(at), options.zeros, seeds=options.seeds,
-        payload=options.payload,
+        model.physics, base.independent, model.faults, runs, None if at is None else ExpansionPoint(at), options.zeros,
+        seeds=options.seeds, payload=options.payload,
     )  # fmt: skip
     return Fit(model=model, runs=tuple(runs), assembly=assembly.weighted(weights), **values)
 

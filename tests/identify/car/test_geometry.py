@@ -26,6 +26,7 @@ from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.reconstruct import Signals, bring_together
 from lacet.services.render.rows import row_absence, run_notes
 from tests.identify import cars
+from tests.identify.cars import RATE
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -184,7 +185,7 @@ def test_latencies_are_taken_out() -> None:
     """Every channel at the grid's instants is what it was then, not what was stamped then."""
     run, curves = made_run()
     record = bring_together(run, VEHICLE, RIG, Filters())
-    inner = slice(250, -250)
+    inner = slice(round(RATE), -round(RATE))
     for name, curve in curves.items():
         true, swing = curve.at(record.t), np.max(np.ptp(curve.at(record.t), axis=1))
         np.testing.assert_allclose(record.signals.value[name][:, inner], true[:, inner], atol=2e-4 * swing)
@@ -338,10 +339,10 @@ def test_correction_of_a_latency_undoes_it() -> None:
     fault = SensorLatency("laser")
     assert isinstance(fault, SensorFault)
     curve = cars.MultiSine(np.random.default_rng(0), 1, 0.02)
-    t = np.arange(0, 8, 1 / 250.0)
+    t = np.arange(0, 8, 1 / RATE)
     tau = 0.0137
     late = curve.at(t - tau)
-    signals = Signals.differentiated({"laser.fl.hub": late}, 250.0)
+    signals = Signals.differentiated({"laser.fl.hub": late}, RATE)
     record = cars.recording(signals, VEHICLE, RIG)
     found = fault.correct("laser.fl.hub", record, tau)
     np.testing.assert_allclose(found[:, 50:-50], curve.at(t)[:, 50:-50], atol=1e-7)

@@ -20,6 +20,7 @@ from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.regression.sensitivity import Sensitivity, residual
 from tests.identify import cars
+from tests.identify.cars import RATE
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -46,7 +47,7 @@ def test_dahl_against_its_recursion(length: float) -> None:
 def test_the_engine_on_its_mounts_is_an_oscillator() -> None:
     """Sines below, at and above the resonance: (H − 1) a, by its transfer function; gravity does nothing."""
     motion = build_motion(cars.recording(cars.random_signals(1), VEHICLE_T, RIG))
-    t = np.arange(5000) / 250.0
+    t = np.arange(5000) / RATE
     effect = KNOWN["engine_mount"]
     shape = {"frequency": 9.0, "damping": 0.08}
     for f in (0.9, 9.0, 20.0):
@@ -54,7 +55,7 @@ def test_the_engine_on_its_mounts_is_an_oscillator() -> None:
         body.accel[2] = 9.81 + np.sin(2 * np.pi * f * t)
         out = replace(effect, shape=shape).columns(replace(motion, t=t, body=body))["chassis.fz"][0][2500:]
         # The bilinear transform bends the axis of frequencies; at the resonance it is right.
-        w, w0 = (np.tan(np.pi * x / 250.0) for x in (f, 9.0))
+        w, w0 = (np.tan(np.pi * x / RATE) for x in (f, 9.0))
         gain = w**2 / (w0**2 - w**2 + 2j * 0.08 * w0 * w)
         expected = np.imag(gain * np.exp(2j * np.pi * f * t[2500:]))
         np.testing.assert_allclose(out, expected, atol=2e-3 * abs(gain))

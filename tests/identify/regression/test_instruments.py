@@ -85,8 +85,8 @@ def test_halves_carry_the_same_motion_and_other_noise(rough: Run, plain: Fit) ->
             one.recording.signals.value[name][:, inside]
             for one in (pair.even, pair.odd, drive.recording.signals and drive)
         )
-        # Butterworth at 20 Hz on white noise of σ at 250 Hz leaves about σ √(2·20/250).
-        left = RIG.noise(name) * np.sqrt(2.0 * 20.0 / 250.0)
+        # Butterworth at 20 Hz on white noise of σ at a channel's rate leaves about σ √(2·20/rate).
+        left = RIG.noise(name) * np.sqrt(2.0 * 20.0 / drive.recording.rates[name])
         assert np.std(even - odd) == pytest.approx(2.0 * left, rel=0.15), name
         assert np.std(0.5 * (even + odd) - full) < 0.3 * left, name
         assert abs(np.corrcoef((even - full).ravel(), (odd - full).ravel())[0, 1] + 1.0) < 0.1, name

@@ -19,6 +19,7 @@ from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.signals.filters import Filters, zero_phase
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
 from tests.identify import cars
+from tests.identify.cars import RATE
 from tests.support.places import HOME
 
 VEHICLE, RIG = cars.reference_car()
@@ -122,7 +123,7 @@ def as_run(record: Recording) -> Run:
     """The recording as the rig's instruments would give it: each channel at its own rate, stamped late."""
     signals = {}
     for name, array in record.signals.value.items():
-        every = round(FAST / CHANNELS[name].rate)  # the inertial unit at 250 Hz here
+        every = round(FAST / CHANNELS[name].rate)  # of its own rate
         values = array[:, ::every].T.copy()
         stamps = record.t[::every] + record.rig.latency(name)
         signals[name] = Signal(stamps, values, np.zeros(len(values), np.uint8))
@@ -133,14 +134,14 @@ def as_run(record: Recording) -> Run:
 def biases() -> dict[str, dict[str, float]]:
     """Bias in % of each base parameter, by way of processing, on a lively noise-free drive up to 12 Hz."""
     record, model, theta = exact(FAST, 14.0, "hub", False, (0.15, 12.0), 3)
-    slow = record.at(slice(None, None, 2))
+    slow = record.at(slice(None, None, round(FAST / RATE)))
     slow = replace(slow, filters=Filters(pre_cutoff=None))
-    crude = {name: np.gradient(array, axis=1) * 250.0 for name, array in slow.signals.value.items()}
-    twice = {name: np.gradient(array, axis=1) * 250.0 for name, array in crude.items()}
+    crude = {name: np.gradient(array, axis=1) * RATE for name, array in slow.signals.value.items()}
+    twice = {name: np.gradient(array, axis=1) * RATE for name, array in crude.items()}
     three_point = slow.with_signals(Signals(slow.signals.value, crude, twice))
-    smooth = {name: zero_phase(array, 6.0, 250.0, 6) for name, array in slow.signals.value.items()}
-    at_fit = slow.with_signals(Signals.differentiated(smooth, 250.0))
-    numeric = slow.with_signals(Signals.differentiated(slow.signals.value, 250.0))
+    smooth = {name: zero_phase(array, 6.0, RATE, 6) for name, array in slow.signals.value.items()}
+    at_fit = slow.with_signals(Signals.differentiated(smooth, RATE))
+    numeric = slow.with_signals(Signals.differentiated(slow.signals.value, RATE))
     whole = bring_together(as_run(record), record.vehicle, record.rig, Filters())
     return {
         what: {

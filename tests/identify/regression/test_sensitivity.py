@@ -18,6 +18,7 @@ from lacet.identify.regression.wls import FitOptions, fit
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Signals
 from tests.identify import cars, exact_car
+from tests.identify.cars import RATE
 
 VEHICLE, RIG = cars.reference_car()
 SIZE = {"kg": 25.0, "kg·m": 2.0, "kg·m²": 1.0, "N/m": 25000.0, "N·s/m": 1700.0, "N": 3000.0}
@@ -28,8 +29,8 @@ def seen() -> tuple[PreparedRun, Sensitivity, tuple, Array]:
     """A drive with smooth signals, a plausible model and its sensitivity."""
     curves = cars.drive_curves(np.random.default_rng(8), (0.15, 2.5))
     curves |= {name: cars.MultiSine(np.random.default_rng(9), 3, 500.0, (0.0, 0.0, 3000.0)) for name in cars.LOADS}
-    t = np.arange(2500) / 250.0
-    signals = Signals.differentiated({name: curve.at(t) for name, curve in curves.items()}, 250.0)
+    t = np.arange(round(10.0 * RATE)) / RATE
+    signals = Signals.differentiated({name: curve.at(t) for name, curve in curves.items()}, RATE)
     effects = tuple(base_model(VEHICLE, "hub"))
     theta = np.array([205000.0 if p.name.endswith("kt") else SIZE[p.unit] for e in effects for p in e.parameters])
     theta[9] = 1270.0
@@ -189,7 +190,7 @@ def test_noise_has_the_sheets_spectrum() -> None:
     rng = np.random.default_rng(0)
     for channel, rate in (("imu.accel", 200.0), ("camera.fl.steer", 100.0)):
         drawn = np.concatenate([draw_noise(record, [channel], rng)[channel].ravel() for _ in range(20)])
-        f, density = welch(drawn, 250.0, nperseg=1000)
+        f, density = welch(drawn, RATE, nperseg=round(4.0 * RATE))
         expected = 2.0 * RIG.noise(channel) ** 2 / rate
         assert np.mean(density[(f > 1) & (f < 10)]) == pytest.approx(expected, rel=0.05)
         assert np.mean(density[f > 60]) < 1e-3 * expected

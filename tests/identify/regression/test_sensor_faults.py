@@ -16,6 +16,7 @@ from lacet.identify.effects.base import SensorFault
 from lacet.identify.effects.catalogue import catalogue
 from lacet.identify.signals.reconstruct import Recording, Signals
 from tests.identify import cars
+from tests.identify.cars import RATE
 
 VEHICLE, RIG = cars.reference_car()
 VEHICLE_T = cars.with_tables(VEHICLE)
@@ -27,8 +28,8 @@ def smooth_recording() -> Recording:
     curves = cars.drive_curves(np.random.default_rng(3), (0.15, 2.0))
     curves |= {name: cars.MultiSine(np.random.default_rng(4), 3, 500.0, (100.0, 50.0, 3000.0)) for name in cars.LOADS}
     curves |= {"correvit.speed": cars.MultiSine(np.random.default_rng(6), 2, 2.0, (22.0, 1.0), (0.15, 2.0))}
-    t = np.arange(800) / 250.0
-    signals = Signals.differentiated({name: curve.at(t) for name, curve in curves.items()}, 250.0)
+    t = np.arange(round(3.2 * RATE)) / RATE
+    signals = Signals.differentiated({name: curve.at(t) for name, curve in curves.items()}, RATE)
     sensors = tuple(
         replace(s, orientation=(0.03, -0.05, 1.4)) if s.axes == "sensor" and "imu.accel" in s.channels else s
         for s in RIG.sensors
@@ -152,4 +153,4 @@ def _above_a_road(where: str, p: float) -> tuple[dict[str, np.ndarray], dict[str
 
 
 def _recorded(values: dict[str, np.ndarray]) -> Recording:
-    return cars.recording(Signals.differentiated(values, 250.0), VEHICLE, RIG)
+    return cars.recording(Signals.differentiated(values, RATE), VEHICLE, RIG)

@@ -169,7 +169,7 @@ def test_runs_beyond_so_much_data_are_taken_as_one(same: ScoreTests, key: str, m
     (other,) = set(whole.values) - {name}
     for a, b in ((name, name), (other, "the other run")):
         assert part.values[b][0] == pytest.approx(whole.values[a][0], abs=0.3 * whole.spread[a][0])
-    assert part.common == pytest.approx(whole.common, rel=0.01, abs=0.2)
+    assert part.common == pytest.approx(whole.common, rel=0.05, abs=0.2)
 
 
 def test_with_the_others_as_one_all_noise_is_taken_out(same: ScoreTests, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from lacet.identify.signals.time_base import base_channel, late
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from lacet.services.render.progress import in_words
 from lacet.services.render.verdicts import says
+from tests.identify.cars import RATE
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later, theta
 from tests.identify.selection.exact_ranking import DRAWS
 
@@ -58,7 +59,7 @@ def test_all_instruments_late_are_the_same_motion_later():
             total[name] = total.get(name, 0.0) + change
     for sensor in RIG.sensors:
         for name in record.signals.value.keys() & set(sensor.channels):
-            rate = np.max(np.abs(derivative(record.signals.value[name], 250.0)))
+            rate = np.max(np.abs(derivative(record.signals.value[name], RATE)))
             assert np.max(np.abs(total.get(name, 0.0))) < 1e-9 * rate, name
 
 

@@ -19,6 +19,7 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, floor_at, floor_of
 from lacet.services.render.progress import in_words
 from lacet.services.render.verdicts import says
+from tests.identify.cars import RATE
 from tests.identify.exact_car import KNOWN, MODEL, RIG, driven, exact, exact_with, fit_of, later
 from tests.identify.selection.exact_ranking import CANDIDATES, DRAWS, HIDDEN, SIZE
 from tests.identify.selection.held import remainder_of
@@ -131,7 +132,7 @@ def test_the_sheet_leads_to_the_parameters_of_the_right_scale(fitted: Fit):
     record, channel = exact(), "wheel.rr.force"
     record = record.with_signals(
         record.signals.changed(
-            {channel: record.signals.value[channel] * (1.0 + 5.0 * RIG.tolerance(channel, "gain"))}, 250.0
+            {channel: record.signals.value[channel] * (1.0 + 5.0 * RIG.tolerance(channel, "gain"))}, RATE
         )
     )
     off, right = fit_of(driven(record, 7, 0.0), fitted), fit_of(driven(exact(), 7, 0.0), fitted)

@@ -15,6 +15,7 @@ from lacet.identify.selection.symbolic_laws import propose
 from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says
+from tests.identify.cars import RATE
 from tests.identify.exact_car import KNOWN, RIG, driven, exact, fit_of
 
 TRIED = [KNOWN[key] for key in ("anti_roll_bar.front", "coulomb.rear", "tyre_damping.front", "engine_mount")]
@@ -29,7 +30,7 @@ def with_scales(fitted: Fit, tolerances: dict[str, tuple[float, float, float]]) 
         * (1.0 + RIG.tolerance(f"wheel.{corner}.force", "gain") * np.array(off)[:, None])
         for corner, off in tolerances.items()
     }
-    return fit_of(driven(record.with_signals(record.signals.changed(changed, 250.0)), 7), fitted)
+    return fit_of(driven(record.with_signals(record.signals.changed(changed, RATE)), 7), fitted)
 
 
 @pytest.fixture(scope="module")

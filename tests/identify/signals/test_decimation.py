@@ -50,4 +50,5 @@ def test_a_series_without_a_kept_instant_or_of_none_gives_none() -> None:
 
 def test_the_comb_is_every_step_from_half_a_step_on() -> None:
     filters = Filters()
-    assert list(comb(50, filters)) == [filters.step // 2, filters.step // 2 + filters.step, filters.step // 2 + 36]
+    step = filters.step
+    assert list(comb(3 * step, filters)) == [step // 2, step // 2 + step, step // 2 + 2 * step]

@@ -113,7 +113,7 @@ def test_decimation_is_just_above_twice_the_cutoff_and_filters_first() -> None:
     filters = Filters()
     x = np.random.default_rng(0).normal(size=(2, 3, 2000))
     keep = np.arange(5, 2000, filters.step)
-    np.testing.assert_array_equal(decimate(x, filters, keep), zero_phase(x, 6.0, RATE, 6)[..., keep])
+    np.testing.assert_array_equal(decimate(x, filters, keep), zero_phase(x, 6.0, filters.rate, 6)[..., keep])
 
 
 @pytest.mark.parametrize(
