@@ -103,15 +103,15 @@ class _Exponentials:
         sums = given[..., _IN_BLOCK:].reshape(*blocks.shape[:2], 2, 2, count)
         sums = np.asarray(sums[..., 0, :] + 1j * sums[..., 1, :], complex)
         past, coming = self._summed(sums[:, :, 0]), self._summed(sums[:, ::-1, 1])[:, ::-1]
-        entering = np.zeros(sums.shape, complex)
-        entering[:, 1:, 0], entering[:, :-1, 1] = past[:, :-1], coming[:, 1:]
-        parts = np.stack([entering.real, entering.imag], axis=3).reshape(*blocks.shape[:2], -1)
-        out = (given[..., :_IN_BLOCK] + parts @ self.arriving).reshape(len(x), -1)
+        parts = np.zeros((*blocks.shape[:2], 2, 2, count))
+        parts[:, 1:, 0] = _two_parts(past[:, :-1])
+        parts[:, :-1, 1] = _two_parts(coming[:, 1:])
+        out = (given[..., :_IN_BLOCK] + parts.reshape(*blocks.shape[:2], -1) @ self.arriving).reshape(len(x), -1)
         # Sums over the series as seen from its first sample and from its last, and what lies turned beyond these.
         seen_first = coming[:, 0] / self.poles ** (front + 1)
         place = np.arange((front + last) % length + 1, dtype=np.intp)
         own = np.asarray(blocks[:, -1, place] @ self.poles ** place[::-1, None], complex)
-        seen_last = entering[:, -1, 0] * self.poles ** len(place) + own
+        seen_last = own if len(blocks[0]) == 1 else past[:, -2] * self.poles ** len(place) + own
         across = self.poles**last
         beyond_first = (across * seen_last - seen_first) / (1.0 - across**2)
         beyond_last = (across * seen_first - seen_last) / (1.0 - across**2)
@@ -127,3 +127,8 @@ class _Exponentials:
         for lag in range(1, lags):
             out[:, lag:] += decay**lag * sums[:, :-lag]
         return out
+
+
+def _two_parts(values: Complex) -> Array:
+    """(…, 2, P) real and imaginary parts of (…, P)."""
+    return np.stack([np.real(values), np.imag(values)], axis=-2)

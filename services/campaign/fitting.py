@@ -142,8 +142,9 @@ def _fit(cluster: Cluster, campaign: Campaign, options: FitOptions, draws: int) 
     found = solve_runs(model, runs, options, progress=silent)
     fitted = FittedModel.of(model, options, found, found.runs.spread(found.x, found.sigma))
     counts = found.runs.equations.sample_counts()
+    at = None if model.faults else found.runs.where.at
     scored = cluster.reduce(
-        refs, settings, ScoresAt(fitted.physics, fitted.theta[model.physics_size :], draws), joined_scores,
+        refs, settings, ScoresAt(fitted.physics, at, fitted.theta[model.physics_size :], draws), joined_scores,
         "noise floor and scores",
     )  # fmt: skip
     return CampaignFit(campaign, fitted, counts, scored, found.runs)

@@ -218,9 +218,13 @@ RunScores = dict[str, dict[str, dict[str, Any]]]
 
 @dataclass(frozen=True)
 class ScoresAt:
-    """Scores of a run against its noise floor at these parameters of the physics (p,), sensor faults removed."""
+    """Scores of a run against its noise floor at these parameters of the physics (p,), sensor faults removed.
+
+    `at` : where the floor's sensitivities are computed, as by `validation.score.compare`; None for `physics`.
+    """
 
     physics: Array
+    at: ExpansionPoint | None
     removed: Array
     draws: int
 
@@ -232,9 +236,11 @@ class ScoresAt:
     def sums(self, run: SingleRun) -> RunScores:
         """Run → row → score, as plain data; the floor's noise is drawn with the run's content as seed."""
         (prepared,) = run.without_faults(self.removed).runs
+        physics, at = run.model.physics, self.at or ExpansionPoint(self.physics)
         part = compare_values(
-            run.model.physics, self.physics, prepared, self.draws, run.reference.seed, payload=run.settings.payload
-        )
+            physics, self.physics, prepared, self.draws, run.reference.seed, payload=run.settings.payload,
+            pieces=prepared.sensitive_pieces(physics, at.values),
+        )  # fmt: skip
         return scores([part])
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, COLUMNS, CORNERS
 from lacet.daq.rig import Rig
@@ -185,11 +186,11 @@ def opposed_steer(run: PreparedRun) -> SteersAgainst | None:
     values = run.recording.signals.value
     if not all(name in values for name in _FRONT):
         return None
-    keep = np.logical_and.reduce([run.recording.usable[name] for name in _FRONT])
+    keep = run.recording.usable[_FRONT[0]] & run.recording.usable[_FRONT[1]]
     left, right = (np.asarray(values[name][0][keep], float) for name in _FRONT)
     if left.size < _LEAST or min(np.std(s) for s in (left, right)) < run.recording.rig.noise(_FRONT[0]):
         return None
-    r = float(np.mean((left - left.mean()) * (right - right.mean())) / (left.std() * right.std()))
+    r = float(np.mean((left - np.mean(left)) * (right - np.mean(right)))) / float(np.std(left) * np.std(right))
     freedom = left.size - 2
     t = -abs(r) * math.sqrt(freedom / max(1e-300, 1.0 - r * r))
     chance = 2.0 * float(scipy.special.stdtr(float(freedom), t))
@@ -225,7 +226,7 @@ def _at_zero_steer(run: Run, corner: str) -> float:
     return float(np.linalg.lstsq(np.stack([np.ones(at.size), at], axis=1), series, rcond=None)[0][0])
 
 
-def _against_yaw(run: PreparedRun, keep: Array, steer: Sequence[Array]) -> str:
+def _against_yaw(run: PreparedRun, keep: NDArray[np.bool_], steer: Sequence[Array]) -> str:
     """The front wheel that alone steers against the yaw rate; empty where it is open."""
     if "imu.rate" not in run.recording.signals.value or run.motion.velocity is None:
         return ""

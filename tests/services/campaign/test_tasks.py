@@ -12,6 +12,7 @@ import pytest
 
 from lacet.daq.errors import UsageError
 from lacet.identify.regression.qr_accumulation import RunEquations
+from lacet.identify.regression.sensitivity import ExpansionPoint
 from lacet.services.campaign import tasks
 from lacet.services.campaign.run_reference import RunReference, Settings, references
 from lacet.services.campaign.tasks import Broken, ColumnsAt, EquationsAt, NoiseAt, ScoresAt, SecondsAt, Survey
@@ -40,7 +41,7 @@ def surveyed(run: Path) -> Survey:
 
 def state(sums: RunEquations) -> EquationsAt:
     """Sensitivities at some parameters."""
-    at = np.full(SETTINGS.model().physics_size, 10.0)
+    at = ExpansionPoint(np.full(SETTINGS.model().physics_size, 10.0))
     return EquationsAt(np.arange(40), at, np.eye(40), tuple(sums.triangles), np.zeros(0))
 
 
@@ -100,7 +101,7 @@ def test_sums_are_kept_by_content(surveyed: Survey, tmp_path: Path, monkeypatch:
     sigma = dict.fromkeys(plain.triangles, 50.0)
     asked: Sequence[Any] = (
         PLAIN, where, NoiseAt(where, sigma, 2), SecondsAt(where, np.zeros(40), sigma),
-        ScoresAt(np.full(86, 10.0), np.zeros(0), 3),
+        ScoresAt(np.full(86, 10.0), where.at, np.zeros(0), 3),
     )  # fmt: skip
     first = [tasks.reduce(surveyed.reference, settings, one) for one in asked]
     count = len(reads)
