@@ -108,7 +108,7 @@ def test_sums_are_kept_by_content(surveyed: Survey, tmp_path: Path, monkeypatch:
     again = [tasks.reduce(surveyed.reference, settings, one) for one in asked]
     assert len(reads) == count
     assert [tasks.digest_of(one) for one in first] == [tasks.digest_of(one) for one in again]
-    moved = tasks.reduce(surveyed.reference, settings, replace(where, at=np.full(86, 11.0)))
+    moved = tasks.reduce(surveyed.reference, settings, replace(where, at=ExpansionPoint(np.full(86, 11.0))))
     assert len(reads) == count + 1
     assert tasks.digest_of(moved) != tasks.digest_of(first[1])
 
