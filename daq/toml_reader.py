@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.daq.errors import FileFault, nearest
-from lacet.daq.units import TO_SI, canonical, to_si
+from lacet.daq.units import UnitFault, read_unit
 
 
 @dataclass(frozen=True)
@@ -149,14 +149,21 @@ class Reader:
             self.fault(where, f"source is missing: {form}")
             source = ""
         written = value.get("unit")
-        if not isinstance(written, str) or canonical(written) not in TO_SI:
-            self.fault(where, f"unit {written!r} is not known{nearest(str(written), TO_SI)}; {form}")
+        if not isinstance(written, str):
+            self.fault(where, f"unit {written!r} is not known; {form}")
             return None
-        factor, si = to_si(1.0, written)
-        if si != unit:
+        try:
+            found = read_unit(written)
+        except UnitFault as cause:
+            self.fault(where, f"{cause}; {form}")
+            return None
+        if not found.fits(unit):
             self.fault(where, f"unit {written!r} is not one of a quantity in {unit}")
             return None
-        return value["value"], factor, source
+        if found.offset:
+            self.fault(where, f"unit {written!r} has an offset: give the value in {found.si}")
+            return None
+        return value["value"], found.factor, source
 
     @staticmethod
     def _least(low: float) -> str:

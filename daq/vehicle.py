@@ -17,7 +17,7 @@ from lacet.daq.channels import CORNERS
 from lacet.daq.errors import VehicleError, nearest
 from lacet.daq.shipped import find_shipped
 from lacet.daq.toml_reader import Quantity, Reader
-from lacet.daq.units import TO_SI, canonical
+from lacet.daq.units import is_unit, read_unit
 
 FORMAT = "lacet-vehicle 1"
 
@@ -132,8 +132,8 @@ _CORNER_KEYS = (
 
 
 def _unit_of(row: Any) -> str:
-    unit = canonical(str(row.get("unit", ""))) if isinstance(row, dict) else ""
-    return TO_SI[unit][0] if unit in TO_SI else "-"
+    unit = str(row.get("unit", "")) if isinstance(row, dict) else ""
+    return read_unit(unit).si if is_unit(unit) else "-"
 
 
 def _required(

@@ -18,17 +18,12 @@ from lacet.daq.formats.exchange import METADATA_KEYS, signal
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, Run, Signal
 from lacet.daq.toml_reader import Reader
-from lacet.daq.units import TO_SI, canonical, to_si
+from lacet.daq.units import read_unit
 
 SUFFIXES = (".mf4", ".mdf")
 FORMAT = "lacet-mf4 1"
 SHARED_MAP = "mf4.toml"
 """Name of the map for every MDF file in its folder that has none of its own."""
-_FURTHER_UNITS = {
-    "g": ("m/s²", 9.80665), "bar": ("Pa", 1e5), "kPa": ("Pa", 1e3), "MPa": ("Pa", 1e6), "Pa": ("Pa", 1.0),
-    "°/s": ("rad/s", np.pi / 180.0), "kNm": ("N·m", 1e3), "kN·m": ("N·m", 1e3), "rpm": ("rad/s", np.pi / 30.0),
-    "1/min": ("rad/s", np.pi / 30.0), "degree": ("rad", np.pi / 180.0), "degrees": ("rad", np.pi / 180.0),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -191,20 +186,10 @@ def _in_si(source: _Source, values: NDArray[np.float64], unit: str, wanted: str)
     values = source.scale * values + source.offset
     if not unit:
         return values  # the map's scale then converts to SI
-    factor, si = _known_unit(unit)
-    if si != wanted:
+    found = read_unit(unit)
+    if not found.fits(wanted):
         raise ValueError(f"its unit is {unit}, wanted is {wanted}: say the right one in the map (unit = …, scale = …)")
-    return factor * values
-
-
-def _known_unit(unit: str) -> tuple[float, str]:
-    text = unit.strip()
-    if text in _FURTHER_UNITS:
-        si, factor = _FURTHER_UNITS[text]
-        return float(factor), si
-    if canonical(text) not in TO_SI:
-        raise ValueError(f"unit {unit!r} is not known{nearest(text, [*TO_SI, *_FURTHER_UNITS])}")
-    return to_si(1.0, text)
+    return found.factor * values + found.offset
 
 
 def map_beside(file: Path) -> Path | None:
@@ -268,7 +253,7 @@ def _source(reader: Reader, entry: dict[str, Any], place: str) -> _Source:
     unit = reader.text(entry, "unit", place, "")
     if unit:
         try:
-            _known_unit(unit)
+            read_unit(unit)
         except ValueError as cause:
             reader.fault(f"{place}.unit", str(cause))
     return _Source(

@@ -16,8 +16,8 @@ from functools import cache
 
 import numpy as np
 
+from lacet.daq.expressions.expression import Expression
 from lacet.identify.multibody.base_parameters import BaseParameters, combine
-from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.scaled_chain import ScaledChain
 from lacet.identify.multibody.symbolic_table import ANGLES, LENGTHS
 from lacet.identify.multibody.vectors import Array

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.identify.multibody.expression import Expression
+from lacet.daq.expressions.expression import Expression
 
 LENGTHS = ("b", "d", "r")
 ANGLES = ("gamma", "alpha", "theta")

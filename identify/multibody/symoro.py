@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from lacet.daq.errors import FileFault
+from lacet.daq.expressions.expression import Expression
 from lacet.identify.multibody.chain_notes import (
     ChainNote,
     ConstantPosition,
@@ -21,7 +22,6 @@ from lacet.identify.multibody.chain_notes import (
     LoopsCut,
     ParametersMissing,
 )
-from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, Row, SymbolicTable
 

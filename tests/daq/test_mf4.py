@@ -104,7 +104,7 @@ def test_a_name_in_two_groups_needs_the_group(tmp_path: Path):
     ("change", "says"),
     [
         (("wheel.fl.force.x", "wheel.fl.force.w"), "channels.wheel.fl.force.w: is not a channel; did you mean"),
-        (('"Fx"', '{ name = "Fx", unit = "furlong" }'), "channels.wheel.fl.force.x.unit: unit 'furlong' is not known"),
+        (('"Fx"', '{ name = "Fx", unit = "blorp" }'), "channels.wheel.fl.force.x.unit: unit 'blorp' is not known"),
         (('"Fx"', "3"), 'write "NAME" or'),
         (('"Fx"', '{ name = "Fx", scale = "two" }'), "channels.wheel.fl.force.x.scale: must be a finite number"),
         (('"Fx"', '{ name = "Fx", group = -1 }'), "must be the number of a group"),

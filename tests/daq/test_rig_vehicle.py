@@ -237,7 +237,7 @@ def test_every_fault_of_a_vehicle_at_once() -> None:
     """Wrong key, missing number, bare number, unknown unit, wrong dimension, no source, broken table."""
     text = CAR_TEXT.replace("tyre_radius = {", "tyre_radus = {", 1)
     text = text.replace("track = { value = 1.48, unit", "track = 1.48 # {unit", 1)
-    text = text.replace('value = 2.7, unit = "m"', 'value = 2.7, unit = "metre"')
+    text = text.replace('value = 2.7, unit = "m"', 'value = 2.7, unit = "metrum"')
     text = text.replace('value = 4.0, unit = "deg"', 'value = 4.0, unit = "mm"')
     text = text.replace(
         'value = 10.0, unit = "deg", source = "drawing of the reference car"', 'value = 10.0, unit = "deg"'
@@ -250,7 +250,7 @@ def test_every_fault_of_a_vehicle_at_once() -> None:
         ("tyre_radus", "unknown key", "did you mean 'tyre_radius'"),
         ("tyre_radius is missing",),
         ("axle.rear.track", "needs unit and source"),
-        ("wheelbase", "'metre'", "not known"),
+        ("wheelbase", "'metrum'", "not known"),
         ("caster", "'mm'", "in rad"),
         ("kingpin_inclination", "source is missing"),
         ("brakes", "did you mean 'outboard'"),
@@ -292,8 +292,8 @@ def test_a_priori_values_keep_unit_and_source() -> None:
     )
     assert car.apriori["M6"].value == 1200
     assert (car.apriori["spring.fl.k"].value, car.apriori["spring.fl.k"].unit) == (24000.0, "N/m")
-    bad = CAR_TEXT + '\n[apriori]\nM6 = { value = 1200, unit = "stone", source = "scales" }\n'
-    assert has(car_faults(bad), "M6", "stone")
+    bad = CAR_TEXT + '\n[apriori]\nM6 = { value = 1200, unit = "blorp", source = "scales" }\n'
+    assert has(car_faults(bad), "M6", "blorp")
 
 
 # ---- units

@@ -11,12 +11,12 @@ from typing import Any, ClassVar, NoReturn, Self, cast
 import numpy as np
 
 from lacet.daq.errors import UsageError
+from lacet.daq.expressions.expression import Expression
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect
 from lacet.identify.effects.language.linearity import along_run
 from lacet.identify.effects.language.parser import Line, LineFault, RowLaw, read_line
-from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.vectors import Array
 
 WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0

@@ -4,7 +4,7 @@
 
     [NAME =] WHERE: LAW [; WHERE: LAW …] [, CONSTANT = VALUES UNIT …] [, PARAMETER in LOW..HIGH UNIT …] [# what it is]
 
-The law is parsed, never executed (`multibody.expression`). It must be linear in its parameters, the names without any
+The law is parsed, never executed (`daq.expressions`). It must be linear in its parameters, the names without any
 other meaning; constants in which it is not linear are listed after it and searched. Units are checked, and those of
 the parameters follow.
 """
@@ -20,20 +20,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.dimension import FORCE, LENGTH, TIME, Dimension
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.expressions.dimensions import Dimensions
+from lacet.daq.expressions.expression import CONSTANTS, Expression, ExpressionFault
+from lacet.daq.expressions.written import NUMBER_TEXT, read_expression
+from lacet.daq.expressions.written_units import whole_unit
 from lacet.identify.car.rows import CHASSIS_ROWS, Row
 from lacet.identify.effects.base import AXLES
-from lacet.identify.effects.language.linearity import (
-    FUNCTIONS,
-    Dimensions,
-    check_memory,
-    has_memory,
-    terms_of,
-    within_size,
-)
+from lacet.identify.effects.language.linearity import FUNCTIONS, check_memory, has_memory, terms_of
 from lacet.identify.effects.language.states import STATES, SUFFIXES, Use, all_names, use_of
-from lacet.identify.effects.language.units import FORCE, LENGTH, TIME, Dimension, read_unit, whole_unit
-from lacet.identify.multibody.expression import CONSTANTS, Expression, ExpressionFault
 
 LONGEST = 1000
 """Length of the longest line [characters]."""
@@ -41,10 +37,8 @@ MOST_SHAPES = 100
 """Largest number of combinations of shape constants."""
 KINDS = ("suspension", "tyre", "spin")
 PLACES = ("front", "rear", "all", *CORNERS)
-_NUMBER = r"(?:\d+(?:\.\d+)?|\.\d+)(?:[eE][-+]?\d+)?"
-_WRITTEN = re.compile(rf"(?<![\w.]){_NUMBER}")
-_LIST = re.compile(rf"\s*([-+]?{_NUMBER})(?=[\s°%A-Za-z]|$)")
-_BOUNDS = re.compile(rf"\s*([-+]?{_NUMBER})\s*\.\.\s*([-+]?{_NUMBER})")
+_LIST = re.compile(rf"\s*([-+]?{NUMBER_TEXT})(?=[\s°%A-Za-z]|$)")
+_BOUNDS = re.compile(rf"\s*([-+]?{NUMBER_TEXT})\s*\.\.\s*([-+]?{NUMBER_TEXT})")
 _ALIKE = 0.85
 _WORDS = "the form is NAME = WHERE: LAW, as in  bump = suspension: p * travel**2 * sign(rate)"
 
@@ -299,7 +293,7 @@ class _Reader:
         row, place, begin = self._where(start, stop)
         begin, stop = self._stripped(begin, stop)
         try:
-            expression, units = self._expression(begin, stop)
+            expression, units = read_expression(self.text[begin:stop], FUNCTIONS)
             uses = self._uses(expression, row, constants)
             check_memory(expression, uses.keys())
             parameters = expression.symbols - uses.keys() - constants.keys()
@@ -334,36 +328,6 @@ class _Reader:
         )
         says += "corner such as .fl where wanted; chassis.fx … chassis.mz)"
         raise LineFault(self.text, says, start + found.start(1), start + found.end(1))
-
-    def _expression(self, start: int, stop: int) -> tuple[Expression, dict[int, Dimension]]:
-        """The expression with numbers in SI, and the dimensions of numbers by their place in its tree."""
-        text = self.text[start:stop]
-        units: dict[int, tuple[float, Dimension]] = {}
-        for number in _WRITTEN.finditer(text):
-            at = number.end() + len(text[number.end() :]) - len(text[number.end() :].lstrip(" "))
-            if not re.match(r"[A-Za-zµ°%_]", text[at : at + 1]):
-                continue
-            try:
-                factor, dimension, length = read_unit(text[at:])
-            except ValueError as wrong:
-                says = f"'{wrong}' is no unit that is known here (after a number stands its unit, or an operator)"
-                raise ExpressionFault(text, says, at, at + len(str(wrong))) from None
-            units[number.start()] = (factor, dimension)
-            text = text[:at] + " " * length + text[at + length :]  # same length, so that places stay valid
-        strange = re.search(r"[^\x20-\x7e]", text)
-        if strange:
-            known = {"·": "*", "×": "*", "−": "-", "–": "-", "÷": "/", "²": "**2", "³": "**3"}
-            instead = f"; write {known[strange[0]]}" if strange[0] in known else ""
-            raise ExpressionFault(text, f"'{strange[0]}' cannot be read here{instead}", *strange.span())
-        expression = Expression.parse(text, FUNCTIONS)
-        within_size(expression)
-        dimensions: dict[int, Dimension] = {}
-        for node in ast.walk(expression.tree):
-            if isinstance(node, ast.Constant):
-                found = units.get(expression.fault(node, "").start)
-                if found is not None and isinstance(node.value, int | float):
-                    node.value, dimensions[node.col_offset] = node.value * found[0], found[1]
-        return expression, dimensions
 
     def _uses(self, expression: Expression, row: str, constants: Iterable[str]) -> dict[str, Use]:
         uses: dict[str, Use] = {}

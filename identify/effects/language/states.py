@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.dimension import FORCE, LENGTH, NUMBER, TIME, Dimension
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.rows import Row, needs
-from lacet.identify.effects.language.units import FORCE, LENGTH, NUMBER, TIME, Dimension
 from lacet.identify.multibody.vectors import Array, dot
 
 ACROSS = {"fl": "fr", "fr": "fl", "rl": "rr", "rr": "rl"}

@@ -12,14 +12,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.dimension import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension
 from lacet.daq.errors import UsageError
+from lacet.daq.expressions.written_units import whole_unit
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.catalogue import effect_classes
 from lacet.identify.effects.language.compiled import WHEEL_FORCE, OneLine, effect_class
 from lacet.identify.effects.language.parser import LineFault, read_line, read_lines
 from lacet.identify.effects.language.states import STATES, all_names, use_of
-from lacet.identify.effects.language.units import FORCE, LENGTH, MASS, NUMBER, TIME, Dimension, whole_unit
 from tests.identify import cars
 
 VEHICLE, RIG = cars.reference_car()
@@ -185,8 +186,8 @@ def test_what_is_no_law_is_refused(law: str, tmp_path, monkeypatch: pytest.Monke
     ("suspension: p * travel, p in 0..1 N", "p is in N/m by its law", "p in 0..1 N"),
     ("suspension: p * travel, p in 1..0 N/m", "below the upper", "p in 1..0 N/m"),
     ("suspension: p * travel / a, a = 1 m, rate = 1 m", "rate has a meaning", "rate"),
-    ("suspension: p * travel / a, a = 1 furlong", "'furlong' is no unit", "furlong"),
-    ("suspension: p * travel * 2 furlong", "'furlong' is no unit", "furlong"),
+    ("suspension: p * travel / a, a = 1 blorp", "'blorp' is no unit", "blorp"),
+    ("suspension: p * travel * 2 blorp", "'blorp' is no unit", "blorp"),
     ("suspension: p · travel", "write *", "·"),
     ("suspension: p * sinh(steer)", "sinh is not known", "sinh"),
     ("suspension: p * max(travel)", "max takes 2", "max(travel)"),

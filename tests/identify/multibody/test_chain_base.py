@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lacet.daq.expressions.expression import Expression
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.chain_base_parameters import ChainBaseParameters, base_parameters
-from lacet.identify.multibody.expression import Expression
 from tests.support.places import HOME
 
 FOLDER = HOME / "tests" / "data" / "symoro"

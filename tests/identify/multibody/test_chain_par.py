@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from lacet.daq.expressions.expression import Expression
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.multibody.chain_base_parameters import base_parameters
 from lacet.identify.multibody.chain_notes import (
@@ -21,7 +22,6 @@ from lacet.identify.multibody.chain_notes import (
     ParametersMissing,
     ValuesUnused,
 )
-from lacet.identify.multibody.expression import Expression
 from lacet.identify.multibody.symoro import ParError, read_par
 from lacet.services.workspace.loading import load_chain
 from tests.support.places import HOME
