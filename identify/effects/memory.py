@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy
 
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.recursion import recursion
 
 
 def dahl(travel: Array, length: float) -> Array:
@@ -39,6 +39,4 @@ def first_order_lag(series: Array, time: float, step: float) -> Array:
     a = math.exp(-ratio)
     now = 1.0 + math.expm1(-ratio) / ratio
     before = 1.0 - a - now
-    # The filter's state is what the sample before adds to the next output: at rest x (1 − now).
-    out, _ = scipy.signal.lfilter([now, before], [1.0, -a], series, zi=[(1.0 - now) * series[0]])
-    return np.asarray(out, float)
+    return series[0] + recursion((now, before), (1.0, -a), series - series[0])

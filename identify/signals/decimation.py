@@ -52,15 +52,18 @@ class _Exponentials:
     Attributes
     ----------
     step : samples from one kept instant to the next.
-    poles, both : (P,) poles, their imaginary parts not negative, and what each exponential is multiplied with.
+    both : (P,) what each pole's exponential is multiplied with.
+    powers : (L + 1, P) p^n of each pole, its imaginary part not negative.
+    fading : (m, P) p^n of the poles for n a multiple of `step`, until they have vanished.
     weights : (L, G + 4 P) a sample's part in the block's G kept instants; in Σ p^n x over samples past, seen from the
         block's last one, real and imaginary parts; and in the same over samples to come, seen from before its first.
     arriving : (4 P, G) parts of both sums, as they arrive at the block's ends, in its kept instants.
     """
 
     step: int
-    poles: Complex
     both: Complex
+    powers: Complex
+    fading: Complex
     weights: Array
     arriving: Array
 
@@ -83,21 +86,24 @@ class _Exponentials:
         own = (kept ** distance[..., None] @ both).real + direct * (distance == 0)
         past, coming = kept ** sample[::-1], kept ** (sample + 1)
         from_past, from_coming = ((both * kept ** n[:, None]).T for n in (instant + 1, instant[::-1] + 1 - step))
+        fades = math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(kept))) / step) + 1
         return cls(
-            step, kept, both, np.concatenate([own, past.real, past.imag, coming.real, coming.imag], axis=1),
+            step, both, kept ** np.arange(len(sample) + 1)[:, None], kept ** (step * np.arange(fades))[:, None],
+            np.concatenate([own, past.real, past.imag, coming.real, coming.imag], axis=1),
             np.concatenate([from_past.real, -from_past.imag, from_coming.real, -from_coming.imag]),
         )  # fmt: skip
 
     def through(self, x: Array, places: NDArray[np.intp]) -> Array:
         """Series (k, N) filtered, at `places` (n,), `step` samples apart."""
-        length, count, size = self.weights.shape[0], self.poles.size, x.shape[1]
+        length, count, size = self.weights.shape[0], self.both.size, x.shape[1]
         last = size - 1
         # Without the line between its ends a series is odd about both.
         slope = (x[:, -1:] - x[:, :1]) / max(1, last)
         # Blocks are laid so that a step ends at each kept instant; zeros stand before the series and behind it.
         front = self.step - 1 - int(places[0])
         series = np.zeros((len(x), -(-(front + size) // length) * length))
-        series[:, front : front + size] = x - (x[:, :1] + slope * np.arange(size))
+        series[:, front : front + size] = x
+        series[:, front : front + size] -= x[:, :1] + slope * np.arange(size)
         blocks = series.reshape(len(x), -1, length)
         given = (blocks.reshape(-1, length) @ self.weights).reshape(*blocks.shape[:2], -1)
         sums = given[..., _IN_BLOCK:].reshape(*blocks.shape[:2], 2, 2, count)
@@ -108,20 +114,22 @@ class _Exponentials:
         parts[:, :-1, 1] = _two_parts(coming[:, 1:])
         out = (given[..., :_IN_BLOCK] + parts.reshape(*blocks.shape[:2], -1) @ self.arriving).reshape(len(x), -1)
         # Sums over the series as seen from its first sample and from its last, and what lies turned beyond these.
-        seen_first = coming[:, 0] / self.poles ** (front + 1)
-        place = np.arange((front + last) % length + 1, dtype=np.intp)
-        own = np.asarray(blocks[:, -1, place] @ self.poles ** place[::-1, None], complex)
-        seen_last = own if len(blocks[0]) == 1 else past[:, -2] * self.poles ** len(place) + own
-        across = self.poles**last
-        beyond_first = (across * seen_last - seen_first) / (1.0 - across**2)
-        beyond_last = (across * seen_first - seen_last) / (1.0 - across**2)
-        beyond = np.asarray((self.both * beyond_first) @ self.poles[:, None] ** places, complex)
-        beyond += (self.both * beyond_last) @ self.poles[:, None] ** (last - places)
-        return out[:, : places.size] + beyond.real + x[:, :1] + slope * places
+        seen_first = coming[:, 0] / self.powers[front + 1]
+        place = (front + last) % length
+        own = np.asarray(blocks[:, -1, : place + 1] @ self.powers[place::-1], complex)
+        seen_last = own if len(blocks[0]) == 1 else past[:, -2] * self.powers[place + 1] + own
+        across = self.powers[1] ** last
+        beyond_first = (across * seen_last - seen_first) / (1.0 - across**2) * self.powers[places[0]]
+        beyond_last = (across * seen_first - seen_last) / (1.0 - across**2) * self.powers[last - places[-1]]
+        fading = (self.both * self.fading[: places.size]).T
+        out = out[:, : places.size] + (x[:, :1] + slope * places)
+        out[:, : fading.shape[1]] += np.real(beyond_first @ fading)
+        out[:, out.shape[1] - fading.shape[1] :] += np.real(beyond_last @ fading)[:, ::-1]
+        return out
 
     def _summed(self, sums: Complex) -> Complex:
         """(k, b, P) sums over all blocks so far of what each gives, decaying by p^L from block to block."""
-        decay = self.poles ** len(self.weights)
+        decay = self.powers[-1]
         out = sums.copy()
         lags = min(sums.shape[1], 1 + math.ceil(math.log(_VANISHED) / math.log(np.max(np.abs(decay)))))
         for lag in range(1, lags):

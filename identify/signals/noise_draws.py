@@ -13,6 +13,9 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import two_pass_gain
 from lacet.identify.signals.reconstruct import Recording
 
+_STOPPED = 1e-3
+"""Gain of the pre-filter below which a frequency is not drawn: the parallel filter lets 1e-5 of that pass at most."""
+
 
 def draw_noise(recording: Recording, channels: Iterable[str], rng: np.random.Generator) -> dict[str, Array]:
     """One random draw of the sensor noise on a recording's grid: channel → (k, N) [SI]."""
@@ -51,4 +54,4 @@ def _passed(cutoff: float | None, rate: float, order: int, n: int) -> Array:
     if cutoff is None:
         return np.ones(frequency.size)
     gain = two_pass_gain(frequency, cutoff, rate, order)
-    return gain[: int(np.flatnonzero(gain > 1e-6)[-1]) + 1]
+    return gain[: int(np.flatnonzero(gain > _STOPPED)[-1]) + 1]

@@ -14,12 +14,12 @@ from itertools import combinations_with_replacement, islice
 from typing import TypeVar
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.decimation import decimated
+from lacet.identify.signals.recursion import recursion
 from lacet.identify.validation.states import ClearStates, State
 
 KNOTS = (0.02, 0.12, 0.3, 0.5, 0.7, 0.88, 0.98)
@@ -170,8 +170,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Iterator[Array]:
         x = z[name]
         for tau in LAGS:
             keep = float(np.exp(-1.0 / (tau * rate)))
-            b, a = [1.0 - keep], [1.0, -keep]
-            yield np.asarray(scipy.signal.lfilter(b, a, x, zi=scipy.signal.lfilter_zi(b, a) * x[0])[0], float)
+            yield x[0] + recursion((1.0 - keep,), (1.0, -keep), x - x[0])
         for frequency in RESONATORS:
             w = 2.0 * np.pi * frequency
             decay, turn = np.exp(-DAMPING * w / rate), w * np.sqrt(1.0 - DAMPING**2) / rate
@@ -180,7 +179,7 @@ def _history(z: Mapping[str, Array], rate: float) -> Iterator[Array]:
             moved = x - x[0]
             # In phase with the run, and a quarter of a period later.
             for b in ([level[0], 0.0], [0.0, level[1]]):
-                yield np.asarray(scipy.signal.lfilter(b, a, moved), float)
+                yield recursion(b, a, moved)
 
 
 def blocked_losses(columns: Array, targets: Array, blocks: NDArray[np.intp]) -> Array:

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import numpy as np
-import scipy
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
 from lacet.identify.effects.base import Parameter, PhysicalEffect
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.recursion import recursion
 
 
 class EngineMount(PhysicalEffect):
@@ -52,9 +52,11 @@ class EngineMount(PhysicalEffect):
         omega, zeta = 2.0 * np.pi * self.shape.get("frequency", 9.0), self.shape.get("damping", 0.08)
         # Stretched before the bilinear transform, so that the resonance stands where it is said to be.
         omega = 2.0 * rate * np.tan(omega / (2.0 * rate))
-        b, a = scipy.signal.bilinear([-1.0, 0.0, 0.0], [1.0, 2.0 * zeta * omega, omega**2], fs=rate)
+        # −p²/(p² + 2ζω0 p + ω0²) with p = 2 rate (1 − z⁻¹)/(1 + z⁻¹).
+        k, damped = 2.0 * rate, 4.0 * zeta * omega * rate
+        a = (k * k + damped + omega**2, 2.0 * (omega**2 - k * k), k * k - damped + omega**2)
         felt = np.stack([motion.body.accel[2], motion.body.omega_dot[1]])
-        start = scipy.signal.lfilter_zi(b, a) * felt[:, :1]
-        lifted, pitched = np.asarray(scipy.signal.lfilter(b, a, felt, axis=-1, zi=start)[0])
+        # Nothing of what is constant passes: from its first value on the series begins at rest.
+        lifted, pitched = recursion((-k * k, 2.0 * k * k, -k * k), a, felt - felt[:, :1])
         zero = np.zeros_like(lifted)
         return {"chassis.fz": np.stack([lifted, -pitched, zero]), "chassis.my": np.stack([zero, -lifted, pitched])}
