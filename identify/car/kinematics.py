@@ -116,6 +116,7 @@ def _corner(
         centre_accel=turned(part.axes, axle.accel),
         axle=axle,
         wheel=wheel,
+        conditional=road.conditional_travel(c),
     )
 
 

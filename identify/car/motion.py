@@ -38,6 +38,22 @@ class BrakingLeftOut(RunNote):
 
 
 @dataclass(frozen=True)
+class ConditionalTravel:
+    """Suspension travel and its rate at a corner given the whole noisy record: Gaussian, independent at an instant.
+
+    Attributes
+    ----------
+    travel, rate : (N,) expected values [m, m/s].
+    travel_sigma, rate_sigma : (N,) 1 σ.
+    """
+
+    travel: Array
+    rate: Array
+    travel_sigma: Array
+    rate_sigma: Array
+
+
+@dataclass(frozen=True)
 class CornerMotion:
     """Motion and loads of one corner of the car along a run; vectors (3, N) in body axes, scalars (N,).
 
@@ -62,6 +78,7 @@ class CornerMotion:
     centre_accel : specific force at the wheel centre [m/s²].
     axle : motion of the axle's body (the wheel carrier) in carrier axes.
     wheel : motion of the wheel in its joint frame, z along the spin axis.
+    conditional : travel and rate given the record, for laws that bend within the noise; None for exact signals.
 
     Examples
     --------
@@ -95,6 +112,7 @@ class CornerMotion:
     centre_accel: Array
     axle: FrameMotion
     wheel: FrameMotion
+    conditional: ConditionalTravel | None = None
 
 
 @dataclass(frozen=True)

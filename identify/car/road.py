@@ -9,6 +9,7 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.car.motion import ConditionalTravel
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
 from lacet.identify.signals.reconstruct import Signals
 
@@ -55,6 +56,16 @@ class Road:
         if f"laser.{c}.hub" not in self.signals.value:
             return hub + self.vehicle.corners[c].position[2], rate, accel
         return self.mount[c][2] - hub, -rate, -accel
+
+    def conditional_travel(self, c: str) -> ConditionalTravel | None:
+        """Suspension travel of a corner given the hub laser's record; None where that is exact or absent."""
+        name, signals = f"laser.{c}.hub", self.signals
+        if name not in signals.mean:
+            return None
+        travel = self.mount[c][2] - self.vehicle.corners[c].position[2] - signals.mean[name][0]
+        return ConditionalTravel(
+            travel, -signals.mean_rate[name][0], signals.sigma[name][0], signals.rate_sigma[name][0]
+        )
 
     def point(self, c: str) -> Array:
         """(3, N) point of the road under a ground laser, body axes."""

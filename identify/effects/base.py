@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from enum import Enum, auto
 from typing import ClassVar, Self, TypeVar
 
 import numpy as np
@@ -19,6 +20,11 @@ from lacet.identify.car.motion import CornerMotion, GroundLaserOffset, Motion
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording
+
+_NODES = np.linspace(-3.0, 3.0, 11)
+_SHARES = np.exp(-0.5 * _NODES**2) / np.sum(np.exp(-0.5 * _NODES**2))
+"""Points, in σ, and weights of the trapezoidal rule for the mean over a normal distribution: of a law with a corner it
+is right to a hundredth of what noise changes in it."""
 
 AXLES: dict[str, tuple[str, str]] = {"front": ("fl", "fr"), "rear": ("rl", "rr")}
 
@@ -195,6 +201,11 @@ class PhysicalEffect(Effect):
     """Whether its columns at an instant follow from the motion at that instant alone, without memory or derivatives."""
 
     @property
+    def conditional(self) -> bool:
+        """Whether its columns are expectations of the law given the noisy record, where signals are not exact."""
+        return False
+
+    @property
     def as_physics(self) -> PhysicalEffect:
         """This effect."""
         return self
@@ -213,10 +224,20 @@ def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
     return {Row.parse(text): table for text, table in effect.columns(motion).items()}
 
 
+class Bend(Enum):
+    """The argument of a suspension's law in which it bends within the noise: has a corner, a step or saturates."""
+
+    NOWHERE = auto()
+    TRAVEL = auto()
+    RATE = auto()
+
+
 class SuspensionForce(PhysicalEffect):
     """A force in each suspension, resisting compression, as a function of travel s [m] and its rate [m/s].
 
-    A subclass defines `law` and its parameters; front and rear axle and each single corner are its variants.
+    A subclass defines `law` and its parameters; front and rear axle and each single corner are its variants. Of a law
+    that bends, the columns are its expectation given the noisy record (regression calibration,
+    docs/decisions/noise-in-regressors.md): the law smoothed with the conditional distribution of its argument.
 
     Examples
     --------
@@ -238,6 +259,13 @@ class SuspensionForce(PhysicalEffect):
     """
 
     rows = ("suspension",)
+    bend: ClassVar[Bend] = Bend.NOWHERE
+    """Where the law bends within the noise of its argument; a polynomial does not."""
+
+    @property
+    def conditional(self) -> bool:
+        """Whether the law bends."""
+        return self.bend is not Bend.NOWHERE
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -251,7 +279,20 @@ class SuspensionForce(PhysicalEffect):
     def columns(self, motion: Motion) -> dict[str, Array]:
         """The law in the suspension rows of the corners acted on."""
         parts = {c: motion.corners[c] for c in self.corners()}
-        return {f"suspension.{c}": np.atleast_2d(self.law(part.travel, part.rate)) for c, part in parts.items()}
+        return {f"suspension.{c}": np.atleast_2d(self._expected(part)) for c, part in parts.items()}
+
+    def _expected(self, corner: CornerMotion) -> Array:
+        """The law at a corner; one that bends as its mean over the true motion, given the record."""
+        given = corner.conditional
+        if given is None or self.bend is Bend.NOWHERE:
+            return self.law(corner.travel, corner.rate)
+        out = np.zeros(given.rate.size)
+        for node, share in zip(_NODES, _SHARES, strict=True):
+            if self.bend is Bend.RATE:
+                out = out + share * self.law(given.travel, given.rate + node * given.rate_sigma)
+            else:
+                out = out + share * self.law(given.travel + node * given.travel_sigma, given.rate)
+        return out
 
 
 class TyreForce(PhysicalEffect):

@@ -99,7 +99,8 @@ def suspension_laws(
 ) -> dict[str, Array]:
     """Corner → (p, n) suspension force per unit of an effect's parameters, at other travels and rates (n,)."""
     corners = {
-        c: replace(one, travel=travel[c], rate=rate[c]) if c in travel else one for c, one in motion.corners.items()
+        c: replace(one, travel=travel[c], rate=rate[c], conditional=None) if c in travel else one
+        for c, one in motion.corners.items()
     }
     columns = columns_by_row(effect, replace(motion, corners=corners))
     return {row.place: a for row, a in columns.items() if row.kind == "suspension"}

@@ -24,12 +24,16 @@ SOUND = 0.5
 
 @dataclass
 class NoiseMoments:
-    """Monte-Carlo means of the scores' bias from noise in the regressors: E[δWᵀ δr] = constant − slope θ.
+    """Monte-Carlo means of the scores' bias from noise in the regressors: E[(W + δW)ᵀ δr] = constant − slope θ.
 
     At the true θ the weighted scores Wᵀ r have this mean instead of zero (Novick and Stefanski, 2002). It is estimated
     from pairs of simulated noise, each draw added once and subtracted once: terms of first order in the noise cancel,
     the product δWᵀ δr and the mean shift of nonlinear laws remain. Each run's zeros are functions of the parameters
     here: they absorb the mean shift of a nonlinear law, which would else move a static load by 100 N.
+
+    Columns that are expectations given the record (`PhysicalEffect.conditional`) count in δW and not in δr: what a law
+    differs from its expectation has the mean zero given anything that was measured, so that noise brings no bias
+    through it; what it brings through the other columns is correlated with these columns too.
 
     Attributes
     ----------
@@ -67,31 +71,29 @@ class NoiseMoments:
         gain, offset = zeros
         z, b = len(offset), len(keep)
         place = (piece.seed,) if piece.number is None else (piece.seed, piece.number)
-        plain = {
-            row: (block[:, z:] - block[:, :z] @ gain, piece.right[row] - block[:, :z] @ offset)
-            for row, block in piece.blocks.items()
-        }
+        plain = {row: block[:, z:] - block[:, :z] @ gain for row, block in piece.blocks.items()}
         placed = list(with_places(effects))
         position = np.full(placed[-1][1].stop, -1)
         position[keep] = np.arange(b)
+        expected = np.zeros(b, bool)
+        for effect, where in placed:
+            expected[position[where][position[where] >= 0]] = piece.prepared.expects(effect)
         for draw in range(self.draws):
             pair = piece.prepared.noisy_columns(effects, [2002, *place, draw])
-            for row, (W, y) in plain.items():
-                weight = np.full(len(y), sigma[row] ** -2.0)
+            for row, W in plain.items():
+                weight = np.full(len(W), sigma[row] ** -2.0)
                 if piece.weights is not None:
                     weight = weight * piece.weights[row] ** 2
-                # (W + δ)ᵀ(W + δ) − WᵀW, where only the few columns that act on this row have a δ.
+                # Only the few columns that act on this row have a δ.
                 active, shifts = _shifts(pair, placed, row, position, piece.blocks[row][:, z : z + b])
                 errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
-                mean: Array = 0.5 * (shifts[0] + shifts[1]).T * weight
-                across = mean @ W
-                self.slopes[draw][active] += across
-                self.slopes[draw][:, active] += across.T
-                self.constants[draw][active] += mean @ y
-                self.constants[draw] += W.T @ (0.5 * weight * (errors[0] + errors[1]))
+                wrong = ~expected[active]
+                weighted: Array = 0.5 * weight * W.T
+                self.slopes[draw][:, active[wrong]] += weighted @ (shifts[0] + shifts[1])[:, wrong]
+                self.constants[draw] += weighted @ (errors[0] + errors[1])
                 for shift, error in zip(shifts, errors, strict=True):
                     part: Array = 0.5 * shift.T * weight
-                    self.slopes[draw][np.ix_(active, active)] += part @ shift
+                    self.slopes[draw][np.ix_(active, active[wrong])] += part @ shift[:, wrong]
                     self.constants[draw][active] += part @ error
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
@@ -114,13 +116,16 @@ class NoiseMoments:
         solved = np.asarray(scipy.linalg.solve_triangular(R[:p], np.eye(p)), float)
         inverse: Array = solved / lengths[:, None]
         x0, k = R[:p] @ (lengths * x), inverse.T @ constant
-        spectrum = np.linalg.eigh(inverse.T @ (0.5 * (slope + slope.T)) @ inverse)
+        noise = inverse.T @ slope @ inverse
+        spectrum = np.linalg.eigh(0.5 * (noise + noise.T))
         part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
-        sound = part < SOUND
-        growth = np.asarray(np.where(sound, 1.0 / np.where(sound, 1.0 - part, 1.0), 0.0), float)
-        corrected = inverse @ (V @ np.asarray(np.where(sound, growth * (V.T @ (x0 - k)), V.T @ x0), float))
+        good, lost = V[:, part < SOUND], V[:, part >= SOUND]
+        # Columns that are expectations have no noise in the residual: the matrix is not symmetric.
+        growth = np.asarray(np.linalg.inv(np.eye(good.shape[1]) - good.T @ noise @ good), float)
+        given: Array = lost @ (lost.T @ x0)
+        corrected = inverse @ (good @ (growth @ (good.T @ (x0 - k + noise @ given))) + given)
         scores = self.constants - self.slopes @ corrected
-        scatter = (scores - scores.mean(axis=0)) @ (inverse @ (V * growth) @ V.T).T
+        scatter = (scores - scores.mean(axis=0)) @ (inverse @ good @ growth @ good.T).T
         doubt = scatter.T @ scatter / (self.draws * (self.draws - 1))
         return corrected, doubt + given_back(inverse, slope, priors)
 

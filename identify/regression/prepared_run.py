@@ -324,6 +324,10 @@ class PreparedRun:
             self._noisy[tuple(seed)] = known
         return known
 
+    def expects(self, effect: PhysicalEffect) -> bool:
+        """Whether an effect's columns on this run are expectations given its noisy record."""
+        return effect.conditional and bool(self.recording.smoothers)
+
     def lacks(self, effect: Effect) -> Unmeasured | None:
         """What an effect needs that is not measured in this run; None where it can be computed."""
         needs = effect.lacks(self.kept_motion)

@@ -29,9 +29,13 @@ Perturbation = Mapping[str, Array]
 """Change of channels: name → (k, N), or (k, d, N) for d changes. Their derivatives are computed from it."""
 
 Input = tuple[str, int, int]
-"""Input of the equations: a channel, its component, and the order of its time derivative (0, 1 or 2)."""
+"""Input of the equations: a channel, its component, and which of its series, an index of `_PARTS`."""
 
-_PARTS = ("value", "rate", "accel")
+_PARTS = ("value", "rate", "accel", "mean", "mean_rate")
+"""Series of a channel: it and its derivatives as measured, and what they are expected to be given its record."""
+_STEPS = (1.0, 20.0, 400.0, 1.0, 5.0)
+"""Steps of the finite differences, in the channel's noise [SI]."""
+_MEAN, _MEAN_RATE = 3, 4
 _COPIES = 17
 """Largest number of perturbed copies of a run computed at once: the inputs from one corner's instruments."""
 _SAMPLES = 16_000
@@ -121,6 +125,11 @@ class Sensitivity:
         """Channels that any row depends on."""
         return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
 
+    @property
+    def _bent(self) -> tuple[str, ...]:
+        """Channels in laws that bend."""
+        return tuple(dict.fromkeys(name for name, _, order in self.taken.coarse if order >= _MEAN))
+
     @classmethod
     def of(
         cls, recording: Recording, effects: Sequence[PhysicalEffect], values: Array, spacing: float = FINE
@@ -135,11 +144,12 @@ class Sensitivity:
         active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
         before = residual(build_motion(coarse, measured=measured), active, theta)
-        slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals)}
+        parts = len(_PARTS) if any(effect.conditional for effect in active) else _MEAN
+        slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals, parts)}
         unmoved: dict[int, Motion] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
-        for corner, group in _groups(coarse.signals, max(1, min(_COPIES, _SAMPLES // comb.size))):
-            steps = [recording.rig.noise(channel) * (1.0, 20.0, 400.0)[order] for channel, _, order in group]
+        for corner, group in _groups(coarse.signals, parts, max(1, min(_COPIES, _SAMPLES // comb.size))):
+            steps = [recording.rig.noise(channel) * _STEPS[order] for channel, _, order in group]
             every_copy = np.tile(np.arange(comb.size), len(group))
             copies, rows = coarse.at(every_copy), measured.at(every_copy)
             if corner and len(group) not in unmoved:
@@ -162,15 +172,20 @@ class Sensitivity:
         """The sensitivity without the cached interpolation to every sample, which needs much memory."""
         return replace(self, taken=replace(self.taken))
 
-    def response(self, perturbation: Perturbation) -> dict[Row, Array]:
-        """Change of the residual at full rate, row → (…, N), for a change of channels (k, …, N)."""
+    def response(self, perturbation: Perturbation, other: Perturbation | None = None) -> dict[Row, Array]:
+        """Change of the residual at full rate, row → (…, N), for a change of channels (k, …, N).
+
+        `other` : where the change is a draw of the noise, an independent one of the channels in laws that bend.
+        """
         rate = self.recording.filters.rate
         out: dict[Row, Array] = {}
         term = np.empty(next((change.shape[1:] for change in perturbation.values()), ()))
         for channel, change in perturbation.items():
             orders = {order for name, _, order in self.slopes if name == channel}
-            series = [change, derivative(change, rate) if orders & {1, 2} else change]
+            series = [change, derivative(change, rate) if orders - {0} else change]
             series.append(derivative(series[1], rate) if 2 in orders else change)
+            if orders & {_MEAN, _MEAN_RATE}:
+                series += self._expected(channel, series[:2], None if other is None else other[channel])
             for k in range(change.shape[0]):
                 for order in sorted(orders):
                     for row, slope in self.slopes.get((channel, k, order), {}).items():
@@ -180,10 +195,27 @@ class Sensitivity:
                             out[row] = slope * series[order][k]
         return out
 
+    def _expected(self, channel: str, changes: Sequence[Array], other: Array | None) -> list[Array]:
+        """Changes of a channel's conditional means of value and rate, for `changes` of them (k, …, N).
+
+        With an `other` draw of the noise, the errors of those means.
+        """
+        smoother = self.recording.smoothers.get(channel)
+        if smoother is None:
+            return list(changes)
+        if other is None:
+            return [smoother.mean(change) for change in changes]
+        others = other, derivative(other, self.recording.filters.rate)
+        return [smoother.error(change, one) for change, one in zip(changes, others, strict=True)]
+
     def zero(self, channel: str, component: int) -> dict[Row, Array]:
         """Change of the residual per unit of a constant added to a channel's component, row → (N,)."""
         ones = np.ones(self.recording.t.size)
-        return {row: slope * ones for row, slope in self.slopes.get((channel, component, 0), {}).items()}
+        out: dict[Row, Array] = {}
+        for order in (0, _MEAN):
+            for row, slope in self.slopes.get((channel, component, order), {}).items():
+                out[row] = out.get(row, 0.0) + slope * ones
+        return out
 
     def fault(self, fault: SensorFault) -> dict[Row, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
@@ -191,14 +223,16 @@ class Sensitivity:
 
     def noise(self, rng: np.random.Generator) -> dict[Row, Array]:
         """One random draw of the residual's noise from the channels' noise, row → (N,)."""
-        return self.response(draw_noise(self.recording, self.channels, rng))
+        drawn = draw_noise(self.recording, self.channels, rng)
+        return self.response(drawn, draw_noise(self.recording, self._bent, rng))
 
     def noises(self, rng: np.random.Generator, draws: int) -> Iterator[dict[Row, Array]]:
         """As many random draws as of `noise`, row → (d, N), some at a time."""
         together = max(1, _DRAWN // self.recording.t.size)
         for start in range(0, draws, together):
             some = min(together, draws - start)
-            yield self.response(draw_noises(self.recording, self.channels, rng, some))
+            drawn = draw_noises(self.recording, self.channels, rng, some)
+            yield self.response(drawn, draw_noises(self.recording, self._bent, rng, some))
 
 
 def _enters(effect: PhysicalEffect) -> bool:
@@ -218,20 +252,20 @@ def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
     return np.asarray(keep)
 
 
-def _inputs(signals: Signals) -> list[Input]:
-    """All inputs of a run: every component of every channel and of its derivatives."""
+def _inputs(signals: Signals, parts: int) -> list[Input]:
+    """All inputs of a run: every component of every channel, in the first of its `_PARTS`."""
     return [
         (channel, k, order)
-        for order, part in enumerate(_PARTS)
+        for order, part in enumerate(_PARTS[:parts])
         for channel, array in getattr(signals, part).items()
         for k in range(array.shape[0])
     ]
 
 
-def _groups(signals: Signals, most: int) -> list[tuple[str, list[Input]]]:
+def _groups(signals: Signals, parts: int, most: int) -> list[tuple[str, list[Input]]]:
     """Groups of at most `most` inputs, each with the corner whose motion alone depends on them, or "" for none."""
     by_corner: dict[str, list[Input]] = {}
-    for one in _inputs(signals):
+    for one in _inputs(signals, parts):
         channel = CHANNELS[one[0]]
         # A ground laser turns the road's plane under every wheel.
         corner = "" if channel.family == "laser.ground" else channel.corner or ""
@@ -251,7 +285,7 @@ def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) 
         parts[part][channel] = parts[part][channel].copy()
     for copy, ((channel, k, order), step) in enumerate(zip(group, steps, strict=True)):
         parts[_PARTS[order]][channel][k, copy * n : (copy + 1) * n] += step
-    return copies.with_signals(Signals(**parts))
+    return copies.with_signals(replace(copies.signals, **parts))
 
 
 def _slopes(before: Mapping[Row, Array], after: Mapping[Row, Array], step: float) -> dict[Row, Array]:

@@ -33,6 +33,8 @@ def draw_noises(
     # Longer than needed and cut: a transform is several times faster where its length has small prime factors.
     filters, n = recording.filters, scipy.fft.next_fast_len(recording.t.size, real=True)
     names = list(channels)
+    if not names:
+        return {}
     widths = [CHANNELS[channel].width for channel in names]
     scales = [recording.rig.noise(c) * np.sqrt(filters.rate / recording.rates[c]) for c in names]
     gain = _passed(filters.pre_cutoff, filters.rate, filters.order, n)

@@ -7,7 +7,7 @@ force and rates, of which only the angular acceleration is a derivative.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
+from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
 _GAP = 0.020
 """Longest gap in the samples that is interpolated without flagging an interval [s]."""
@@ -57,11 +58,23 @@ class Gaps(RunNote):
 
 @dataclass(frozen=True)
 class Signals:
-    """Channels on one grid with their time derivatives, (k, N) each, by channel name; latencies removed."""
+    """Channels on one grid with their time derivatives, (k, N) each, by channel name; latencies removed.
+
+    Attributes
+    ----------
+    value, rate, accel : as measured.
+    mean, mean_rate : expected true value and rate of channels, given their whole noisy record (`wiener`); empty where
+        signals are exact.
+    sigma, rate_sigma : the standard deviations of the true ones from those.
+    """
 
     value: Mapping[str, Array]
     rate: Mapping[str, Array]
     accel: Mapping[str, Array]
+    mean: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    mean_rate: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    rate_sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @classmethod
     def differentiated(cls, value: Mapping[str, Array], rate: float) -> Signals:
@@ -73,7 +86,22 @@ class Signals:
     def changed(self, value: Mapping[str, Array], rate: float) -> Signals:
         """These signals with some channels replaced and differentiated at `rate` [Hz]."""
         new = Signals.differentiated(value, rate)
-        return Signals({**self.value, **new.value}, {**self.rate, **new.rate}, {**self.accel, **new.accel})
+        return replace(
+            self,
+            value={**self.value, **new.value},
+            rate={**self.rate, **new.rate},
+            accel={**self.accel, **new.accel},
+        )
+
+    def conditioned(self, smoothers: Mapping[str, WienerSmoother]) -> Signals:
+        """These signals with the conditional distribution of those channels that have a smoother."""
+        return replace(
+            self,
+            mean={name: smoother.mean(self.value[name]) for name, smoother in smoothers.items()},
+            mean_rate={name: smoother.mean(self.rate[name]) for name, smoother in smoothers.items()},
+            sigma={name: smoother.sigma[None] for name, smoother in smoothers.items()},
+            rate_sigma={name: smoother.rate_sigma[None] for name, smoother in smoothers.items()},
+        )
 
     def scalar(self, channel: str, n: int) -> tuple[Array, Array, Array]:
         """A scalar channel and its two derivatives, (n,) each; zeros where the channel or a derivative is absent."""
@@ -83,11 +111,14 @@ class Signals:
 
     def at(self, index: NDArray[np.intp] | slice) -> Signals:
         """The signals at the samples `index`."""
-        return Signals(
-            *({name: a[:, index] for name, a in part.items()} for part in (self.value, self.rate, self.accel))
-        )
+        parts: list[Mapping[str, Array]] = [
+            self.value, self.rate, self.accel, self.mean, self.mean_rate, self.sigma, self.rate_sigma
+        ]  # fmt: skip
+        return Signals(*({name: a[:, index] for name, a in part.items()} for part in parts))
 
 
+_BENT = ("laser.hub",)
+"""Families of channels whose value and rate are arguments of laws that bend within the noise: suspension travel."""
 _DERIVED = {"imu.rate": 1, "wheel.speed": 1, "laser.ground": 1, "laser.hub": 2, "camera.steer": 2, "camera.camber": 2}
 
 
@@ -108,6 +139,8 @@ class Recording:
     usable : channel → (N,) whether a sample is outside flagged gaps and the filter transients around them.
     rates : each channel's own sample rate [Hz].
     start : time of the run's first sample [s]; `t` begins later in a piece of a long run.
+    smoothers : channel → conditional distribution of its true value and rate, for channels whose laws bend; empty at
+        single samples, whose `signals` have it.
 
     Examples
     --------
@@ -128,11 +161,31 @@ class Recording:
     brakes: str
     notes: tuple[RunNote, ...] = ()
     start: float = 0.0
+    smoothers: Mapping[str, WienerSmoother] = field(default_factory=dict[str, WienerSmoother])
+
+    def smoothed(self, beyond: float | None = None) -> Recording:
+        """The recording with the conditional distributions that follow from its own noise and motion.
+
+        `beyond` : mean square of the rate of motion that the pre-filter stopped; by default as known before.
+        """
+        if beyond is None:
+            beyond = max((one.beyond for one in self.smoothers.values()), default=0.0)
+        smoothers: dict[str, WienerSmoother] = {}
+        for name in self.signals.value:
+            if CHANNELS[name].family in _BENT:
+                # White noise at the channel's own rate, as white noise of the same density on the grid.
+                sigma = self.rig.noise(name) * float(np.sqrt(self.filters.rate / self.rates[name]))
+                found = WienerSmoother.of(self.signals.rate[name][0], sigma, self.filters, beyond)
+                if found is not None:
+                    smoothers[name] = found
+        return replace(self, signals=self.signals.conditioned(smoothers), smoothers=smoothers)
 
     def at(self, index: NDArray[np.intp] | slice) -> Recording:
         """The recording at the samples `index`."""
         usable = {name: mask[index] for name, mask in self.usable.items()}
-        return replace(self, t=self.t[index], signals=self.signals.at(index), usable=usable)
+        whole = isinstance(index, slice) and index.step is None
+        smoothers = {name: one.at(index) for name, one in self.smoothers.items()} if whole else {}
+        return replace(self, t=self.t[index], signals=self.signals.at(index), usable=usable, smoothers=smoothers)
 
     def thinned(self, step: int) -> Recording:
         """Every `step`-th sample, as a recording at a lower rate."""
@@ -140,7 +193,7 @@ class Recording:
 
     def with_signals(self, signals: Signals) -> Recording:
         """The recording with these channel values."""
-        return replace(self, signals=signals)
+        return replace(self, signals=signals.conditioned(self.smoothers) if self.smoothers else signals)
 
 
 def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: Array | None = None) -> Recording:
@@ -156,6 +209,7 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
     values: dict[str, Array] = {}
     usable: dict[str, NDArray[np.bool_]] = {}
     gaps: list[Gaps] = []
+    raw: list[tuple[Array, float]] = []
     for name, signal in run.signals.items():
         if len(signal.t) <= 3 * (filters.order + 1):
             continue
@@ -165,6 +219,8 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
             notes.append(FewUsableSamples(name, _LEAST_USABLE))
             continue
         values[name] = bring_to_grid(signal.t, filled, stamped, filters.pre_cutoff, filters.order)
+        if CHANNELS[name].family in _BENT:
+            raw.append((filled[:, 0], (len(signal.t) - 1) / float(np.ptp(signal.t))))
         usable[name] = _outside(holes, stamped, filters.edge)
         if holes:
             gaps.append(Gaps(name, tuple(holes)))
@@ -174,7 +230,7 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
     return Recording(
         run.name, grid, signals, usable, rates, vehicle, rig, filters, reference, run.brakes, (*notes, *gaps),
         float(grid[0]),
-    )  # fmt: skip
+    ).smoothed(motion_beyond(raw, filters))  # fmt: skip
 
 
 def _grid(run: Run, rig: Rig, filters: Filters) -> tuple[Array, list[RunNote]]:

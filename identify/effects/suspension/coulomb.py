@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -21,10 +21,11 @@ class Coulomb(SuspensionForce):
     signature = "suspension row changes sign with the travel rate, whatever its size"
     shown_by = "smooth driving with small travel rates, slow sinus steering"
     source = "paper, table 6 (fs); Armstrong-Hélouvry et al. (1994), Automatica 30, 1083"
+    bend = Bend.RATE
     looks_like = ("damper_hysteresis",)
-    # Narrower bands than the noise of the travel rate (7 mm/s from lasers of 0.3 mm) would be fitted to that noise.
-    grids: ClassVar = {"v0": (0.01, 0.02, 0.04)}
-    bounds: ClassVar = {"v0": (0.01, 0.1)}
+    # Narrower bands than 2 mm/s look the same: the travel rate is known to some millimetres a second.
+    grids: ClassVar = {"v0": (0.002, 0.005, 0.01, 0.02, 0.04)}
+    bounds: ClassVar = {"v0": (0.002, 0.1)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -16,6 +16,7 @@ class DamperAsymmetry(SuspensionForce):
     signature = "suspension row follows the size of the travel rate; the car sinks or rises on a rough road"
     shown_by = "rough road"
     source = "Dixon (2007), The Shock Absorber Handbook, chapter 7"
+    bend = Bend.RATE
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -18,6 +18,7 @@ class DamperDigressive(SuspensionForce):
     signature = "suspension row bends with the travel rate, the same way in bump and rebound"
     shown_by = "rough road with large and small travel rates"
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7"
+    bend = Bend.RATE
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -40,6 +41,7 @@ class DamperSaturation(SuspensionForce):
     signature = "suspension row is steep at small travel rates and flat at large ones"
     shown_by = "rough road with large and small travel rates"
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7; Heißing and Ersoy (2011), Chassis Handbook"
+    bend = Bend.RATE
     looks_like = ("damper_knee",)
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2, 0.4)}
     bounds: ClassVar = {"v0": (0.02, 0.8)}

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -23,6 +23,7 @@ class DamperKnee(SuspensionForce):
     signature = "suspension row has a corner at a travel rate, the same way in bump and rebound"
     shown_by = "rough road with large and small travel rates"
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7; Reimpell et al. (2001), chapter 5"
+    bend = Bend.RATE
     looks_like = ("damper_saturation",)
     # Valves open from some 50 mm/s on; a knee below cannot be told from friction at 7 mm/s of noise of the travel rate.
     grids: ClassVar = {"v0": (0.05, 0.07, 0.1, 0.15, 0.25)}

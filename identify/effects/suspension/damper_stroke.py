@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -35,6 +35,7 @@ class DamperStrokeSymmetric(SuspensionForce):
     signature = "suspension row follows the size of the travel times the travel rate"
     shown_by = "rough road with large and small bumps, or while braking and cornering: large rates at different travels"
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7 (position-dependent dampers)"
+    bend = Bend.TRAVEL
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

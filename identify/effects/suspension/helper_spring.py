@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 
@@ -23,6 +23,7 @@ class HelperSpring(SuspensionForce):
     signature = "suspension row is steeper below a travel than above it"
     shown_by = "strong roll, crests, large bumps"
     source = "Milliken and Milliken (1995), Race Car Vehicle Dynamics, chapter 16; Reimpell et al. (2001), chapter 5"
+    bend = Bend.TRAVEL
     looks_like = ("bump_stop", "rebound_stop")
     grids: ClassVar = {"gap": (-0.04, -0.02, -0.01, 0.0, 0.01, 0.02, 0.04)}
     bounds: ClassVar = {"gap": (-0.08, 0.08)}

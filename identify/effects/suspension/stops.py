@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.multibody.vectors import Array
 
 PRESSED = 0.01
@@ -17,6 +17,7 @@ class _Stop(SuspensionForce):
     """A stop touched beyond a gap, pressed by x: the force k x (x/10 mm)^(n − 1)."""
 
     source = "Reimpell et al. (2001), The Automotive Chassis, chapter 5; Heißing and Ersoy (2011), Chassis Handbook"
+    bend = Bend.TRAVEL
     looks_like = ("helper_spring",)
     grids: ClassVar = {"gap": (0.005, 0.01, 0.015, 0.02, 0.03, 0.04, 0.06), "n": (1.0, 2.0)}
     bounds: ClassVar = {"gap": (0.0, 0.08), "n": (1.0, 3.0)}
