@@ -7,7 +7,7 @@ A model is a sum of effects and nothing else; a rigid body is an effect too. A n
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from typing import ClassVar, Self, TypeVar
@@ -277,22 +277,34 @@ class SuspensionForce(PhysicalEffect):
         """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]; (p, N) for several of them."""
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The law in the suspension rows of the corners acted on."""
-        parts = {c: motion.corners[c] for c in self.corners()}
-        return {f"suspension.{c}": np.atleast_2d(self._expected(part)) for c, part in parts.items()}
+        """The law in the suspension rows of the corners acted on, or its expectation."""
+        return expected_columns(self._plain, motion, self.corners(), self.bend)
 
-    def _expected(self, corner: CornerMotion) -> Array:
-        """The law at a corner; one that bends as its mean over the true motion, given the record."""
-        given = corner.conditional
-        if given is None or self.bend is Bend.NOWHERE:
-            return self.law(corner.travel, corner.rate)
-        out = np.zeros(given.rate.size)
-        for node, share in zip(_NODES, _SHARES, strict=True):
-            if self.bend is Bend.RATE:
-                out = out + share * self.law(given.travel, given.rate + node * given.rate_sigma)
-            else:
-                out = out + share * self.law(given.travel + node * given.travel_sigma, given.rate)
-        return out
+    def _plain(self, motion: Motion) -> dict[str, Array]:
+        parts = {c: motion.corners[c] for c in self.corners()}
+        return {f"suspension.{c}": np.atleast_2d(self.law(part.travel, part.rate)) for c, part in parts.items()}
+
+
+def expected_columns(
+    law: Callable[[Motion], Mapping[str, Array]], motion: Motion, corners: Iterable[str], bend: Bend
+) -> dict[str, Array]:
+    """Expectation of a law's columns over the true travel at some corners, given the record: row → (p, N).
+
+    The law itself where it does not bend, or the signals are exact.
+    """
+    given = {c: found for c in corners if (found := motion.corners[c].conditional) is not None}
+    if bend is Bend.NOWHERE or not given:
+        return dict(law(motion))
+    out: dict[str, Array] = {}
+    for node, share in zip(_NODES, _SHARES, strict=True):
+        moved: dict[str, CornerMotion] = {}
+        for c, one in given.items():
+            travel = one.travel + node * one.travel_sigma if bend is Bend.TRAVEL else one.travel
+            rate = one.rate + node * one.rate_sigma if bend is Bend.RATE else one.rate
+            moved[c] = replace(motion.corners[c], travel=travel, rate=rate)
+        for row, table in law(replace(motion, corners={**motion.corners, **moved})).items():
+            out[row] = out[row] + share * table if row in out else share * table
+    return out
 
 
 class TyreForce(PhysicalEffect):

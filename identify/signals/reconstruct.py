@@ -183,8 +183,9 @@ class Recording:
     def at(self, index: NDArray[np.intp] | slice) -> Recording:
         """The recording at the samples `index`."""
         usable = {name: mask[index] for name, mask in self.usable.items()}
-        whole = isinstance(index, slice) and index.step is None
-        smoothers = {name: one.at(index) for name, one in self.smoothers.items()} if whole else {}
+        smoothers: dict[str, WienerSmoother] = {}
+        if isinstance(index, slice) and index.step is None:
+            smoothers = {name: one.at(index) for name, one in self.smoothers.items()}
         return replace(self, t=self.t[index], signals=self.signals.at(index), usable=usable, smoothers=smoothers)
 
     def thinned(self, step: int) -> Recording:

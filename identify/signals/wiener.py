@@ -24,9 +24,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from lacet.identify.signals.filters import Array, Filters, two_pass_sos
+from lacet.identify.signals.filters import Array, Filters, two_pass_gain
 
 _BAND = 2.0
 """Half width of a band of the spectrum, and distance of neighbouring bands [Hz]: parts body's and wheels' modes."""
@@ -157,11 +158,11 @@ def motion_beyond(channels: Sequence[tuple[Array, float]], filters: Filters) -> 
         size = round(_SEGMENT * rate)
         if 0.5 * rate * _QUIET < 2.0 * cutoff or samples.size < 4 * size:
             continue
-        frequency, density = scipy.signal.welch(samples, rate, nperseg=size)
+        frequency, density = np.arange(size // 2 + 1) * rate / size, _density(samples, size, rate)
         quiet = (frequency >= _QUIET * 0.5 * rate) & (frequency < 0.5 * rate)
         part = frequency <= 2.0 * cutoff
-        passed = scipy.signal.sosfreqz(two_pass_sos(cutoff, rate, filters.order), frequency[part], fs=rate)[1]
-        weight = (2.0 * np.pi * frequency[part] * (1.0 - np.abs(passed) ** 2)) ** 2 / _SEGMENT
+        stopped = 1.0 - two_pass_gain(frequency[part], cutoff, rate, filters.order)
+        weight = (2.0 * np.pi * frequency[part] * stopped) ** 2 * rate / size
         noise = float(np.mean(density[quiet]))
         # Two degrees of freedom a bin and segment.
         floor = float(np.sum(weight)) * noise / math.sqrt(np.count_nonzero(quiet))
@@ -172,6 +173,14 @@ def motion_beyond(channels: Sequence[tuple[Array, float]], filters: Filters) -> 
     squares, errors = np.array(found).T
     mean, error = float(np.mean(squares)), float(np.linalg.norm(errors)) / len(errors)
     return max(0.0, mean - error**2 / mean) if mean > 0.0 else 0.0
+
+
+def _density(samples: Array, size: int, rate: float) -> Array:
+    """(size // 2 + 1,) spectral density of samples (M,), the mean of segments that overlap by half (Welch, 1967)."""
+    window = np.hanning(size)
+    parts = sliding_window_view(samples, size)[:: size // 2]
+    spectra = np.abs(np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window, axis=1)) ** 2
+    return np.asarray(2.0 * spectra.mean(axis=0) / (rate * np.sum(window**2)), float)
 
 
 def _intensity(power: Array, motion: Array, noise: Array, rate: float, ends: int) -> Array:
@@ -186,10 +195,8 @@ def _intensity(power: Array, motion: Array, noise: Array, rate: float, ends: int
     if not np.any(there):
         return intensity
     motion, noise = motion[there, None], noise[there, None]
-    length = min(2 * (n // 4) + 1, 2 * round(0.5 * _WINDOW * rate) + 1)
-    window = np.hanning(length + 2)[1:-1]
-    padded = np.pad(power[there], ((0, 0), (length // 2, length // 2)), mode="reflect")
-    local = scipy.signal.oaconvolve(padded, window[None] / np.sum(window), mode="valid", axes=-1)
+    window = np.hanning(2 * round(0.5 * _WINDOW * rate) + 3)[1:-1]
+    local = scipy.ndimage.convolve1d(power[there], window / np.sum(window), axis=-1, mode="mirror")
     for _ in range(_TURNS):
         weight = motion / (intensity * motion + noise) ** 2
         found = np.sum(weight * (local - noise), axis=0) / np.sum(weight * motion, axis=0)
@@ -208,9 +215,8 @@ def _noise(sigma: float, filters: Filters) -> tuple[Array, Array, Array]:
     assert filters.pre_cutoff is not None
     size = round(64 * filters.rate)
     frequency = scipy.fft.rfftfreq(size, 1.0 / filters.rate)
-    sections = two_pass_sos(filters.pre_cutoff, filters.rate, filters.order)
-    passed = np.abs(scipy.signal.sosfreqz(sections, worN=frequency, fs=filters.rate)[1]) ** 4
-    density = sigma**2 * passed * 2.0 / size
+    passed = two_pass_gain(frequency, filters.pre_cutoff, filters.rate, filters.order)
+    density = sigma**2 * passed**2 * 2.0 / size
     moving = density * (2.0 * np.pi * frequency) ** 2
     bands = [_band(band, size, filters.rate) for band in range(_count(filters.rate))]
     noise = [weight**2 @ moving[part] for part, weight in bands]

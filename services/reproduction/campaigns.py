@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,12 @@ from typing import Any
 from lacet.daq.formats.exchange import write_table
 from lacet.daq.formats.result import plain
 from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
 from lacet.identify.effects.base import Effect
 from lacet.identify.effects.catalogue import base_model, catalogue, find_effect
 from lacet.identify.progress import Stage
 from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import Comparison, compare
@@ -29,7 +31,7 @@ from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
 from lacet.services.reproduction.published_tables import LINES
 from lacet.services.timing.usual import drives_plan, stretch
 from lacet.services.workspace.decode import decode_log
-from lacet.services.workspace.loading import Loaded, load
+from lacet.services.workspace.loading import load
 from lacet.services.workspace.results import fit_result
 from lacet.simulate import START_NS, Hidden, Sheet, SimulatedMotion, exchange_run, find_car, make_manoeuvre, measure
 from lacet.simulate import run as drive
@@ -38,7 +40,7 @@ from lacet.simulate.vehicle_file import vehicle_text
 HOUR_NS = 3_600_000_000_000
 RUN_STEP = 1000
 FRICTION_SPEED = 0.005
-"""Speed v0 of the simulated friction f·tanh(ṡ/v0) [m/s]: smaller than any that the search of shape constants tries."""
+"""Speed v0 of the simulated friction f·tanh(ṡ/v0) [m/s]: smaller than the noise of the travel rate."""
 
 
 @dataclass(frozen=True)
@@ -192,7 +194,7 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
         return json.loads(places.fit.read_text(encoding="utf-8"))
     files = [places.run(campaign, name) for name, _ in campaign.manoeuvres]
     loaded = load(files, places.rig, places.vehicle, progress=progress)
-    fitted = _fitted(campaign, loaded, progress)
+    fitted = fit_campaign(campaign, loaded.vehicle, loaded.reference, loaded.prepared, progress)
     parts: list[Comparison] = []
     for done, run in enumerate(fitted.runs):
         step = ServiceStep(ServiceStage.COMPARING, done, len(fitted.runs), run.name, campaign=campaign.name)
@@ -204,9 +206,11 @@ def identify(campaign: Campaign, places: Places, progress: Progress) -> dict[str
     return result
 
 
-def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
-    known = catalogue(loaded.vehicle, loaded.reference)
-    base = base_model(loaded.vehicle, loaded.reference)
+def fit_campaign(
+    campaign: Campaign, vehicle: Vehicle, reference: str, runs: Sequence[PreparedRun], progress: Progress
+) -> Fit:
+    """Fit of the campaign's model to its runs, wheel loads in `reference`, shape constants by search."""
+    known, base = catalogue(vehicle, reference), base_model(vehicle, reference)
     extra = [find_effect(key, known) for key in campaign.effects]
     shapes: dict[str, tuple[float, ...]] = {name: values for e in extra for name, values in e.grids.items()}
     if shapes:  # one constant for all corners, by the likelihood of the residual, before the final fit
@@ -215,10 +219,10 @@ def _fitted(campaign: Campaign, loaded: Loaded, progress: Progress) -> Fit:
         for value in values:
             progress(ServiceStep(ServiceStage.FITTING, values={name: value}, campaign=campaign.name))
             model = Model.of([*base, *_shaped(extra, name, value)])
-            tried[value] = _misfit(fit(model, loaded.prepared, FitOptions(unbias=False)))
+            tried[value] = _misfit(fit(model, runs, FitOptions(unbias=False)))
         extra = _shaped(extra, name, min(tried, key=lambda value: tried[value]))
     progress(ServiceStep(ServiceStage.FITTING, campaign=campaign.name))
-    return fit(Model.of([*base, *extra]), loaded.prepared, progress=progress)
+    return fit(Model.of([*base, *extra]), runs, progress=progress)
 
 
 def _shaped(effects: list[Effect], name: str, value: float) -> list[Effect]:

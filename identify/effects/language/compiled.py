@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import itertools
 import math
 from collections.abc import Iterator, Sequence
@@ -14,13 +15,14 @@ from lacet.daq.errors import UsageError
 from lacet.daq.expressions.expression import Expression
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Effect, Parameter, PhysicalEffect
+from lacet.identify.effects.base import Bend, Effect, Parameter, PhysicalEffect, expected_columns
 from lacet.identify.effects.language.linearity import along_run
 from lacet.identify.effects.language.parser import Line, LineFault, RowLaw, read_line
 from lacet.identify.multibody.vectors import Array
 
 WHEEL_FORCE, WHEEL_MOMENT, CAR_MOMENT = 4000.0, 1200.0, 4000.0
 """Bounds of a plausible effect: a wheel's static load [N], and that load at a wheel's radius and at a metre [N·m]."""
+_TRAVEL = {"travel", "rate"}
 _DRAWS = 512
 _WIDER = (1.0, 2.0, 4.0, 8.0)
 """Multiples of its states' usual range at which a law is evaluated that is zero within (a stop with a wide gap)."""
@@ -32,6 +34,13 @@ class OneLine(PhysicalEffect):
     line: ClassVar[Line]
     plausible: ClassVar[dict[str, tuple[float, float]]]
     """Smallest and largest plausible value of each parameter [SI]."""
+    bend: ClassVar[Bend]
+    """Where its law bends within the noise (`SuspensionForce.bend`)."""
+
+    @property
+    def conditional(self) -> bool:
+        """Whether its columns are expectations of the law given the noisy record."""
+        return self.bend is not Bend.NOWHERE
 
     @classmethod
     def variants(cls, vehicle: Vehicle, reference: str) -> Sequence[Self]:
@@ -63,7 +72,10 @@ class OneLine(PhysicalEffect):
         return tuple(dict.fromkeys(channel for use, corner in uses for channel in use.lacks(motion, corner)))
 
     def columns(self, motion: Motion) -> dict[str, Array]:
-        """The law's terms in the rows acted on. Raises UsageError where one has no finite value."""
+        """The law's terms in the rows acted on, or their expectation. Raises UsageError where one is not finite."""
+        return expected_columns(self._plain, motion, [corner for _, corner, _ in self.acted_on() if corner], self.bend)
+
+    def _plain(self, motion: Motion) -> dict[str, Array]:
         out: dict[str, Array] = {}
         names = list(self.line.parameters)
         functions = along_run(float(np.ptp(motion.t)) / max(1, motion.t.size - 1))
@@ -105,9 +117,24 @@ def effect_class(line: Line) -> type[OneLine]:
         "rows": tuple(dict.fromkeys(law.row for law in line.rows)),
         "grids": dict(line.grids),
         "instantaneous": not line.has_memory,
+        "bend": _bend(line),
         "plausible": {name: line.bounds.get(name) or _plausible(line, name) for name in line.parameters},
     }  # fmt: skip
     return cast(type[OneLine], type(f"OneLine_{line.name}", (OneLine,), attributes))
+
+
+def _bend(line: Line) -> Bend:
+    """Where a line's law bends: one with functions, of the travel and rate of its own wheel alone."""
+    uses = [use for law in line.rows for use in law.uses.values()]
+    own = {use.state.name for use in uses if use.wheel == "own"}
+    if line.has_memory or len(own) != len({(use.state.name, use.wheel) for use in uses}) or not own <= _TRAVEL:
+        return Bend.NOWHERE
+    if not any(
+        isinstance(node, ast.Call) for law in line.rows for term in law.terms.values() for node in ast.walk(term.tree)
+    ):
+        return Bend.NOWHERE
+    # The travel is known to a tenth of a millimetre: where both are in it, the rate is what matters.
+    return Bend.RATE if "rate" in own else Bend.TRAVEL
 
 
 def _plausible(line: Line, parameter: str) -> tuple[float, float]:

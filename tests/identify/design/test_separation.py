@@ -18,7 +18,7 @@ from lacet.identify.design.discrimination import (
     weighted_run,
     wrong_pick,
 )
-from lacet.identify.effects.base import Parameter, SuspensionForce
+from lacet.identify.effects.base import Bend, Parameter, SuspensionForce
 from lacet.identify.effects.catalogue import base_model, catalogue
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
@@ -130,6 +130,7 @@ class Pounds(SuspensionForce):
     """The bump stop of the front with its stiffness in other units."""
 
     name = "bump_stop_lbf"
+    bend = Bend.TRAVEL
     factor = 175.127
 
     @property

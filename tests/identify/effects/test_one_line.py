@@ -50,7 +50,7 @@ def refused(text: str) -> LineFault:
 
 @pytest.mark.parametrize(("text", "same"), [
     ("x = suspension: k * (travel - travel_other)", "anti_roll_bar"),
-    ("x = suspension: f * tanh(rate/v0), v0 = 10 20 40 mm/s", "coulomb"),
+    ("x = suspension: f * tanh(rate/v0), v0 = 2 5 10 20 40 mm/s", "coulomb"),
     ("x = suspension: min(travel, gap) * k, gap = -0.04 -0.02 -0.01 0 0.01 0.02 0.04 m", "helper_spring"),
     ("x = suspension: d * sign(rate) * max(0, abs(rate) - v0), v0 = 50 70 100 150 250 mm/s", "damper_knee"),
     ("x = suspension: p * abs(travel) * rate", "damper_stroke_symmetric"),

@@ -1,0 +1,97 @@
+"""Laws that bend within the noise of the travel rate: fitted by their expectation given the record, without bias."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.identify.car.motion import Motion
+from lacet.identify.effects.base import Bend, expected_columns
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.regression.wls import FitOptions, fit
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import Recording
+from tests.identify import cars
+from tests.identify import exact_car as exact
+
+FRICTION = 45.0
+LAW = replace(exact.KNOWN["coulomb.front"], shape={"v0": 0.002})
+
+
+def calm(seconds: float) -> Recording:
+    """A drive with travel rates of some 20 mm/s, of a car that has friction with a band of 2 mm/s; no noise."""
+    curves = cars.drive_curves(np.random.default_rng(1))
+    for name, curve in curves.items():
+        if name.endswith("hub"):
+            curve.a = 0.15 * curve.a
+    t = np.arange(round(seconds * cars.RATE)) / cars.RATE
+    record = cars.recording(cars.exact_signals(curves, t), exact.VEHICLE, exact.RIG, Filters())
+    return cars.fulfil(record, (*exact.MODEL.effects, LAW), np.append(exact.theta(), FRICTION))
+
+
+def measured(record: Recording, seed: int) -> PreparedRun:
+    """The drive with the sheet's noise."""
+    return PreparedRun(exact.driven(record, seed).recording.smoothed())
+
+
+def test_friction_and_damping_have_no_bias() -> None:
+    """Mean over four seeds of noise; with the law at the measured rate friction is 28 % high and damping 29 % low."""
+    record, stored, found = calm(40.0), None, list[Array]()
+    for seed in range(4):
+        fitted = fit(exact.MODEL + LAW, [measured(record, seed)], FitOptions(draws=3), stored=stored)
+        stored = stored or fitted.stored
+        values = [fitted.value(name) for name in ("coulomb.front.f", "damper.fl.c", "damper.fr.c")]
+        found.append(np.array(values) / [FRICTION, 1700.0, 1700.0] - 1.0)
+    assert np.all(np.abs(np.mean(found, axis=0)) < 0.04)
+
+
+@pytest.mark.parametrize(("bend", "law"), [
+    (Bend.RATE, lambda travel, rate: np.tanh(rate / 0.002)),
+    (Bend.RATE, lambda travel, rate: np.sign(rate) * np.maximum(0.0, np.abs(rate) - 0.01)),
+    (Bend.TRAVEL, lambda travel, rate: np.maximum(0.0, travel)),
+])  # fmt: skip
+def test_the_expectation_is_the_mean_over_the_conditional_distribution(
+    bend: Bend, law: Callable[[Array, Array], Array]
+) -> None:
+    """Against a mean over many draws of it; where signals are exact it is the law itself."""
+    motion = measured(calm(8.0), 0).motion
+    corner = motion.corners["fl"]
+    assert corner.conditional is not None
+    given, rng = corner.conditional, np.random.default_rng(0)
+
+    def columns(at: Motion) -> dict[str, Array]:
+        found = at.corners["fl"]
+        return {"suspension.fl": law(found.travel, found.rate)[None]}
+
+    expected = expected_columns(columns, motion, ["fl"], bend)["suspension.fl"][0]
+    drawn = np.zeros((2000, expected.size))
+    for one in drawn:
+        z = rng.standard_normal(expected.size)
+        travel = given.travel + (bend is Bend.TRAVEL) * z * given.travel_sigma
+        one[:] = law(travel, given.rate + (bend is Bend.RATE) * z * given.rate_sigma)
+    scatter = float(np.max(drawn.std(axis=0)))
+    np.testing.assert_allclose(expected, drawn.mean(axis=0), atol=0.12 * scatter)
+    still = replace(motion, corners={c: replace(one, conditional=None) for c, one in motion.corners.items()})
+    np.testing.assert_array_equal(
+        expected_columns(columns, still, ["fl"], bend)["suspension.fl"][0], law(corner.travel, corner.rate)
+    )
+
+
+def test_noise_in_the_residual_includes_what_the_law_is_not_told() -> None:
+    """The floor of a run with friction: as large as the residual of the true parameters."""
+    record = calm(40.0)
+    run = measured(record, 5)
+    values = np.append(exact.theta(), FRICTION)
+    physics = (exact.MODEL + LAW).physics
+    sensitivity = Sensitivity.of(run.recording, physics, values)
+    draws = [run.decimated(sensitivity.noise(np.random.default_rng(k))) for k in range(12)]
+    for row in run.rows:
+        if row.kind == "suspension":
+            residual = run.measured[row] - run.matrix(physics, row) @ values
+            floor = np.sqrt(np.mean([np.mean(draw[row] ** 2) for draw in draws]))
+            assert np.sqrt(np.mean(residual**2)) == pytest.approx(floor, rel=0.12), row
