@@ -170,8 +170,8 @@ def motion_beyond(channels: Sequence[tuple[Array, float]], filters: Filters) -> 
         found.append((float(weight @ (density[part] - noise)), error))
     if not found:
         return 0.0
-    squares, errors = np.array(found).T
-    mean, error = float(np.mean(squares)), float(np.linalg.norm(errors)) / len(errors)
+    mean = sum(square for square, _ in found) / len(found)
+    error = math.hypot(*(one for _, one in found)) / len(found)
     return max(0.0, mean - error**2 / mean) if mean > 0.0 else 0.0
 
 
