@@ -28,6 +28,7 @@ class Channel:
     noise : 1 σ of white noise at that rate, in `unit`, as a design value.
     about : description in one line.
     optional : whether a run is complete without it: it is not among the paper's instruments.
+    recorded_only : whether no equation uses it: it is kept with the run, shown and exported, and nothing more.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Channel:
     noise: float
     about: str
     optional: bool = False
+    recorded_only: bool = False
 
     @cached_property
     def width(self) -> int:
@@ -79,6 +81,30 @@ _OPTIONAL = (
     ("brake.{c}.torque", (), "N·m", "carrier", 500.0, 10.0, "brake torque on the wheel, slowing forward roll positive"),
     ("brake.pressure", (), "Pa", "body", 100.0, 2e4, "brake line pressure above the air's, 0 when released"),
 )
+_RECORDED = (
+    # Named by quantity, whatever instrument measures it. No equation uses them; travel stands in for the hub laser.
+    ("suspension.{c}.travel", (), "m", "body", 250.0, 0.0003, "suspension travel, compression positive"),
+    ("damper.{c}.force", (), "N", "body", 500.0, 20.0, "force in the damper, compression positive"),
+    ("pushrod.{c}.force", (), "N", "body", 500.0, 20.0, "force in the push or pull rod, compression positive"),
+    ("scale.{c}.load", (), "N", "body", 10.0, 20.0, "load on a corner scale"),
+    ("hub.{c}.accel", XYZ, "m/s²", "carrier", 500.0, 0.5, "specific force at the wheel carrier"),
+    ("steering.angle", (), "rad", "body", 100.0, 0.002, "angle of the steering wheel, left positive"),
+    ("steering.torque", (), "N·m", "body", 100.0, 0.05, "torque on the steering wheel, left positive"),
+    ("car.speed", (), "m/s", "body", 100.0, 0.05, "forward speed by the car's own bus"),
+    ("car.lateral_accel", (), "m/s²", "body", 100.0, 0.1, "lateral acceleration alone, to the left positive"),
+    ("car.longitudinal_accel", (), "m/s²", "body", 100.0, 0.1, "longitudinal acceleration alone, forward positive"),
+    ("car.vertical_accel", (), "m/s²", "body", 100.0, 0.1, "vertical specific force alone, +g at rest"),
+    ("car.roll_rate", (), "rad/s", "body", 100.0, 0.005, "roll rate alone"),
+    ("car.pitch_rate", (), "rad/s", "body", 100.0, 0.005, "pitch rate alone, nose down positive"),
+    ("car.yaw_rate", (), "rad/s", "body", 100.0, 0.005, "yaw rate alone, to the left positive"),
+    ("gnss.speed", (), "m/s", "body", 20.0, 0.05, "speed over the ground by satellite"),
+    ("gnss.course", (), "rad", "body", 20.0, 0.01, "course over the ground by satellite, from north to the east"),
+    ("gnss.latitude", (), "rad", "body", 20.0, 1e-7, "geographic latitude"),
+    ("gnss.longitude", (), "rad", "body", 20.0, 1e-7, "geographic longitude"),
+    ("gnss.altitude", (), "m", "body", 20.0, 1.0, "altitude by satellite"),
+    ("engine.speed", (), "rad/s", "body", 100.0, 1.0, "speed of the crankshaft"),
+    ("engine.throttle", (), "-", "body", 100.0, 0.005, "opening of the throttle or of its pedal, 0 to 1"),
+)
 
 AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
 """Axes that a rig file may declare."""
@@ -86,12 +112,14 @@ AXES = ("sensor", "body", "heading", "carrier", "tydex_c")
 
 def _build() -> dict[str, Channel]:
     out: dict[str, Channel] = {}
-    for row in (*_TABLE, *_OPTIONAL):
+    for row in (*_TABLE, *_OPTIONAL, *_RECORDED):
         pattern, components, unit, axes, rate, noise, about = row
         family = pattern.replace(".{c}", "")
         names = [pattern.format(c=c) for c in CORNERS] if "{c}" in pattern else [pattern]
         for name in names:
-            out[name] = Channel(name, family, components, unit, axes, rate, noise, about, row in _OPTIONAL)
+            out[name] = Channel(
+                name, family, components, unit, axes, rate, noise, about, row not in _TABLE, row in _RECORDED
+            )
     return out
 
 
@@ -101,8 +129,11 @@ CHANNELS: dict[str, Channel] = _build()
 STANDARD: tuple[str, ...] = tuple(name for name, channel in CHANNELS.items() if not channel.optional)
 """Names of the channels that the paper's instruments measure."""
 
-FAMILIES: tuple[str, ...] = tuple(dict.fromkeys(channel.family for channel in CHANNELS.values()))
-"""Every family name, in table order."""
+FAMILIES: tuple[str, ...] = tuple(dict.fromkeys(c.family for c in CHANNELS.values() if not c.recorded_only))
+"""Every family name that equations use, in table order."""
+
+IN_EQUATIONS: tuple[str, ...] = tuple(name for name, channel in CHANNELS.items() if not channel.recorded_only)
+"""Names of the channels that equations use."""
 
 COLUMNS: dict[str, tuple[Channel, int]] = {
     column: (channel, index) for channel in CHANNELS.values() for index, column in enumerate(channel.columns)

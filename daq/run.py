@@ -8,9 +8,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.blocks import UNUSABLE
-from lacet.daq.channels import STANDARD
+from lacet.daq.blocks import UNUSABLE, Flag
+from lacet.daq.channels import CHANNELS, STANDARD
 
+METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")
+"""What is declared of a run beside its channels."""
+UNWRAPPED = ("wheel.angle", "imu.attitude", "gnss.course")
+"""Families of angles that are made continuous on reading."""
 BRAKES = ("off", "used", "unknown")
 
 
@@ -30,6 +34,21 @@ class Signal:
     def usable(self) -> NDArray[np.bool_]:
         """(N,) samples that the identification may use."""
         return (self.flags & int(UNUSABLE)) == 0
+
+
+def signal_of(
+    channel: str, t: NDArray[np.float64], values: NDArray[np.float64], flags: NDArray[np.uint8] | None = None
+) -> Signal:
+    """A signal from raw values (N, k): NaN and infinities flagged as missing, angles unwrapped over usable samples."""
+    flags = np.zeros(len(t), np.uint8) if flags is None else flags.copy()
+    bad = ~np.all(np.isfinite(values), axis=1)
+    flags[bad & (flags == 0)] |= np.uint8(Flag.MISSING)
+    out = Signal(t, values, flags)
+    if CHANNELS[channel].family in UNWRAPPED and np.any(out.usable):
+        values = values.copy()
+        values[out.usable] = np.unwrap(values[out.usable], axis=0)
+        out = Signal(t, values, flags)
+    return out
 
 
 @dataclass(frozen=True)

@@ -40,6 +40,8 @@ class ServiceStage(Enum):
     READING_LOG = auto()
     DECODING_LOG = auto()
     WRITING_LOG = auto()
+    # Import of another system's log
+    IMPORTING_LOG = auto()
     # Reproduction
     DRIVING = auto()
     MEASURING = auto()

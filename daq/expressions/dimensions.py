@@ -39,13 +39,13 @@ class Dimensions:
 
     Parameters
     ----------
-    names : dimension of every name but ``pi``.
+    names : dimension of every name but ``pi``; None where it is not known and may be any.
     units : dimension of a number by its place; other numbers are plain.
     constants : those of the names that are constants, one of which may be an exponent.
     """
 
     def __init__(
-        self, expression: Expression, names: Mapping[str, Dimension], units: Mapping[int, Dimension],
+        self, expression: Expression, names: Mapping[str, Dimension | None], units: Mapping[int, Dimension],
         constants: Set[str] = frozenset(),
     ):  # fmt: skip
         self.expression, self.names, self.units, self.constants = expression, names, units, constants
@@ -54,8 +54,12 @@ class Dimensions:
         """The dimension of a part, by default of the whole. Raises ExpressionFault where dimensions do not agree."""
         return self._of(self.expression.tree if node is None else node) or NUMBER
 
+    def found(self) -> Dimension | None:
+        """The dimension of the whole, None where it could be any. Raises ExpressionFault as `of`."""
+        return self._of(self.expression.tree)
+
     def _of(self, node: ast.expr) -> Dimension | None:
-        """The dimension of a part; None for a bare zero, which agrees with every dimension: max(0, travel)."""
+        """The dimension of a part; None for one that agrees with every dimension: a bare zero, max(0, travel)."""
         if isinstance(node, ast.Constant):
             return None if node.value == 0 and node.col_offset not in self.units else self._number(node)
         if isinstance(node, ast.Name):
@@ -70,9 +74,9 @@ class Dimensions:
         if isinstance(node.op, ast.Pow):
             return self._power(node)
         left, right = self._of(node.left), self._of(node.right)
-        if left is None:
+        if left is None or right is None:
             return None
-        return operator.mul(left, right or NUMBER) if isinstance(node.op, ast.Mult) else left / (right or NUMBER)
+        return operator.mul(left, right) if isinstance(node.op, ast.Mult) else left / right
 
     def _number(self, node: ast.Constant) -> Dimension:
         return self.units.get(node.col_offset, NUMBER)
@@ -110,8 +114,9 @@ class Dimensions:
 
     def _call(self, node: ast.Call) -> Dimension | None:
         name = ast.unparse(node.func)
-        if name in ("min", "max"):
-            return self._alike(node, node.args[0], node.args[1])
+        if name in ("min", "max", "atan2"):
+            found = self._alike(node, node.args[0], node.args[1])
+            return NUMBER if name == "atan2" else found
         inside = self._of(node.args[0])
         if name == "abs":
             return inside

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,9 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError, nearest
 from lacet.daq.rig import WHEEL_REFERENCES
-from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.run import BRAKES, METADATA_KEYS, Run, Signal, signal_of
 
 SUFFIXES = (".parquet", ".csv")
-METADATA_KEYS = ("vehicle", "manoeuvre", "rig", "wheel_reference", "brakes", "notes")
-_UNWRAPPED = ("wheel.angle", "imu.attitude")
 
 
 def read_table(path: str | Path) -> Run:
@@ -59,6 +58,20 @@ def _beside(file: Path, named: str) -> str:
         return str(beside) if beside.is_file() else named
     except OSError:  # no valid file name
         return named
+
+
+def is_exchange_table(path: Path) -> bool:
+    """Whether a file has a column ``t`` and one of the vocabulary; False also for one that cannot be read."""
+    try:
+        if path.suffix.lower() == ".csv":
+            with path.open("rb") as stream:
+                header = stream.read(2**16).partition(b"\n")[0].decode("utf-8-sig", "replace")
+            names = [cell.strip().strip('"') for cell in re.split("[,;\t]", header)]
+        else:
+            names = pq.read_schema(path).names
+    except (OSError, pa.ArrowException):
+        return False
+    return "t" in names and any(name in COLUMNS for name in names)
 
 
 def write_table(run: Run, path: str | Path) -> None:
@@ -187,20 +200,5 @@ def _signals(
             problems.append(f"{name} was left out: {', '.join(lacking)} missing")
             continue
         values = np.stack([parts[i] for i in range(channel.width)], axis=1)
-        signals[name] = signal(name, stamps, values, jumped)
+        signals[name] = signal_of(name, stamps, values, jumped)
     return signals, [] if signals else ["no column is a channel of the vocabulary (see docs/channels.md)"]
-
-
-def signal(
-    channel: str, t: NDArray[np.float64], values: NDArray[np.float64], flags: NDArray[np.uint8] | None = None
-) -> Signal:
-    """A signal from raw values (N, k): NaN and infinities flagged as missing, angles unwrapped over usable samples."""
-    flags = np.zeros(len(t), np.uint8) if flags is None else flags.copy()
-    bad = ~np.all(np.isfinite(values), axis=1)
-    flags[bad & (flags == 0)] |= np.uint8(Flag.MISSING)
-    out = Signal(t, values, flags)
-    if CHANNELS[channel].family in _UNWRAPPED and np.any(out.usable):
-        values = values.copy()
-        values[out.usable] = np.unwrap(values[out.usable], axis=0)
-        out = Signal(t, values, flags)
-    return out

@@ -39,6 +39,7 @@ def read_run(path: Path) -> Run:
 def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage: Sequence[str] = ()) -> Run:
     """A run from decoded blocks by channel, at least one with samples, and their start record."""
     problems = [*damage, *(f"the raw log was damaged: {line}" for line in start.extra.get("damage", "").splitlines())]
+    problems += start.extra.get("imported", "").splitlines()
     rig = _rig(name, start, problems)
     kept = dict(blocks)
     stamps: dict[str, np.ndarray] = {}

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, COLUMNS, Channel
 from lacet.daq.errors import RunError, nearest
-from lacet.daq.formats.exchange import METADATA_KEYS, signal
 from lacet.daq.rig import WHEEL_REFERENCES
-from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.run import BRAKES, METADATA_KEYS, Run, Signal, signal_of
 from lacet.daq.toml_reader import Reader
 from lacet.daq.units import read_unit
 
@@ -178,7 +177,7 @@ def _channel(
             problems.append(f"{column} has other stamps than {channel.columns[0]} and was interpolated")
         parts.append(values)
     assert stamps is not None
-    return signal(channel.name, stamps, np.stack(parts, axis=1))
+    return signal_of(channel.name, stamps, np.stack(parts, axis=1))
 
 
 def _in_si(source: _Source, values: NDArray[np.float64], unit: str, wanted: str) -> NDArray[np.float64]:

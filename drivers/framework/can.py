@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block, Flag
+from lacet.daq.can_signal import WORD, row_width
 from lacet.daq.frames import Frames
-from lacet.drivers.framework import dbc
 from lacet.drivers.framework.can_layout import Reading, Unit, compile_units, read_layout
 from lacet.drivers.framework.can_messages import MessagePicker, Parts
 from lacet.drivers.framework.counters import CounterState, add, follow_counter, steady_counters
@@ -83,7 +83,7 @@ class CanSensor:
             units = [unit.mounted_at(corners[unit.corner]) for unit in units if unit.corner in corners]
         self.units: tuple[Unit, ...] = tuple(units)
         self.channels: tuple[str, ...] = tuple(reading.channel for unit in units for reading in unit.readings)
-        self._words = max(dbc.row_width(message.length) for unit in units for message in unit.messages) // dbc.WORD
+        self._words = max(row_width(message.length) for unit in units for message in unit.messages) // WORD
         idents = [message.ident for unit in units for message in unit.messages]
         # Units of one layout are decoded together: the cost of small live batches is the number of NumPy calls.
         alike: dict[object, list[int]] = {}
@@ -93,7 +93,7 @@ class CanSensor:
         self._crc = {u: crc for members in self._alike for crc in (self._row_crc(units[members[0]]),) for u in members}
         lengths = [message.length for unit in units for message in unit.messages]
         self._picker = MessagePicker(idents, lengths, self._words)
-        extractions = [Extraction(units[members[0]].readings, self._words * dbc.WORD) for members in self._alike]
+        extractions = [Extraction(units[members[0]].readings, self._words * WORD) for members in self._alike]
         self._extract = {u: one for one, members in zip(extractions, self._alike, strict=True) for u in members}
 
     def start(self) -> CanState:
@@ -251,7 +251,7 @@ class CanSensor:
         """The checksum of a unit's samples in rows of all their messages, its own bits taken as 0."""
         if self.checksum is None or unit.checksum is None:
             return None
-        width, last = self._words * dbc.WORD, len(unit.messages) - 1
+        width, last = self._words * WORD, len(unit.messages) - 1
         message = []
         for part, laid in enumerate(unit.messages):
             for byte in range(laid.length):
@@ -291,7 +291,7 @@ class CanSensor:
             if not given:
                 continue
             n = len(given[0])
-            rows = np.zeros((n, len(unit.messages), self._words * dbc.WORD), np.uint8)
+            rows = np.zeros((n, len(unit.messages), self._words * WORD), np.uint8)
             last = rows[:, -1]
             unit.counter.put(last, (counter + np.arange(n)) % (1 << unit.counter.length))
             for reading, block in zip(unit.readings, given, strict=True):

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.can_signal import WORD
 from lacet.daq.frames import Frames
-from lacet.drivers.framework.dbc import WORD
 
 TABLE = 1 << 16
 """Ids below this are looked up in a table; that has all standard ids, 11 bits. Extended ones are searched for."""

@@ -8,9 +8,10 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
-from lacet.daq.vehicle import Corner, Vehicle
+from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import ConditionalTravel
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, unit
+from lacet.identify.signals.for_equations import laser_mount
 from lacet.identify.signals.reconstruct import Signals
 
 ABOVE = 0.005
@@ -103,13 +104,3 @@ class Road:
         ground_rate = self.signals.scalar(f"laser.{c}.ground", self.n)[1]
         gap = centre - self.point(c)
         return dot(gap, plane.normal), dot(velocity + unit(2) * ground_rate, plane.normal) + dot(gap, plane.rate)
-
-
-def laser_mount(rig: Rig, corner: Corner) -> Array:
-    """(3,) position of a corner's lasers in body axes [m]; 0.3 m above the wheel centre where the rig gives none."""
-    sensor = rig.sensor_of(f"laser.{corner.name}.hub") or rig.sensor_of(f"laser.{corner.name}.ground")
-    centre = np.asarray(corner.position)
-    if sensor is not None and corner.name in sensor.position:
-        return np.asarray(sensor.position[corner.name])
-    offset = (0.0, 0.0, 0.3) if sensor is None or sensor.from_wheel_centre is None else sensor.from_wheel_centre
-    return centre + np.asarray(offset)

@@ -20,6 +20,7 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
+from lacet.identify.signals.for_equations import for_equations
 from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
 _GAP = 0.020
@@ -205,6 +206,7 @@ def bring_together(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters, on: A
 
     Raises RunError when the run is too short for the filters.
     """
+    run = for_equations(run, vehicle, rig)
     grid, notes = _grid(run, rig, filters)
     grid = grid if on is None else on
     values: dict[str, Array] = {}

@@ -53,6 +53,7 @@ _DRAWS = 6
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("runs", metavar="RUN|STUDY", nargs="+", type=Path, help="runs, or the folder of one study")
+    parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote")
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run or study")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: that of the run or study")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the model")
@@ -142,7 +143,7 @@ def _load(args: argparse.Namespace, progress: Progress) -> tuple[Loaded, Model]:
     """The runs and the model: a study's own, or the base model for runs given one by one."""
     folders = [path for path in args.runs if path.is_dir()]
     if not folders:
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress)
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress, args.map)
         model = Model.of(base_model(loaded.vehicle, loaded.reference))
         known = catalogue(loaded.vehicle, loaded.reference)
     else:

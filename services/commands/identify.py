@@ -45,6 +45,7 @@ Exit code 3: done, but a run was damaged or left out, or nothing is identifiable
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("runs", metavar="RUN", nargs="+", type=Path, help="decoded log (.mcap), .parquet, .csv or .mf4")
+    parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote")
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: the one in the run")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
@@ -79,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     """Fit and print; 3 when a run was damaged or left out, or nothing is identifiable."""
     with Line("identify") as line:
         line.progress(planned(_stretches(args)))
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), line.progress)
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), line.progress, args.map)
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.progress(ServiceStep(ServiceStage.FITTING))

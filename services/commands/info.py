@@ -43,6 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", metavar="FILE", nargs="*", type=Path, help="a run, log, rig or vehicle file; see --model"
     )
+    parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of a log that another system wrote")
     parser.add_argument("--model", action="store_true", help="the model of a vehicle, a study or runs (any number)")
     parser.add_argument("--channels", action="store_true", help="list the vocabulary")
     parser.add_argument(
@@ -75,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     elif len(args.file) > 1:
         raise UsageError("one file at a time (several runs go with --model)")
     elif args.file:
-        status, found = _file(args.file[0])
+        status, found = _file(args.file[0], args.map)
         result |= found
     elif not result:
         raise UsageError("name a file, or one of --channels, --effects, --rows, --model")
@@ -126,17 +127,17 @@ def _shortened(channels: tuple[str, ...]) -> list[str]:
     return [name for part in parts for name in part]
 
 
-def _file(path: Path) -> tuple[int, dict[str, Any]]:
+def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
     if path.suffix == ".toml":
         head = path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
         return (DONE, _vehicle(Vehicle.load(path))) if "lacet-vehicle" in head else (DONE, _rig(Rig.load(path)))
     status, result = DONE, dict[str, Any]()
-    if path.suffix == ".mcap":
+    if path.suffix == ".mcap" and map is None:
         status, result = _log(path)
         if not result["decoded"]:
             print("Only raw frames: lacet decode makes the channels of it.")
             return status, result
-    run_ = open_run(path)
+    run_ = open_run(path, map)
     print(
         f"{run_.name}: {run_.duration:.1f} s, vehicle {run_.vehicle or '?'}, manoeuvre {run_.manoeuvre or '?'}, ",
         end="",

@@ -13,6 +13,7 @@ from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
 from lacet.services.cache.store import FOLDER, Store
 from lacet.services.commands.progress import Line
 from lacet.services.render import tables
+from lacet.services.workspace.import_log import imported
 from lacet.services.workspace.loading import default_filters, find_rig, find_vehicle
 from lacet.services.workspace.report import write_report
 from lacet.services.workspace.results import study_result
@@ -35,6 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("words", metavar="[new] DIR", nargs="+", help="the study's folder, after 'new' to make one")
     parser.add_argument("--use", metavar="RUN", nargs="+", type=Path, default=[], help="runs to identify with")
     parser.add_argument("--hold", metavar="RUN", nargs="+", type=Path, default=[], help="runs held out")
+    parser.add_argument(
+        "--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote: they are imported first"
+    )
     parser.add_argument("--rig", help="rig file; default: the one in the first run's log")
     parser.add_argument("--vehicle", help="vehicle file; default: the one in the first run's log")
     parser.add_argument(
@@ -95,13 +99,15 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
     for path in (*args.use, *args.hold):
         if not path.is_file():
             raise UsageError(f"{path}: no such file")
-    first = open_run(args.use[0])
     filters = default_filters(args.cutoff)
     there = folder.exists()
-    study = Study.create(
-        folder, args.use, args.hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
-    )
     try:
+        with Line("import") as line:
+            use, hold = (imported(runs, args.map, folder / "runs", line.progress) for runs in (args.use, args.hold))
+        first = open_run(use[0])
+        study = Study.create(
+            folder, use, hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
+        )
         with Line("study") as line:
             session = Session(study, line.progress)
             session.record({}, "base model")

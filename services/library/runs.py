@@ -86,6 +86,7 @@ def load_runs(
     rig: str | Path | None = None,
     vehicle: str | Path | None = None,
     cutoff: float | None = None,
+    map: str | Path | None = None,
 ) -> Runs:
     """Load runs for identification, with checks of units, signs and exchanged wheels.
 
@@ -94,6 +95,7 @@ def load_runs(
     paths : decoded logs (.mcap), exchange tables (.parquet, .csv) or MDF files (.mf4).
     rig, vehicle : a file, or the name of one shipped; by default those recorded in the first run.
     cutoff : cut-off of the fit's filter [Hz]; by default 6 Hz.
+    map : channel map of logs that other systems wrote.
 
     Returns
     -------
@@ -115,7 +117,7 @@ def load_runs(
     >>> car = "tests/data/car"
     >>> lacet.load_runs(f"{car}/sine.parquet", rig=f"{car}/rig.toml", vehicle=f"{car}/vehicle.toml").names
     ('sine',)"""
-    loaded = load(paths, rig, vehicle, default_filters(cutoff))
+    loaded = load(paths, rig, vehicle, default_filters(cutoff), channel_map=map)
     for line in loaded.warnings:
         warnings.warn(line, LoadingWarning, stacklevel=2)
     return Runs(loaded.vehicle, loaded.rig, loaded.warnings, loaded)

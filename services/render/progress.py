@@ -18,6 +18,7 @@ _PERCENT: dict[AnyStage, str] = {
     ServiceStage.READING_LOG: "reading",
     ServiceStage.DECODING_LOG: "decoding",
     ServiceStage.WRITING_LOG: "writing",
+    ServiceStage.IMPORTING_LOG: "importing",
 }
 """Stages with the per cent done, where these are counted."""
 

@@ -46,6 +46,7 @@ USUAL: Mapping[AnyStage, float] = {
     ServiceStage.READING_LOG: 0.1,
     ServiceStage.DECODING_LOG: 1.5,
     ServiceStage.WRITING_LOG: 0.05,
+    ServiceStage.IMPORTING_LOG: 1.0,
     # for each simulated run
     ServiceStage.DRIVING: 3.5,
     ServiceStage.MEASURING: 1.0,

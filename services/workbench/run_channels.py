@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats import mf4
-from lacet.daq.formats.open_run import open_run
+from lacet.daq.formats.open_run import is_own, open_run
+from lacet.daq.maps.mapped_run import map_beside
 from lacet.daq.run import Run, Signal
 from lacet.services.cache.store import Store
 from lacet.services.render.figures.envelope import block_extremes
@@ -80,7 +81,11 @@ def beside(path: Path) -> list[Path]:
     """Further files that a run is read with: an MDF file's channel map, the metadata of a CSV table."""
     if path.suffix.lower() in mf4.SUFFIXES:
         found = mf4.map_beside(path)
-        return [found] if found else []
+        if found:
+            return [found]
+    by = map_beside(path)
+    if by is not None and not is_own(path):
+        return [by, *sorted(path.parent.glob("*.dbc"))]
     metadata = path.with_suffix(".json")
     return [metadata] if path.suffix.lower() == ".csv" and metadata.is_file() else []
 

@@ -14,9 +14,8 @@ import numpy as np
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import LacetError, RunError, UsageError, nearest
-from lacet.daq.formats import exchange, mf4
 from lacet.daq.formats.log import LogReader
-from lacet.daq.formats.open_run import open_run
+from lacet.daq.formats.open_run import KINDS, is_own, open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
 from lacet.identify.car.rows import ROWS, needs
@@ -25,8 +24,6 @@ from lacet.services.workbench.run_channels import RunChannels, state_key
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workspace.study import Study
 
-KINDS = (".mcap", *sorted(exchange.SUFFIXES), *mf4.SUFFIXES)
-"""Suffixes of files that can be runs."""
 FOLDER = "runs"
 RAW = "raw"
 """Folders of the study: of runs, and of captures that were decoded into runs."""
@@ -168,7 +165,7 @@ def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
     """Contents of a run's file, in an engineer's words; the overview of its channels is `kept`."""
     losses = 0
     try:
-        if path.suffix.lower() == ".mcap":
+        if path.suffix.lower() == ".mcap" and is_own(path):
             log = LogReader(path)
             if not log.channels():
                 return _unreadable(path, ["only raw frames: it has to be decoded first (lacet decode)"])

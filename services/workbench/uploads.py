@@ -8,7 +8,7 @@ import json
 import os
 import secrets
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ from starlette.requests import ClientDisconnect
 from lacet.daq.errors import LacetError, UsageError
 from lacet.daq.formats.exchange import METADATA_KEYS
 from lacet.daq.formats.log import LogReader
-from lacet.daq.formats.mf4 import read_map
+from lacet.daq.formats.mf4 import FORMAT, read_map
+from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
+from lacet.daq.sources.bus import read_dbc
 from lacet.daq.vehicle import Vehicle
 from lacet.services.workbench.refusals import DiskFull, InTheWay, TooLarge
 from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
@@ -33,8 +35,8 @@ SPARE = 50_000_000
 _PIECE = 1 << 20
 _DAY = 86400.0
 _TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
-_BESIDE = (".toml", ".json")
-"""Suffixes of a channel map beside an MDF file, and of the metadata of a CSV table."""
+_BESIDE = (".toml", ".json", ".dbc")
+"""Suffixes of a channel map, of the metadata of a CSV table, and of the description of a bus."""
 
 
 def safe_name(name: str) -> str:
@@ -123,7 +125,7 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
     raw = False
     if target.suffix in _BESIDE:
         try:
-            _TOML.get(target.name, read_map if target.suffix == ".toml" else _read_metadata)(part)
+            _TOML.get(target.name, _CHECKS[target.suffix])(part)
         except LacetError as error:
             raise UsageError(str(error).replace(str(part), target.name)) from None
     elif target.suffix.lower() == ".mcap":
@@ -139,6 +141,11 @@ def _placed(cache: SessionCache, part: Path, target: Path) -> dict[str, Any]:
     if not (raw and target.is_file() and filecmp.cmp(part, target, shallow=False)):
         _move(part, target)
     return {"file": target.name, "name": target.stem, "bytes": target.stat().st_size, "raw": raw}
+
+
+def _check_map(path: Path) -> None:
+    """Check a channel map, of the kind that it says it is."""
+    (read_map if FORMAT in path.read_text(encoding="utf-8", errors="replace") else ChannelMap.load)(path)
 
 
 def _read_metadata(path: Path) -> None:
@@ -170,3 +177,6 @@ def _refuse_there(target: Path) -> None:
     if target.exists():
         place = target.parent.name
         raise InTheWay(f"there is one in {place}/ already, and nothing is ever replaced: give the file another name")
+
+
+_CHECKS: dict[str, Callable[[Path], Any]] = {".toml": _check_map, ".json": _read_metadata, ".dbc": read_dbc}

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
-from lacet.daq.formats.open_run import open_run
+from lacet.daq.formats.open_run import open_log
+from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
@@ -15,6 +16,7 @@ from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.for_equations import for_equations
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
@@ -111,8 +113,11 @@ def load(
     vehicle: str | Path | None = None,
     filters: Filters | None = None,
     progress: Progress = silent,
+    channel_map: str | Path | None = None,
 ) -> Loaded:
     """The runs of files, prepared for fitting; `progress` receives the number prepared.
+
+    `channel_map` : map of logs that other systems wrote; lacet's own are read without it.
 
     A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are
     distinguished by their folders. Raises the error of the first when none can, UsageError when a run is given twice or
@@ -123,6 +128,7 @@ def load(
     places = [Path(path).resolve() for path in paths]
     if twice := sorted({str(p) for p in places if places.count(p) > 1}):
         raise UsageError(f"given twice, which would count its samples twice: {', '.join(twice)}")
+    by_map = None if channel_map is None else ChannelMap.load(channel_map)
     warnings: list[str] = []
     ready: list[ReadyRun] = []
     failed: list[LacetError] = []
@@ -131,7 +137,7 @@ def load(
     for done, path in enumerate(paths):
         progress(ServiceStep(ServiceStage.READING_RUN, done, len(paths)))
         try:
-            run = _named_apart(open_run(path), Path(path), places)
+            run = _named_apart(open_log(path, by_map), Path(path), places)
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
@@ -154,6 +160,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
+    run = for_equations(run, vehicle, rig)
     drive = PreparedRun.of(run, vehicle, rig, filters)
     recorded = [channels.sentence(fault) for fault in recorded_faults(run, drive)]
     doubts = [plausibility.sentence(doubt) for doubt in doubtful_channels(drive)]

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError
-from lacet.daq.formats.exchange import METADATA_KEYS, SUFFIXES, read_table, signal, write_table
+from lacet.daq.formats.exchange import SUFFIXES, read_table, write_table
 from lacet.daq.formats.open_run import open_run
-from lacet.daq.run import Run, Signal
+from lacet.daq.run import METADATA_KEYS, Run, Signal, signal_of
 from tests.support.places import HOME
 
 CAR = HOME / "tests" / "data" / "car"
@@ -38,7 +38,7 @@ def runs(draw: st.DrawFn) -> Run:
     for name in names:
         values = rng.uniform(-3, 3, (n, CHANNELS[name].width))
         values[rng.random(n) < draw(st.sampled_from([0.0, 0.2]))] = np.nan
-        signals[name] = signal(name, t, values)
+        signals[name] = signal_of(name, t, values)
     text = st.text(st.characters(codec="utf-8", exclude_categories=("Cs", "Cc")), max_size=12)
     return Run(
         "r",
@@ -77,7 +77,7 @@ def test_angles_are_unwrapped(steps: list[float], channel: str) -> None:
     """Whatever turns were cut off, neighbouring samples are at most half a turn apart, and full turns were added."""
     raw = np.angle(np.exp(1j * np.cumsum(steps)))
     values = np.repeat(raw[:, None], CHANNELS[channel].width, axis=1)
-    out = signal(channel, np.arange(len(raw)) * 0.1, values).values
+    out = signal_of(channel, np.arange(len(raw)) * 0.1, values).values
     assert np.all(np.abs(np.diff(out, axis=0)) <= np.pi + 1e-9)
     turns = (out - values) / (2 * np.pi)
     np.testing.assert_allclose(turns, np.rint(turns), atol=1e-9)

@@ -12,6 +12,7 @@ from cantools.database.conversion import BaseConversion
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lacet.daq.can_signal import row_width
 from lacet.drivers.framework import dbc
 
 logging.getLogger("cantools").setLevel(logging.ERROR)
@@ -44,7 +45,7 @@ def text_of(length, signals):
 
 
 def rows_of(payloads, length):
-    rows = np.random.default_rng(0).integers(0, 256, (len(payloads), dbc.row_width(length)), dtype=np.uint8)
+    rows = np.random.default_rng(0).integers(0, 256, (len(payloads), row_width(length)), dtype=np.uint8)
     rows[:, :length] = np.frombuffer(b"".join(payloads), np.uint8).reshape(len(payloads), length)
     return rows
 
@@ -80,7 +81,7 @@ def test_insertion_is_that_of_cantools_and_leaves_other_bits_alone(layout, data)
         [OracleSignal(name, start, bits, "big_endian" if big else "little_endian", signed, conversion=conversion)],
     )  # fmt: skip
     ours = dbc.parse(text_of(length, signals), "x.dbc").messages[name].signals[name]
-    zeros = np.zeros((2, dbc.row_width(length)), np.uint8)
+    zeros = np.zeros((2, row_width(length)), np.uint8)
     full = np.full_like(zeros, 255)
     dtype = np.int64 if signed else np.uint64
     for rows in (zeros, full):

@@ -6,10 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from lacet.daq.can_signal import Signal
 from lacet.drivers.framework import extraction
 from lacet.drivers.framework.can_layout import Component, Reading
 from lacet.drivers.framework.can_messages import TABLE, Numbering
-from lacet.drivers.framework.dbc import Signal
 from lacet.drivers.framework.extraction import Extraction
 
 STATUS = Signal("status", 0, 4, False, False, 1.0, 0.0, "", 0, 15)

@@ -9,7 +9,7 @@ const ROLES = [
   ["held", "held out"],
   ["unused", "not used"],
 ];
-const ACCEPT = ".mcap,.parquet,.csv,.mf4,.mdf,.toml,.json";
+const ACCEPT = ".mcap,.parquet,.csv,.mf4,.mdf,.toml,.json,.dbc,.txt,.tsv,.dat,.pq,.mat,.tdms,.log,.candump,.blf,.asc,.trc";
 
 /**
  * Show the view.

@@ -1,0 +1,315 @@
+"""Text tables of any header: separator, decimal sign, encoding, header, units row and time column are found."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+
+from lacet.daq.sources.columns import TimeColumn, find_time, units_row, with_unit
+from lacet.daq.sources.source import Array, Listed, Piece, Reading, Series, Source, fault, resolve, unique
+
+_HEAD = 1 << 17
+"""Beginning of the file from which its form is found [byte]."""
+_LINES = 200
+"""Lines of it that are looked at."""
+_SEPARATORS = ";\t,|"
+_NUMBER = re.compile(r"^[-+]?(\d+([.,]\d*)?|[.,]\d+)([eE][-+]?\d+)?$")
+_MISSING = ["", "NaN", "nan", "NAN", "NA", "N/A", "#N/A", "n/a", "-", "--", "---", "null", "NULL", "None", "inf",
+            "-inf", "Inf", "-Inf", "INF", "#NV", "NoData", "invalid", "*"]  # fmt: skip
+"""Cells without a value."""
+_BLOCK = 1 << 22
+"""Bytes that are read at a time."""
+_CLOCK = re.compile(r"^\d{1,2}:\d\d(:\d\d([.,]\d+)?)?$|^\d{4}-\d\d-\d\d[T ]\d\d:\d\d|^\d{1,2}[./]\d{1,2}[./]\d{4} \d")
+
+
+@dataclass(frozen=True)
+class Form:
+    """The form of a text table: `header` and `first` are lines counted from 0, `skip` the lines before the numbers."""
+
+    encoding: str
+    separator: str
+    decimal: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: int
+
+
+class CsvTable(Source):
+    """A text table with a header: CSV, TSV, semicolons and decimal commas, units in names or in a row of their own."""
+
+    def __init__(self, path: Path, reading: Reading):
+        super().__init__(path)
+        self.form = find_form(path, reading)
+        self._size = max(1, path.stat().st_size)
+        head = self._head()
+        self._texts = {name for name, column in head.items() if column is None}
+        numbers = {name: column for name, column in head.items() if column is not None}
+        units = dict(zip(self.form.names, self.form.units, strict=True))
+        for at, name in enumerate(self.form.names):
+            if name in numbers:
+                self.listed[name] = Listed(name, units[name], None, f"column {at + 1}")
+        self._time: TimeColumn | None = None
+        self._rate = reading.rate
+        if reading.time and reading.time not in self.form.names:
+            try:
+                reading = Reading(**{**vars(reading), "time": resolve(reading.time, list(self.form.names))})
+            except KeyError as cause:
+                raise fault(path, f"time column: {cause.args[0]}") from None
+        if not self._rate or reading.time:
+            try:
+                self._time = find_time(numbers, units, reading.time, reading.time_unit)
+            except (ValueError, KeyError) as cause:
+                raise fault(path, f"time column: {cause}") from None
+            if self._time is None:
+                some = ", ".join(self.form.names[:12])
+                raise fault(
+                    path,
+                    f"no column is a time (none increases all the time); the columns are {some}: say which in the map, "
+                    '[read] time = "NAME", or the rate of a table without times, [read] rate = 100',
+                )
+            if self._time.note:
+                self.notes.append(self._time.note)
+            self.listed.pop(self._time.name, None)
+
+    def pieces(self, names: Collection[str]) -> Iterator[Piece]:
+        """Batches of lines."""
+        time = self._time
+        wanted: list[str] = list(dict.fromkeys([*([time.name] if time else []), *names]))
+        types: dict[str, Any] = {n: pa.string() if n in self._clock_columns else pa.float64() for n in wanted}
+        rows, self.done = 0, 0.0
+        try:
+            stream = pa_csv.open_csv(
+                self._open(), read_options=pa_csv.ReadOptions(
+                    column_names=list(self.form.names), block_size=_BLOCK, encoding=self.form.encoding,
+                    skip_rows=self.form.first),
+                parse_options=self._parse(),
+                convert_options=pa_csv.ConvertOptions(
+                    column_types=types, include_columns=wanted, null_values=_MISSING, strings_can_be_null=True,
+                    decimal_point=self.form.decimal),
+            )  # fmt: skip
+            for batch in stream:
+                if not batch.num_rows:
+                    continue
+                columns = {name: self._numbers(batch.column(name), name) for name in wanted}
+                if time is None:
+                    t = (rows + np.arange(batch.num_rows)) / self._rate
+                else:
+                    t = columns[time.name] * time.factor
+                    if time.epoch:
+                        if self.start_ns is None:
+                            self.start_ns = int(np.nanmin(t) * 1e9)
+                        t = t - self.start_ns / 1e9
+                rows += batch.num_rows
+                self.done = min(1.0, rows * self._line / self._size)
+                yield {name: Series(t, columns[name]) for name in names}
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
+            raise fault(self.path, f"behind line {self.form.first + rows}: {_said(cause)}") from None
+
+    def _open(self) -> Any:
+        return pa.input_stream(str(self.path), compression=None)
+
+    def _parse(self) -> pa_csv.ParseOptions:
+        width = len(self.form.names)
+
+        def skip(row: pa_csv.InvalidRow) -> str:
+            where = f"line {row.number}" if row.number else "a line"
+            note = f"lines without {width} columns are left out (the first: {where})"
+            if not any("are left out (the first" in one for one in self.notes):
+                self.notes.append(note)
+            return "skip"
+
+        return pa_csv.ParseOptions(delimiter=self.form.separator, invalid_row_handler=skip)
+
+    def _head(self) -> dict[str, Array | None]:
+        """First values of each column; None for one of text."""
+        text = _decoded(self.path, self.form.encoding)
+        lines = text.splitlines()[self.form.first : self.form.first + _LINES]
+        self._line = sum(map(len, lines)) / max(1, len(lines)) + 1.0
+        rows = [row for row in csv.reader(lines, delimiter=self.form.separator) if len(row) == len(self.form.names)]
+        out: dict[str, Array | None] = {}
+        self._clock_columns: set[str] = set()
+        for at, name in enumerate(self.form.names):
+            cells = [row[at].strip() for row in rows]
+            filled = [cell for cell in cells if cell not in _MISSING]
+            if filled and all(_CLOCK.match(cell) for cell in filled):
+                self._clock_columns.add(name)
+                out[name] = _clock(cells)
+                continue
+            if not all(_is_number(cell, self.form.decimal) for cell in filled):
+                out[name] = None
+                continue
+            point = [cell.replace(self.form.decimal, ".") for cell in cells]
+            out[name] = np.array([float(c) if c and c not in _MISSING else np.nan for c in point])
+        return out
+
+    def _numbers(self, column: Any, name: str) -> Array:
+        if name in self._clock_columns:
+            return _clock(["" if one is None else one for one in column.to_pylist()])
+        missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
+        return np.asarray(np.from_dlpack(column.fill_null(missing)), np.float64)
+
+
+def find_form(path: Path, reading: Reading) -> Form:
+    """The form of a text table. Raises RunError in words where it is none."""
+    try:
+        begin = path.open("rb").read(_HEAD)
+    except OSError as cause:
+        raise fault(path, f"cannot be read: {cause.strerror}") from None
+    encoding = reading.encoding or _encoding(begin)
+    if b"\0" in begin and not encoding.startswith("utf-16"):
+        raise fault(path, "this is no text table: it holds zero bytes")
+    lines = _decoded(path, encoding).splitlines()
+    if len(begin) == _HEAD:
+        lines = lines[:-1]
+    lines = lines[:_LINES]
+    best: tuple[int, int, str, str, int] | None = None
+    for separator in [reading.separator] if reading.separator else _SEPARATORS:
+        for decimal in [reading.decimal] if reading.decimal else (".", ","):
+            if decimal == separator:
+                continue
+            rows = list(csv.reader(lines, delimiter=separator))
+            first, length, width = _numeric_stretch(rows, decimal)
+            if length >= 2:
+                score = (length * max(1, width - 1), length, separator, decimal, first)
+                # Where both signs fit (whole numbers only) the point is meant, and comes first.
+                if best is None or score[0] > best[0]:
+                    best = score
+    if best is None:
+        shown = "; ".join(line[:40] for line in lines[:3])
+        raise fault(
+            path,
+            f"no lines of numbers were found (it begins {shown!r}): say how it is written in the map, "
+            '[read] separator = ";", decimal = ",", header = 3',
+        )
+    _, _, separator, decimal, first = best
+    rows = list(csv.reader(lines, delimiter=separator))
+    width = len(rows[first])
+    names, units = _header(path, rows, first, width, reading.header)
+    return Form(encoding, separator, decimal, tuple(names), tuple(units), first)
+
+
+def _header(path: Path, rows: list[list[str]], first: int, width: int, asked: int) -> tuple[list[str], list[str]]:
+    top = asked - 1 if asked else first
+    if not asked:
+        while top > 0 and len(_trimmed(rows[top - 1], width)) == width and any(c.strip() for c in rows[top - 1]):
+            top -= 1
+    above = [_trimmed(row, width) for row in rows[top:first] if any(cell.strip() for cell in row)]
+    above = [row for row in above if len(row) == width]
+    if not above:
+        raise fault(
+            path,
+            f"there is no header above the numbers, which begin in line {first + 1}: say its line in the map "
+            "([read] header = 3), or put one there",
+        )
+    of_units = [row for row in above[1:] if units_row(row)]
+    named = [row for row in above if row not in of_units] or above[:1]
+    header = named[0] if asked else max(named, key=lambda row: len({cell.strip() for cell in row if cell.strip()}))
+    split = [with_unit(cell) for cell in header]
+    names = unique(name or f"column_{at + 1}" for at, (name, _) in enumerate(split))
+    units = [unit for _, unit in split]
+    if of_units:
+        written = [cell.strip().strip("[]()").strip() for cell in of_units[0]]
+        units = [own or row for own, row in zip(units, written, strict=True)]
+    return names, units
+
+
+def _trimmed(row: list[str], width: int) -> list[str]:
+    """A line without the empty cells at its end that others do not have."""
+    while len(row) > width and not row[-1].strip():
+        row = row[:-1]
+    return row
+
+
+def _numeric_stretch(rows: list[list[str]], decimal: str) -> tuple[int, int, int]:
+    """First line, length and width of the longest stretch of lines of numbers of equal width."""
+    best = (0, 0, 0)
+    start = 0
+    for at in range(len(rows) + 1):
+        good = at < len(rows) and _numeric(rows[at], decimal)
+        if good and (at == start or len(rows[at]) == len(rows[start])):
+            continue
+        if at > start and at - start > best[1]:
+            best = (start, at - start, len(rows[start]))
+        start = at if good else at + 1
+    return best
+
+
+def _numeric(row: list[str], decimal: str) -> bool:
+    """Whether a line holds numbers: some, and not more texts than numbers; clocks count as numbers."""
+    cells = [cell.strip() for cell in row if cell.strip() not in _MISSING]
+    numbers = sum(_is_number(cell, decimal) or bool(_CLOCK.match(cell)) for cell in cells)
+    return numbers > 0 and 2 * numbers > len(cells) and (len(row) > 1)
+
+
+def _is_number(cell: str, decimal: str) -> bool:
+    return bool(_NUMBER.match(cell)) and ("," if decimal == "." else ".") not in cell
+
+
+def _encoding(begin: bytes) -> str:
+    for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
+        if begin.startswith(mark):
+            return encoding
+    try:
+        begin[: -4 if len(begin) == _HEAD else None].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _decoded(path: Path, encoding: str) -> str:
+    try:
+        with path.open("rb") as stream:
+            return io.TextIOWrapper(io.BytesIO(stream.read(_HEAD)), encoding, "replace", "").read()
+    except LookupError:
+        raise fault(path, f"there is no encoding {encoding!r}: utf-8, cp1252, utf-16 …") from None
+
+
+def _clock(cells: list[str]) -> Array:
+    """Seconds of times of day, or since 1970 of dates."""
+    if any("-" in cell or "/" in cell or cell.count(".") > 1 for cell in cells[:5]):
+        out = np.full(len(cells), np.nan)
+        for at, cell in enumerate(cells):
+            text = cell.replace("/", ".")
+            day = re.match(r"(\d{1,2})\.(\d{1,2})\.(\d{4}) (.*)", text)
+            iso = f"{day[3]}-{int(day[2]):02d}-{int(day[1]):02d} {day[4]}" if day else cell
+            try:
+                out[at] = datetime.fromisoformat(
+                    iso.replace(",", ".") + ("" if re.search(r"[+Z]", iso) else "+00:00")
+                ).timestamp()
+            except ValueError:
+                continue
+        return out
+    parts = [cell.replace(",", ".").split(":") for cell in cells]
+    return np.array([
+        sum(float(x) * f for x, f in zip(p, (3600.0, 60.0, 1.0), strict=False)) if len(p) > 1 else np.nan for p in parts
+    ])  # fmt: skip
+
+
+def _said(cause: BaseException) -> str:
+    return str(cause).replace("CSV conversion error to double", "not a number").replace("In CSV column", "column")
+
+
+def read_cells(path: Path, reading: Reading) -> tuple[list[str], list[str], Array, int]:
+    """Names, units, numbers (n, k) with NaN for the rest, and the first line of numbers [from 1], of a short table.
+
+    Raises RunError as `find_form`.
+    """
+    form = find_form(path, reading)
+    lines = path.read_text(encoding=form.encoding).splitlines()[form.first :]
+    rows = [row for row in csv.reader(lines, delimiter=form.separator) if any(cell.strip() for cell in row)]
+    out = np.full((len(rows), len(form.names)), np.nan)
+    for at, row in enumerate(rows):
+        for k, cell in enumerate(row[: len(form.names)]):
+            if _is_number(cell.strip(), form.decimal):
+                out[at, k] = float(cell.strip().replace(form.decimal, "."))
+    return list(form.names), list(form.units), out, form.first + 1

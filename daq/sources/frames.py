@@ -1,0 +1,139 @@
+"""Readers of raw bus logs: candump, BLF, ASC and TRC through python-can, MDF bus logs through asammdf."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.daq.can_signal import row_width
+from lacet.daq.sources.mdf import BUS_CHANNEL
+from lacet.daq.sources.source import fault
+
+FRAMES = 1 << 17
+"""Frames that are read at a time."""
+EXTENDED = 1 << 31
+"""Bit of an identifier that has 29 bits."""
+_CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
+SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
+
+
+@dataclass(frozen=True)
+class BusFrames:
+    """Frames of a bus log.
+
+    `t` (N,) s as stamped; `ident` (N,) with `EXTENDED`; `bus` (N,) index in `buses`; `lengths` (N,) bytes; `rows`
+    (N, W) payloads in whole words, filled with zeros.
+    """
+
+    t: NDArray[np.float64]
+    ident: NDArray[np.uint32]
+    bus: NDArray[np.int64]
+    buses: tuple[str, ...]
+    lengths: NDArray[np.int64]
+    rows: NDArray[np.uint8]
+
+
+def bus_kind(path: Path) -> str:
+    """Kind of raw bus log by suffix and contents, ``candump``, ``BLF``, ``ASC``, ``TRC``; empty for none."""
+    suffix = path.suffix.lower()
+    try:
+        with path.open("rb") as stream:
+            begin = stream.read(4096)
+    except OSError:
+        return ""
+    if begin.startswith(b"LOGG"):
+        return "BLF"
+    text = begin.decode("utf-8", "replace")
+    lines = [line for line in text.splitlines() if line.strip()]
+    if lines and _CANDUMP.match(lines[0]):
+        return "candump"
+    if text.startswith(";$FILEVERSION") or (suffix == ".trc" and lines and lines[0].startswith(";")):
+        return "TRC"
+    if suffix == ".asc" and re.match(r"(date|base|//|begin)", text.lstrip(), re.IGNORECASE):
+        return "ASC"
+    return ""
+
+
+def read_frames(path: Path, kind: str) -> Iterator[BusFrames]:
+    """Frames of a text or BLF log, `FRAMES` at a time. Raises RunError with the place of what cannot be read."""
+    import can  # here, for it takes a while to load
+
+    readers = {"candump": can.CanutilsLogReader, "BLF": can.BLFReader, "ASC": can.ASCReader, "TRC": can.TRCReader}
+    buses: dict[str, int] = {}
+    held: list[Any] = []
+    read = 0
+    try:
+        with readers[kind](str(path)) as reader:
+            for message in reader:
+                read += 1
+                if message.is_error_frame or message.is_remote_frame:
+                    continue
+                held.append(message)
+                if len(held) >= FRAMES:
+                    yield _packed(held, buses)
+                    held = []
+    except Exception as cause:  # the readers raise exceptions of many kinds for what is no frame
+        if held:
+            yield _packed(held, buses)
+        what = str(cause) or type(cause).__name__
+        raise fault(path, f"frame {read + 1} of this {kind} log cannot be read (file cut short?): {what}") from None
+    if held:
+        yield _packed(held, buses)
+
+
+def _packed(messages: list[Any], buses: dict[str, int]) -> BusFrames:
+    count = len(messages)
+    data = [bytes(message.data) for message in messages]
+    lengths = np.fromiter(map(len, data), np.int64, count)
+    width = row_width(int(lengths.max(initial=1)))
+    joined = b"".join(one.ljust(width, b"\0") for one in data)
+    bus = [buses.setdefault(str(m.channel if m.channel is not None else ""), len(buses)) for m in messages]
+    return BusFrames(
+        np.fromiter((m.timestamp for m in messages), float, count),
+        np.fromiter((m.arbitration_id | (EXTENDED if m.is_extended_id else 0) for m in messages), np.uint32, count),
+        np.array(bus), tuple(buses), lengths, np.frombuffer(joined, np.uint8).reshape(count, width),
+    )  # fmt: skip
+
+
+def is_bus_log(mdf: Any) -> bool:
+    """Whether an open MDF file holds raw frames of a bus."""
+    return BUS_CHANNEL in mdf.channels_db
+
+
+def read_mdf_frames(path: Path, mdf: Any) -> Iterator[BusFrames]:
+    """Frames of an MDF bus log, `FRAMES` at a time, group by group."""
+    for group, _ in mdf.channels_db[BUS_CHANNEL]:
+        count = int(mdf.groups[group].channel_group.cycles_nr)
+        for start in range(0, count, FRAMES):
+            size = min(FRAMES, count - start)
+
+            def column(name: str, start: int = start, size: int = size, group: int = group) -> Any:
+                return mdf.get(f"{BUS_CHANNEL}.{name}", group=group, record_offset=start, record_count=size, raw=True)
+
+            try:
+                ident = column("ID")
+                rows = np.asarray(column("DataBytes").samples)
+                lengths = np.asarray(column("DataLength").samples, np.int64)
+                bus = np.asarray(column("BusChannel").samples, np.int64)
+                try:
+                    extended = np.asarray(column("IDE").samples, bool)
+                except Exception:  # a log of 11-bit identifiers alone need not have this channel
+                    extended = np.asarray(ident.samples) > 0x7FF
+            except Exception as cause:  # truncated data make asammdf raise what it likes
+                raise fault(path, f"frames of group {group} cannot be read from {start} on: {cause}") from None
+            rows = rows.reshape(len(rows), -1).astype(np.uint8)
+            width = row_width(rows.shape[1])
+            full = np.zeros((len(rows), width), np.uint8)
+            full[:, : rows.shape[1]] = rows
+            names, which = np.unique(bus, return_inverse=True)
+            bare = np.asarray(ident.samples, np.uint32) & np.uint32(0x1FFFFFFF)
+            yield BusFrames(
+                np.asarray(ident.timestamps, float), bare | np.where(extended, np.uint32(EXTENDED), np.uint32(0)),
+                which, tuple(str(one) for one in names), lengths, full,
+            )  # fmt: skip

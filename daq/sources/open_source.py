@@ -1,0 +1,78 @@
+"""Opening of a log of another system, whatever its kind."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from lacet.daq.sources.frames import bus_kind, is_bus_log, read_frames, read_mdf_frames
+from lacet.daq.sources.source import Reading, Source, fault
+
+KINDS = {
+    ".csv": "text table", ".txt": "text table", ".tsv": "text table", ".dat": "text table", ".parquet": "Parquet",
+    ".pq": "Parquet", ".mf4": "MDF", ".mdf": "MDF", ".mat": "MATLAB", ".tdms": "TDMS", ".mcap": "MCAP",
+    ".log": "candump", ".candump": "candump", ".blf": "BLF", ".asc": "ASC", ".trc": "TRC",
+}  # fmt: skip
+"""What a suffix says; the contents are looked at for bus logs."""
+
+
+def open_source(path: str | Path, reading: Reading | None = None) -> Source:
+    """The log in a file. Raises RunError with what was found and what is read.
+
+    The libraries of a format are loaded when a file of it is opened.
+    """
+    file, reading = Path(path), reading or Reading()
+    if not file.is_file():
+        raise fault(file, "no such file")
+    if file.stat().st_size == 0:
+        raise fault(file, "the file is empty")
+    if kind := bus_kind(file):
+        from lacet.daq.sources.bus import BusSource
+
+        return BusSource(file, reading.dbc, lambda: read_frames(file, kind), None)
+    match KINDS.get(file.suffix.lower()):
+        case "text table" | "candump" | "ASC" | "TRC":
+            from lacet.daq.sources.csv_table import CsvTable
+
+            return CsvTable(file, reading)
+        case "Parquet":
+            from lacet.daq.sources.parquet_table import ParquetTable
+
+            return ParquetTable(file, reading)
+        case "MDF":
+            from lacet.daq.sources.mdf import MdfSource, open_mdf, start_of
+
+            mdf = open_mdf(file)
+            if is_bus_log(mdf):
+                from lacet.daq.sources.bus import BusSource
+
+                return BusSource(file, reading.dbc, lambda: read_mdf_frames(file, mdf), start_of(mdf))
+            return MdfSource(file, reading, mdf)
+        case "MATLAB":
+            from lacet.daq.sources.mat import MatSource
+
+            return MatSource(file, reading)
+        case "TDMS":
+            from lacet.daq.sources.tdms import TdmsSource
+
+            return TdmsSource(file, reading)
+        case "MCAP":
+            from lacet.daq.sources.mcap_messages import McapMessages
+
+            return McapMessages(file, reading)
+        case "BLF":
+            raise fault(file, "this is no BLF log (it does not begin with 'LOGG')")
+        case _:
+            known = ", ".join(KINDS)
+            raise fault(file, f"unknown kind of file '{file.suffix}': give one of {known}")
+
+
+@contextmanager
+def opened(path: str | Path, reading: Reading | None = None) -> Iterator[Source]:
+    """The log in a file, closed at the end."""
+    source = open_source(path, reading)
+    try:
+        yield source
+    finally:
+        source.close()

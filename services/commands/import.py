@@ -1,0 +1,72 @@
+"""``lacet import``: make a run of logs that other systems wrote."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+from lacet.daq.channels import CHANNELS
+from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.maps.channel_map import ChannelMap
+from lacet.services.commands.progress import Line
+from lacet.services.progress import ServiceStage, planned
+from lacet.services.render import tables
+from lacet.services.timing.usual import stretch
+from lacet.services.workspace.import_log import import_logs
+
+HELP = "make a run of logs that other systems wrote, by a channel map"
+DESCRIPTION = """\
+Read logs of any acquisition system and write a run that every other command takes.
+
+Read are: CSV and other text tables, Parquet, MDF (measured, and raw bus logs), MATLAB (5 and 7.3), TDMS, MCAP
+(Protobuf, ROS 2, JSON), and bus logs with their DBC: candump, BLF, ASC, TRC. The map says which name is which channel;
+lacet map --guess proposes one. Several files are one drive.
+
+  lacet import lap.csv --map car.toml -o lap.mcap
+  lacet import lap.blf lasers.tdms --map car.toml --dbc car.dbc -o lap.mcap
+
+Docs: maps.md. Exit code 3: done, but a channel of the map was left out, or something had to be assumed."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("files", metavar="FILE", nargs="+", type=Path, help="logs of one drive")
+    parser.add_argument("--map", metavar="FILE", type=Path, required=True, help="channel map")
+    parser.add_argument("-o", "--output", metavar="RUN", type=Path, required=True, help="run to write (.mcap)")
+    parser.add_argument(
+        "--dbc", metavar="FILE", type=Path, action="append", default=[], help="describes a bus; again for more"
+    )
+    parser.add_argument("--rig", help="rig file stored with the run; default: the map's")
+    parser.add_argument("--vehicle", help="vehicle file stored with the run; default: the map's")
+    parser.add_argument("--force", action="store_true", help="replace RUN if it exists")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Import and print what was made."""
+    if args.output.exists() and (not args.force or any(args.output.samefile(f) for f in args.files if f.exists())):
+        raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
+    map_ = with_dbc(ChannelMap.load(args.map), args.dbc)
+    with Line("import") as line:
+        line.progress(planned([stretch(ServiceStage.IMPORTING_LOG)]))
+        found = import_logs(args.files, map_, args.output, args.rig, args.vehicle, line.progress)
+    rows = [
+        [name, CHANNELS[name].unit, f"{count:,}", f"{100.0 * found['usable'][name] / max(1, count):.1f} %",
+         "no equation uses it" if CHANNELS[name].recorded_only and not name.endswith(".travel") else ""]
+        for name, count in found["samples"].items()
+    ]  # fmt: skip
+    print(tables.table(["channel", "unit", "samples", "usable", ""], rows))
+    for note in found["notes"]:
+        print(f"! {note}")
+    print(f"{found['log']}: {len(rows)} channels, {found['duration']:.1f} s")
+    write_result(args.json, "import", found)
+    return WITH_LOSSES if found["notes"] else DONE
+
+
+def with_dbc(map_: ChannelMap, files: list[Path]) -> ChannelMap:
+    """The map with further files that describe buses. Raises UsageError for one that is not there."""
+    for file in files:
+        if not file.is_file():
+            raise UsageError(f"--dbc {file}: no such file")
+    return replace(map_, reading=replace(map_.reading, dbc=(*map_.reading.dbc, *files)))

@@ -1,0 +1,182 @@
+"""Runs made by a map: units of the files, delays, tables, own times, several files, and pieces as the whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lacet.daq.errors import RunError
+from lacet.daq.formats.open_run import open_run
+from lacet.daq.maps import assembly
+from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.mapped_run import mapped_run
+from lacet.daq.run import Run
+
+T = np.arange(0.0, 4.0, 0.01)
+HEAD = 'format = "lacet-map 1"\n'
+
+
+def table(path: Path, **columns: np.ndarray) -> Path:
+    names = ",".join(columns)
+    np.savetxt(path, np.column_stack(list(columns.values())), "%.9g", ",", header=names, comments="")
+    return path
+
+
+def made(path: Path, text: str) -> Run:
+    return mapped_run([path], ChannelMap.parse(HEAD + text, "map", path.parent))
+
+
+def test_expressions_units_and_signs(tmp_path: Path) -> None:
+    file = table(tmp_path / "a.csv", t=T, A=np.sin(T), B=10 + T)
+    run = made(file, """
+[sources]
+A = "g"
+B = "mm"
+[channels]
+"car.lateral_accel" = "-(A - 0.1 g)"
+"laser.fl.hub" = "300 mm - 1.32 * B"
+"laser.fr.hub" = "max(B, 12 mm)"
+""")  # fmt: skip
+    np.testing.assert_allclose(run.signals["car.lateral_accel"].values[:, 0], -9.80665 * (np.sin(T) - 0.1), atol=1e-7)
+    np.testing.assert_allclose(run.signals["laser.fl.hub"].values[:, 0], 0.3 - 1.32e-3 * (10 + T), atol=1e-9)
+    np.testing.assert_allclose(run.signals["laser.fr.hub"].values[:, 0], np.maximum(10 + T, 12) * 1e-3, atol=1e-9)
+
+
+def test_a_unit_is_taken_from_the_file_and_the_map_says_another(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("t,A [km/h]\n0,36\n1,72\n2,36\n")
+    assert made(file, '[channels]\n"car.speed" = "A"').signals["car.speed"].values[1, 0] == pytest.approx(20.0)
+    run = made(file, '[sources]\nA = "m/s"\n[channels]\n"car.speed" = "A"')
+    assert run.signals["car.speed"].values[1, 0] == pytest.approx(72.0)
+
+
+def test_a_unit_of_the_file_that_does_not_fit_leaves_the_channel_out(tmp_path: Path) -> None:
+    file = tmp_path / "a.csv"
+    file.write_text("t,A [km/h],B [mm]\n0,36,1\n1,72,2\n2,36,1\n")
+    run = made(file, '[channels]\n"car.speed" = "A"\n"gnss.speed" = "B"\n"steering.angle" = "C"')
+    assert list(run.signals) == ["car.speed"]
+    said = "\n".join(run.problems)
+    assert "gnss.speed: this is in m, and gnss.speed is in m/s" in said
+    assert "'B' is in mm" in said
+    assert "steering.angle: there is no 'C'" in said
+    assert "the file has A, B" in said
+
+
+def test_what_has_no_unit_is_taken_as_si_and_said(tmp_path: Path) -> None:
+    run = made(table(tmp_path / "a.csv", t=T, A=T), '[channels]\n"car.speed" = "A"')
+    assert "without a unit in file and map, taken as SI: A" in run.problems
+
+
+def test_a_delay_is_removed_and_a_table_looked_up(tmp_path: Path) -> None:
+    (tmp_path / "s.csv").write_text("SWA [deg],x [deg]\n-180,-10\n0,0\n180,20\n")
+    file = table(tmp_path / "a.csv", t=T, SWA=90 * np.sin(T) + 100.0, A=np.sin(T))
+    run = made(file, """
+[sources]
+SWA = "deg"
+[channels]
+"camera.fl.steer" = { from = "SWA - 100 deg", table = "s.csv" }
+"camera.fr.steer" = { from = "2 * SWA", table = "s.csv" }
+"car.speed" = { from = "A", unit = "m/s", delay = "30 ms" }
+"gnss.speed" = { from = "A", unit = "m/s" }
+""")  # fmt: skip
+    x = 90 * np.sin(T)
+    expected = np.deg2rad(np.where(x > 0, x / 9.0, x / 18.0))
+    np.testing.assert_allclose(run.signals["camera.fl.steer"].values[:, 0], expected, atol=1e-8)
+    outside = 2 * (x + 100.0) > 180.0
+    np.testing.assert_array_equal(run.signals["camera.fr.steer"].usable, ~outside)
+    shift = run.signals["gnss.speed"].t[0] - run.signals["car.speed"].t[0]
+    assert shift == pytest.approx(0.03)
+
+
+def test_columns_with_a_time_of_their_own(tmp_path: Path) -> None:
+    late = T + 0.5
+    file = table(tmp_path / "a.csv", t=T, t_pot=1e3 * late, Pot=np.cos(late), A=np.cos(T))
+    run = made(file, """
+[sources]
+Pot = { unit = "m", time = "t_pot" }
+t_pot = "ms"
+A = "m"
+[channels]
+"suspension.fl.travel" = "Pot"
+"suspension.fr.travel" = "A + 0 * Pot"
+""")  # fmt: skip
+    own = run.signals["suspension.fl.travel"]
+    np.testing.assert_allclose(own.values[:, 0], np.cos(own.t), atol=1e-6)
+    assert own.t[0] == pytest.approx(0.5)
+    both = run.signals["suspension.fr.travel"]
+    assert np.count_nonzero(both.usable) == np.count_nonzero((T >= 0.5) & (T < 4.0))
+    assert any("brought to the stamps of A" in problem for problem in run.problems)
+
+
+def test_nothing_is_interpolated_across_a_drop_out(tmp_path: Path) -> None:
+    keep = (T < 1.0) | (T > 2.0)
+    one, other = table(tmp_path / "a.csv", t=T, A=T), table(tmp_path / "b.csv", t=T[keep], B=T[keep])
+    text = '[sources]\nA = "m/s"\nB = "m/s"\n[channels]\n"correvit.speed.x" = "A"\n"correvit.speed.y" = "B"'
+    run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
+    usable = run.signals["correvit.speed"].usable
+    np.testing.assert_array_equal(usable, keep | np.isclose(T, 1.0 - 0.01) | np.isclose(T, 2.01))
+    assert any("one clock" in problem for problem in run.problems)
+
+
+def test_a_name_in_two_files_is_told_by_its_file(tmp_path: Path) -> None:
+    one, other = table(tmp_path / "left.csv", t=T, A=T), table(tmp_path / "right.csv", t=T, A=-T)
+    text = (
+        '[channels]\n"car.speed" = { from = "left.A", unit = "m/s" }\n"gnss.speed" = { from = "right.A", unit = "m/s" }'
+    )
+    run = mapped_run([one, other], ChannelMap.parse(HEAD + text))
+    np.testing.assert_allclose(run.signals["gnss.speed"].values, -run.signals["car.speed"].values)
+
+
+def test_a_component_alone_is_left_out_with_the_channel_for_it(tmp_path: Path) -> None:
+    text = '[sources]\nA = "m/s²"\n[channels]\n"imu.accel.y" = "A"\n"car.lateral_accel" = "A"'
+    run = made(table(tmp_path / "a.csv", t=T, A=T), text)
+    assert list(run.signals) == ["car.lateral_accel"]
+    assert "map it to car.lateral_accel" in run.problems[0]
+
+
+def test_pieces_give_what_the_whole_gives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two time bases in a channel, read a few samples at a time or at once."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from lacet.daq.sources import parquet_table
+
+    for name, t in (("a", T), ("b", T[::3] + 0.003)):
+        pq.write_table(pa.table({"t": t, name.upper(): np.sin(3 * t)}), tmp_path / f"{name}.parquet")
+    text = '[sources]\n"?" = "m/s"\n[channels]\n"correvit.speed.x" = "A"\n"correvit.speed.y" = "A + B"'
+    files = [tmp_path / "a.parquet", tmp_path / "b.parquet"]
+    map_ = ChannelMap.parse(HEAD + text)
+    whole = mapped_run(files, map_).signals["correvit.speed"]
+    monkeypatch.setattr(parquet_table, "PIECE_SAMPLES", 17)
+    pieces = mapped_run(files, map_).signals["correvit.speed"]
+    np.testing.assert_array_equal(pieces.t, whole.t)
+    np.testing.assert_allclose(pieces.values, whole.values, atol=1e-12)
+    assert assembly.GAP_STEPS > 1.0
+
+
+def test_no_channel_at_all_is_refused_with_the_way_out(tmp_path: Path) -> None:
+    file = table(tmp_path / "a.csv", t=T, LatAcc=T)
+    with pytest.raises(
+        RunError, match=r"there is no 'LatAc'; did you mean 'LatAcc'\?; the file has(.|\n)*lacet map --guess"
+    ):
+        made(file, '[channels]\n"car.lateral_accel" = "LatAc"')
+
+
+def test_a_map_beside_the_file_is_used_and_one_is_asked_for_otherwise(tmp_path: Path) -> None:
+    file = table(tmp_path / "a.csv", t=T, A=T)
+    with pytest.raises(RunError, match="lacet map --guess"):
+        open_run(file)
+    (tmp_path / "map.toml").write_text(HEAD + '[channels]\n"car.speed" = "A"\n')
+    assert list(open_run(file).signals) == ["car.speed"]
+    own = table(tmp_path / "own.csv", t=T, **{"laser.fl.hub": T})
+    assert list(open_run(own).signals) == ["laser.fl.hub"]
+
+
+def test_times_that_go_back_are_left_out_and_counted(tmp_path: Path) -> None:
+    t = T.copy()
+    t[50] = 0.1
+    run = made(table(tmp_path / "a.csv", t=t, A=T), '[channels]\n"car.speed" = { from = "A", unit = "m/s" }')
+    assert len(run.signals["car.speed"].t) == len(T) - 1
+    assert any("1 samples have a time that does not increase" in problem for problem in run.problems)

@@ -1,0 +1,80 @@
+"""``lacet import`` and ``--map``: raw logs of others as inputs of the commands."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lacet.daq.formats.open_run import open_run
+from lacet.services.commands.__main__ import main
+from lacet.services.workspace.study import Study
+from tests.services.commands.test_json import conforms
+from tests.support.foreign_logs import MAP_HEAD, foreign, write_csv
+from tests.support.places import HOME
+from tests.support.tables import piece
+
+CAN = HOME / "tests" / "data" / "can"
+
+
+def car_csv(folder: Path, name: str = "sine") -> tuple[Path, Path]:
+    """A spreadsheet of the reference car and its map."""
+    t, columns, channels = foreign(piece(name, 5.0, 12.0))
+    write_csv(folder / f"{name}.csv", t, columns)
+    (folder / "car.toml").write_text(MAP_HEAD + channels)
+    return folder / f"{name}.csv", folder / "car.toml"
+
+
+def test_a_real_car_s_bus_is_imported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "m.toml").write_text(
+        'format = "lacet-map 1"\n[channels]\n"car.yaw_rate" = "GYRO_YAW"\n"car.lateral_accel" = "ACCEL_LAT"\n'
+        '"steering.angle" = "STEER_ANGEL"\n'
+    )
+    out, result = tmp_path / "lap.mcap", tmp_path / "r.json"
+    words = ["import", CAN / "road-car.candump.log", "--map", tmp_path / "m.toml", "--dbc", CAN / "road-car.dbc"]
+    words += ["-o", out]
+    assert main([*map(str, words), "--json", str(result)]) == 3
+    found = conforms(result, "import")
+    assert set(found["samples"]) == {"car.yaw_rate", "car.lateral_accel"}
+    assert "did you mean 'ID_D0.STEER_ANGLE'" in capsys.readouterr().out
+    run = open_run(out)
+    assert run.duration == pytest.approx(12.0, abs=0.1)
+    assert any("steering.angle was left out" in problem for problem in run.problems)
+    assert main([*map(str, words)]) == 2  # nothing is replaced
+
+
+def test_a_damaged_log_leaves_no_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "lap.mf4").write_bytes((CAN / "canedge-gps-imu.mf4").read_bytes()[:3000])
+    (tmp_path / "m.toml").write_text('format = "lacet-map 1"\n[channels]\n"gnss.speed" = "Speed"\n')
+    words = ["import", tmp_path / "lap.mf4", "--map", tmp_path / "m.toml", "-o", tmp_path / "lap.mcap"]
+    assert main(list(map(str, words))) == 2
+    assert "lap.mf4" in capsys.readouterr().err
+    assert [p.name for p in tmp_path.glob("lap.mcap*")] == []
+
+
+def test_identify_study_and_info_take_a_log_with_a_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("lacet.services.commands.identify.SCORE_DRAWS", 3)
+    monkeypatch.setattr("lacet.services.workspace.kept.kept_values.SCORE_DRAWS", 3)
+    file, map_ = car_csv(tmp_path)
+    result = tmp_path / "r.json"
+    assert main(["info", str(file), "--map", str(map_)]) in (0, 3)
+    assert "wheel.fl.force" in capsys.readouterr().out
+    assert main(["identify", str(file), "--map", str(map_), "--json", str(result)]) in (0, 3)
+    springs = {p["name"]: p["value"] for p in json.loads(result.read_text())["parameters"]}
+    assert 10_000 < springs["spring.fl.k"] < 60_000
+    study = tmp_path / "study"
+    assert main(["study", "new", str(study), "--use", str(file), "--map", str(map_), "--draws", "19"]) in (0, 3)
+    (kept,) = Study.open(study).paths()
+    assert kept.name == "sine.mcap"
+    assert kept.parent.parent == study
+
+
+def test_a_log_without_a_map_is_refused_with_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file, _ = car_csv(tmp_path)
+    assert main(["identify", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert "lacet map --guess" in said
+    assert "--map map.toml" in said
