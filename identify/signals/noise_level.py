@@ -7,7 +7,7 @@ noise has the same density at all frequencies, so that this part gives σ; compa
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -35,6 +35,15 @@ _FLAT = 1.25
 
 _NEAR = 0.10
 """Relative difference up to which a measured σ counts as that of the sheet."""
+
+
+_CLEAR = 0.25
+"""Relative difference beyond which a measured σ takes the place of the sheet's: a floor off by less changes no verdict,
+and of ten families in a run none differs by chance (they differ by two half-intervals as well)."""
+
+_LEAST = 0.25
+"""Least part of the sheet's noise that is believed: below it, errors that no sheet lists (clocks, geometry) count more.
+"""
 
 
 class NoiseVerdict(Enum):
@@ -90,6 +99,18 @@ class NoiseLevel:
         return NoiseVerdict.LARGER if off > 0 else NoiseVerdict.SMALLER
 
     @property
+    def corrects(self) -> bool:
+        """Whether it takes the place of the sheet's noise: white in two bands of the spectrum, clearly different."""
+        if self.sigma is None or self.flatness is None or not self.white:
+            return False
+        return abs(self.sigma - self.sheet) > max(_CLEAR * self.sheet, 2.0 * self.half)
+
+    @property
+    def used(self) -> float:
+        """1 σ that the equations use: the measured one where it `corrects` the sheet's, else the sheet's."""
+        return max(self.sigma, _LEAST * self.sheet) if self.corrects and self.sigma is not None else self.sheet
+
+    @property
     def odd_ones(self) -> dict[str, float]:
         """Columns whose σ is above twice their family's median, or below half of it."""
         middle = float(np.median(list(self.columns.values()))) if self.columns else 0.0
@@ -107,6 +128,20 @@ def measured_noise(runs: Sequence[Run], rig: Rig) -> list[NoiseLevel]:
             if any(signals.values()):
                 out.append(_level(sensor.name, family, rig.noise(channels[0]), signals))
     return out
+
+
+def as_measured(rig: Rig, levels: Sequence[NoiseLevel]) -> Rig:
+    """The rig with the noise that was measured where it differs from the sheet's; tolerances stay as they are."""
+    used = {(level.sensor, level.family): level.used for level in levels if level.corrects}
+    if not used:
+        return rig
+    sensors = tuple(
+        replace(
+            sensor, noise={**sensor.noise, **{family: s for (name, family), s in used.items() if name == sensor.name}}
+        )
+        for sensor in rig.sensors
+    )
+    return replace(rig, sensors=sensors)
 
 
 def _level(sensor: str, family: str, sheet: float, signals: dict[str, list[Signal]]) -> NoiseLevel:

@@ -72,6 +72,9 @@ def run(args: argparse.Namespace) -> int:
             found = session.add_missing(MOST_EFFECTS if args.auto else 0, show, print_change)
             following = _next(args, session, found.last)
     result = {**steps[-1], **following}
+    if session.runs.present[0]:  # a ranking that is kept needs no run
+        for warning in session.runs.loaded.sheet:
+            print(f"! {warning}")
     if args.auto:
         print(tables.history(session.study.versions()))
     elif result["best"]:

@@ -146,7 +146,7 @@ def run(args: argparse.Namespace) -> int:
         print("\n" + tables.rows(result["rows"]["used"]))
     if result["bad_seconds"]:
         print("\n" + tables.bad_seconds(result))
-    for warning in loaded.warnings:
+    for warning in (*loaded.warnings, *loaded.sheet):
         print(f"! {warning}")
     for file in pictures:
         print(f"picture: {file}")

@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from lacet.daq.channels import CHANNELS
 from lacet.identify.regression.latency import SensorTiming, Timings
 from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.identify.validation.channels.unit_position import AxisPosition
@@ -27,6 +28,11 @@ _WORDS = {
 }
 
 
+def unit_of(family: str) -> str:
+    """SI unit of a family of channels."""
+    return next(channel.unit for channel in CHANNELS.values() if channel.family == family)
+
+
 def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
     """Measured noise by sensor and family, from the check's result."""
     rows: list[list[str]] = []
@@ -38,6 +44,24 @@ def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
     odd = [f"  {name}: {s:.3g}, others of its kind {statistics.median(n['columns'].values()):.3g}"
            for n in levels for name, s in n["odd_columns"].items()]  # fmt: skip
     return text + ("\nUnlike their kind:\n" + "\n".join(odd) if odd else "")
+
+
+def sheet_noise(runs: Sequence[Sequence[NoiseLevel]]) -> list[str]:
+    """What the runs' measured noise says against the sensor sheet, one sentence a family of channels."""
+    found: dict[tuple[str, str], list[NoiseLevel]] = {}
+    for level in (level for levels in runs for level in levels if level.corrects):
+        found.setdefault((level.sensor, level.family), []).append(level)
+    lines: list[str] = []
+    for (sensor, family), levels in found.items():
+        sigma, sheet = statistics.median(level.sigma or 0.0 for level in levels), levels[0].sheet
+        says = "too large" if sigma < sheet else "too small"
+        lines.append(
+            f"noise of {family} ({sensor}): your sheet is {says} here. It states {sheet:.3g}, measured {sigma:.3g} "
+            f"{unit_of(family)} in {len(levels)} of {len(runs)} run{'s' if len(runs) > 1 else ''}. Floor and weights "
+            "use what was measured, tolerances stay. Only white noise is measured: coloured noise in the fit's band is "
+            "not seen"
+        )
+    return lines
 
 
 def not_testable(timing: SensorTiming) -> str:

@@ -6,22 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import LacetError, NotIdentifiable, RigError, RunError, UsageError, VehicleError
 from lacet.daq.formats.open_run import open_log
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import needs
 from lacet.identify.multibody.chain import Chain
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.for_equations import for_equations
+from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured_noise
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
-from lacet.services.render import channels, plausibility
+from lacet.services.render import channels, plausibility, sensor_report
 from lacet.services.render.rows import row_absence, run_notes
 
 
@@ -29,7 +32,8 @@ from lacet.services.render.rows import row_absence, run_notes
 class Loaded:
     """Prepared runs with their vehicle and rig, and warnings for the user, one line each.
 
-    `runs` : the runs that they were prepared from, without the channels left out.
+    `runs` : the runs that they were prepared from, without the channels left out; `sheet` : sentences on noise that the
+    rig's sensor sheet states too large or too small, so that the measured one is used.
     """
 
     vehicle: Vehicle
@@ -37,6 +41,7 @@ class Loaded:
     prepared: tuple[PreparedRun, ...]
     warnings: tuple[str, ...]
     runs: tuple[Run, ...] = ()
+    sheet: tuple[str, ...] = ()
 
     @property
     def reference(self) -> str:
@@ -46,11 +51,15 @@ class Loaded:
 
 @dataclass(frozen=True)
 class ReadyRun:
-    """A run without what is left out of it, and prepared; `sound` : whether units, signs and values raised no doubt."""
+    """A run without what is left out of it, and prepared.
+
+    `sound` : whether units, signs and values raised no doubt; `noise` : measured noise of its channels.
+    """
 
     run: Run
     prepared: PreparedRun
     sound: bool
+    noise: tuple[NoiseLevel, ...]
 
 
 def find_rig(run: Run, given: str | Path | None) -> Rig:
@@ -152,11 +161,14 @@ def load(
     if len(references) > 1:
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
     warnings += map(channels.from_equations, column_faults([one.prepared for one in ready if one.sound]))
-    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready))
+    wrong = tuple(sensor_report.sheet_noise([one.noise for one in ready]))
+    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready), wrong)
 
 
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
     """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
+
+    Where the noise in its channels is not that of the rig's sheet, the equations use the measured one.
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
@@ -184,7 +196,19 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
         found = sorted({row_absence(why) for why in drive.measured_rows.left_out.values()})
         reasons = "; ".join(found) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
-    return ReadyRun(run, drive, not (recorded or doubts or moved))
+    noise = _noise_in_rows(run, drive)
+    used = as_measured(rig, noise)
+    if used is not rig:
+        drive = PreparedRun(replace(drive.recording, rig=used).smoothed())
+    return ReadyRun(run, drive, not (recorded or doubts or moved), noise)
+
+
+def _noise_in_rows(run: Run, drive: PreparedRun) -> tuple[NoiseLevel, ...]:
+    """Measured noise of the channels that the rows of a run need."""
+    grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in drive.recording.signals.value)
+    channels = {name for row in drive.rows for name in needs(row, drive.recording.reference, grounds)}
+    families = {CHANNELS[name].family for name in channels}
+    return tuple(level for level in measured_noise([run], drive.recording.rig) if level.family in families)
 
 
 def _named_apart(run: Run, path: Path, places: Sequence[Path]) -> Run:

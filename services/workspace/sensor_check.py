@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.result import plain
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.properties.whole_vehicle import NAMES, UNITS, whole_vehicle
@@ -16,7 +15,7 @@ from lacet.identify.regression.instrumental_variables import Contrast, Instrumen
 from lacet.identify.regression.latency import Timings
 from lacet.identify.signals.noise_level import NoiseLevel
 from lacet.identify.validation.channels.unit_position import AxisPosition
-from lacet.services.render.sensor_report import not_testable, unmeasured
+from lacet.services.render.sensor_report import not_testable, unit_of, unmeasured
 
 DISTRUST = 1.5
 """Residual ÷ noise floor of a row from which latencies are not trusted: the model lacks something that biases them."""
@@ -26,16 +25,12 @@ def noise_result(levels: Sequence[NoiseLevel]) -> list[dict[str, Any]]:
     """Measured noise as plain data."""
     return [
         {
-            "sensor": n.sensor, "family": n.family, "unit": _unit(n.family), "sigma": n.sigma, "half95": n.half,
+            "sensor": n.sensor, "family": n.family, "unit": unit_of(n.family), "sigma": n.sigma, "half95": n.half,
             "sheet": n.sheet, "flatness": n.flatness, "verdict": n.verdict.value, "why": unmeasured(n),
             "columns": n.columns, "odd_columns": n.odd_ones,
         }
         for n in levels
     ]  # fmt: skip
-
-
-def _unit(family: str) -> str:
-    return next(c.unit for c in CHANNELS.values() if c.family == family)
 
 
 def latency_result(timings: Timings, trust: tuple[str, float]) -> dict[str, Any]:
