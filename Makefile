@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage blind fresh campaign catalogue reference clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage blind fresh laws campaign catalogue reference clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -35,6 +35,7 @@ help:
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
+	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
 	@echo 'make campaign      docs/benchmarks/campaign.md anew: 1, 10, 100 and 1,000 runs on two workers (half an hour)'
 	@echo 'make catalogue     docs/catalogue.md and its pictures anew'
 	@echo 'make reference     docs/reference/ anew from the docstrings'
@@ -93,6 +94,9 @@ blind: .venv/.dev
 
 fresh: .venv/.dev
 	@$(PY) -m benchmarks.fresh --trials $(or $(TRIALS),540) --processes $(or $(PROCESSES),2) $(ARGS)
+
+laws: .venv/.dev
+	@$(PY) -m benchmarks.laws $(ARGS)
 
 campaign: .venv/.dev
 	@$(PY) -P benchmarks/campaign.py --folder .campaign

@@ -16,6 +16,7 @@ from lacet.simulate.hidden import Hidden
 from lacet.simulate.kinds import KINDS
 from lacet.simulate.manoeuvres import MANOEUVRES, Manoeuvre, make_manoeuvre
 from lacet.simulate.measuring import IDEAL, START_NS, Sheet, Timing, exchange_run, measure
+from lacet.simulate.memory import OwnLaw
 from lacet.simulate.motion import SimulatedMotion
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "Car",
     "Hidden",
     "Manoeuvre",
+    "OwnLaw",
     "Sheet",
     "SimulatedMotion",
     "SimulationFailed",

@@ -21,6 +21,7 @@ from lacet.simulate.cars import Car
 from lacet.simulate.engine import Engine
 from lacet.simulate.hidden import Hidden
 from lacet.simulate.manoeuvres import Manoeuvre
+from lacet.simulate.memory import OwnLaw
 from lacet.simulate.mjcf import level
 from lacet.simulate.motion import SimulatedMotion, matrices, rotate_back
 
@@ -77,13 +78,14 @@ def run(
     settle: float = SETTLE,
     step: float = STEP,
     progress: Callable[[float], None] | None = None,
+    own: Sequence[OwnLaw] = (),
 ) -> SimulatedMotion:
     """The motion of `vehicle` driven through `manoeuvre`, at 1 kHz, without any sensor.
 
     `hidden` : effects added to the car (sensor faults are kept for `measure`); `seed` : of the random road; `settle` :
     time driven before the run starts [s]; `step` : integration step [s], a divisor of 1 ms; `progress` : called with
-    the fraction done every 0.1 s of the run. The same arguments give the same motion. Raises UsageError when MuJoCo is
-    missing, SimulationFailed when the car overturns or leaves the road.
+    the fraction done every 0.1 s of the run; `own` : suspension laws given as functions. The same arguments give the
+    same motion. Raises UsageError when MuJoCo is missing, SimulationFailed when the car overturns or leaves the road.
     """
     car = vehicle
     for effect in hidden:
@@ -91,7 +93,7 @@ def run(
             car = car.with_payload(effect.size, (effect.shape["x"], effect.shape["y"], effect.shape["z"]))
     every = round(EVERY * STEP / step)
     road = manoeuvre.road(car, seed, settle)
-    engine = Engine(car, road, [effect for effect in hidden if not effect.of_sensor])
+    engine = Engine(car, road, [effect for effect in hidden if not effect.of_sensor], own)
     before = round(settle / (step * every)) * every
     samples = round(manoeuvre.duration / (step * every)) + 1
     record = _Recorder(samples, engine.model.nq, engine.model.nv, engine.states)

@@ -24,7 +24,7 @@ from lacet.daq.errors import UsageError
 from lacet.simulate.attached import attached_bodies
 from lacet.simulate.cars import Car
 from lacet.simulate.hidden import Hidden, one_of, suspension_law, total_at, total_of
-from lacet.simulate.memory import MemoryLaw, memory_law
+from lacet.simulate.memory import MemoryLaw, OwnLaw, memory_law
 from lacet.simulate.mjcf import STEER_ARMATURE, build_mjcf, slide_directions, wheel_turns
 from lacet.simulate.road import SPACING, Road
 from lacet.simulate.turning import Corner, coupling, turned, twisted
@@ -66,7 +66,7 @@ class Instant:
 class Engine:
     """MuJoCo engine of a car on a road: `load` sets generalised forces of the present state, `accelerate` solves."""
 
-    def __init__(self, car: Car, road: Road, hidden: Sequence[Hidden]):
+    def __init__(self, car: Car, road: Road, hidden: Sequence[Hidden], own: Sequence[OwnLaw] = ()):
         lib = self.lib = engine_library()
         self.car, self.road, self.hidden = car, road, hidden
         self.slides, self.turns = slide_directions(car, hidden), wheel_turns(car, hidden)
@@ -130,6 +130,12 @@ class Engine:
             for effect in hidden:
                 if effect.at(corner) and (law := memory_law(effect)) is not None:
                     self._memory[i].append((states, law))
+                    states += 1
+        self._own: list[list[tuple[int, OwnLaw]]] = [[] for _ in CORNERS]
+        for i, corner in enumerate(CORNERS):
+            for law in own:
+                if law.at(corner):
+                    self._own[i].append((states, law))
                     states += 1
         self._attached_states = []
         for part in self.attached:
@@ -258,6 +264,9 @@ class Engine:
                 load += self._interconnection * (s - travel[(i + 2) % 4])
             for at, law in memory[i]:
                 extra, now.slip_rates[at] = law(s, sd, slips[at])
+                load += extra
+            for at, own in self._own[i]:
+                extra, now.slip_rates[at] = own.law(s, sd, travel[i ^ 1], rate[i ^ 1], slips[at])
                 load += extra
             now.suspension[i] = load
             out[slide_dofs[i]] = (gx * ux + gy * uy + gz * uz - load) / stretches[i]

@@ -7,12 +7,30 @@ Maxwell's element, a damper in series with a spring, x the stroke of the damper:
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from lacet.daq.errors import UsageError
 from lacet.simulate.hidden import Hidden
 
 MemoryLaw = Callable[[float, float, float], tuple[float, float]]
 """(s, ṡ, state) → force [N] between chassis and carrier along the travel, rate of the state [1/s]."""
+
+
+@dataclass(frozen=True)
+class OwnLaw:
+    """A suspension law that is given as a function, for causes that are no hidden effect by name.
+
+    `where` : axle or corner; `law` : (s, ṡ, s and ṡ of the other side of the axle, state) → force [N], resisting
+    compression, and rate of the state [1/s], which begins at 0.
+    """
+
+    where: str
+    law: Callable[[float, float, float, float, float], tuple[float, float]]
+
+    def at(self, corner: str) -> bool:
+        """Whether it acts at `corner`."""
+        return self.where in (corner, "front" if corner[0] == "f" else "rear")
+
 
 SHORTEST = 0.001
 """Least `length` of the hysteresis [m]: 2 m/s of damper speed are then integrated in steps of 0.5 ms."""

@@ -97,6 +97,12 @@ CASES: dict[str, Case] = {
     "damper_knee": Case(
         "travel rate", SLALOM, "suspension.f*", "damper_knee.front", -1000.0, {"v0": 0.06}, BUMPY, how="law"
     ),
+    **{
+        f"damper_knee_{way}": Case(
+            "travel rate", SLALOM, "suspension.f*", f"damper_knee_{way}.front", -1500.0, {"v0": 0.06}, BUMPY, how="law"
+        )
+        for way in ("bump", "rebound")
+    },
     "damper_hysteresis": _suspension("damper_hysteresis", 200.0, "travel", STEERING, loop=True, length=0.003),
     "damper_stroke": _suspension("damper_stroke", 2e4, "travel × travel rate"),
     "damper_stroke_symmetric": Case(

@@ -27,6 +27,7 @@ from lacet.identify.selection.forward_selection import best_set, with_ties
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.subset_search import found_together, strength
 from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
+from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, without_fault
 from lacet.identify.selection.score_tests import (
     Answer,
@@ -39,7 +40,6 @@ from lacet.identify.selection.score_tests import (
     judged,
 )
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.selection.symbolic_laws import Formula, propose
 from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
 
@@ -280,7 +280,7 @@ def diagnose_runs(
     if seen.unlisted:
         progress(Step(Stage.SYMBOLIC_LAWS))
         hidden = seen.tolerance_exceeded or not failing
-        formulas = propose(seen.space.linearisation, _worst(ratios) if hidden else failing, seed)
+        formulas = propose(seen.space, _worst(ratios) if hidden else failing)
     verdict = Verdict.UNLISTED if seen.unlisted else Verdict.MISSING if best is not None else Verdict.NOTHING
     grounds = Grounds(seen.best, seen.now.ratios, seen.sheet, seen.tolerance_exceeded, seen.not_constant)
     return Diagnosis(

@@ -10,9 +10,9 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
+from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.score_tests import Answer, Candidate, Pending, Reason, implausible, is_significant
 from lacet.identify.selection.settings import SELECTION
-from lacet.identify.selection.symbolic_laws import Formula
 from lacet.services.render import tables
 from lacet.services.render.effect_text import not_measured
 
@@ -204,10 +204,30 @@ def _with_law(text: str, formulas: Sequence[Formula]) -> str:
     if not formulas:
         return text
     best = formulas[0]
-    return (
-        f"{text} What comes nearest of simple laws is '{best.text}', which takes {100 * best.gain:.0f} % off "
-        f"{', '.join(best.rows)} in parts of the runs it was not fitted to: a description, not a cause."
+    text = (
+        f"{text} What comes nearest of simple laws is '{best.text}'{_listed_as(best.law)}, which explains "
+        f"{100 * best.law.explained:.0f} % of what is above the floor in {', '.join(best.rows)}, in parts of the runs "
+        f"it was not fitted to: a description, not a cause."
     )
+    if others := [_point(law) for law in best.front if law != best.law]:
+        text += f" Simpler or longer: {'; '.join(others)}."
+    return text
+
+
+def _point(law: Law) -> str:
+    """A law of a Pareto front, how many terms and constants it has, and what it explains."""
+    many = f"{law.terms} term{'s' if law.terms > 1 else ''}"
+    if law.constants:
+        many += f", {law.constants} constant{'s' if law.constants > 1 else ''}"
+    return f"'{law.text}'{_listed_as(law)} ({many}: {100 * law.explained:.0f} %)"
+
+
+def _listed_as(law: Law) -> str:
+    """The catalogue's names for a law, or for terms of it."""
+    if not law.listed:
+        return ""
+    part = "which is" if law.terms == 1 else "of which a term is"
+    return f", {part} {' or '.join(law.listed[: SELECTION.most_reported])} of the catalogue on these runs"
 
 
 def _nothing(d: Diagnosis) -> str:

@@ -46,7 +46,7 @@ def rivals(free: ScoreTests, own: Candidate, tried: Sequence[Candidate]) -> list
     if not near:
         return []
     mine = replace(effects[own.key], shape=own.shape)
-    tuned = with_best_constants(free, [replace(effects[c.key], shape=c.shape) for c in near], together=False)
+    tuned = with_best_constants(free, [replace(effects[c.key], shape=c.shape) for c in near], groups=range(len(near)))
     inside, (first, *others) = free.beside([mine, *tuned], draws=False)
     whole = _fall(inside, first)
     return sorted((Rival(t.effect, whole - _fall(inside, t)) for t in others), key=lambda rival: rival.margin)

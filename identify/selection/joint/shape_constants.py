@@ -23,14 +23,16 @@ from lacet.identify.selection.settings import SELECTION
 
 
 def with_best_constants(
-    space: ScoreTests, effects: Sequence[Effect], progress: Progress = silent, together: bool = True
+    space: ScoreTests, effects: Sequence[Effect], progress: Progress = silent, groups: Sequence[int] | None = None
 ) -> list[Effect]:
-    """The effects with the shape constants, within their bounds, at which they explain most, `together` or each alone.
+    """The effects with the shape constants, within their bounds, at which they explain most together.
+
+    `groups` : number of the group of each effect, where only those of a group are in the model together.
 
     The search begins at the constants that they have and at all values of their grids, with steps of half the distance
     between two of these.
     """
-    found = list(effects)
+    found, groups = list(effects), [0] * len(effects) if groups is None else groups
     steps = [_first_steps(effect) for effect in found]
     for number in range(SELECTION.most_constant_rounds):
         moving = [i for i, own in enumerate(steps) if own]
@@ -44,7 +46,7 @@ def with_best_constants(
         fall = _Falls.of(space, tried)
         chosen = [0] * len(found)
         for i in moving:
-            others = chosen if together else [None] * len(found)
+            others = [k if group == groups[i] else None for k, group in zip(chosen, groups, strict=True)]
             falls = [fall.of_choice([*others[:i], k, *others[i + 1 :]]) for k in range(len(tried[i]))]
             chosen[i] = int(np.argmax(falls))
             gained = falls[chosen[i]] - falls[0]

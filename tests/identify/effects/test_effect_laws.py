@@ -14,8 +14,9 @@ from lacet.identify.effects.body.chassis_torsion import ChassisTorsion
 from lacet.identify.effects.body.engine_mount import EngineMount
 from lacet.identify.effects.catalogue import catalogue, effect_classes
 from lacet.identify.effects.memory import dahl
+from lacet.identify.effects.suspension.damper_asymmetry import DamperAsymmetry
 from lacet.identify.effects.suspension.damper_hysteresis import DamperHysteresis
-from lacet.identify.effects.suspension.damper_knee import DamperKnee
+from lacet.identify.effects.suspension.damper_knee import DamperKnee, DamperKneeBump, DamperKneeRebound
 from lacet.identify.effects.suspension.stops import BumpStop, ReboundStop
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.regression.sensitivity import Sensitivity, residual
@@ -149,6 +150,19 @@ def test_a_knee_changes_the_slope_beyond_it_alone() -> None:
     rate = np.array([-0.16, -0.11, -0.06, 0.0, 0.06, 0.11, 0.16])
     force = 1500.0 * rate - 1000.0 * DamperKnee("fl", {"v0": 0.06}).law(rate, rate)
     np.testing.assert_allclose(np.diff(force) / np.diff(rate), [500, 500, 1500, 1500, 500, 500], rtol=1e-12)
+
+
+def test_a_damper_may_have_four_slopes() -> None:
+    """Slopes of its own in bump and rebound, and beyond a knee of its own each way, without a step."""
+    rate = np.array([-0.3, -0.2, -0.12, -0.1, 0.0, 0.05, 0.06, 0.1, 0.3])
+    force = (
+        2000.0 * rate
+        - 500.0 * DamperAsymmetry("fl").law(rate, rate)
+        - 700.0 * DamperKneeBump("fl", {"v0": 0.06}).law(rate, rate)
+        - 1600.0 * DamperKneeRebound("fl", {"v0": 0.12}).law(rate, rate)
+    )
+    slopes = [900, 900, 2500, 2500, 1500, 1500, 800, 800]
+    np.testing.assert_allclose(np.diff(force) / np.diff(rate), slopes, rtol=1e-12)
 
 
 def test_a_law_may_have_several_parameters() -> None:

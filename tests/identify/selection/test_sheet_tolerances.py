@@ -10,8 +10,8 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.diagnose import diagnose, screen
+from lacet.identify.selection.laws.formulas import propose
 from lacet.identify.selection.score_tests import ScoreTests
-from lacet.identify.selection.symbolic_laws import propose
 from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
 from lacet.services.render.verdicts import says
@@ -74,13 +74,11 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
     floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
 ):
     asked: list[list[str]] = []
-    monkeypatch.setattr(
-        "lacet.identify.selection.diagnose.propose", lambda linearisation, rows, seed: asked.append(list(rows)) or []
-    )
+    monkeypatch.setattr("lacet.identify.selection.diagnose.propose", lambda space, rows: asked.append(list(rows)) or [])
     above = {row: ratio**2 - 1.0 for row, ratio in diagnose(many_off, floor, TRIED).ratios.items()}
     assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
     assert len(asked[0]) < len(above)
-    assert propose(Linearisation.of(many_off, floor), [], 0) == []
+    assert propose(ScoreTests.of(Linearisation.of(many_off, floor), TRIED, 0), []) == []
 
 
 def test_what_takes_more_away_than_it_leaves_is_named(
