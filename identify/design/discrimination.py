@@ -117,7 +117,7 @@ class Question:
         z, faults = len(piece.zeros.sigma), len(model.faults)
         responses = sheet_responses(run, sensitivity)
         tolerances = [(run.decimated(sensitivity.fault(fault)), sigma) for fault, sigma in self.tolerances]
-        tried: list[tuple[slice, dict[Row, Array]]] = []
+        tried: list[tuple[slice, Mapping[Row, Array]]] = []
         for effects, places in zip(self.shapes, self.places, strict=True):
             for effect, place in zip(effects, places, strict=True):
                 tried.append((place, run.effect_columns(effect, sensitivity)))

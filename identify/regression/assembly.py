@@ -14,12 +14,15 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.sensitivity import ExpansionPoint, Sensitivity
+from lacet.identify.regression.sensitivity import ExpansionPoint, Input, Sensitivity, SlopesByInput
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
+from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace
 
-KEPT = 900.0
-"""Pieces of long runs are kept, without their full-rate motion, until they are this long together [s]."""
+KEPT = 4 * 3600.0
+"""Pieces of long runs are kept on disk, without their full-rate motion, until they are this long together [s].
+
+It bounds the file: a minute takes some tens of MB."""
 
 
 @dataclass(frozen=True)
@@ -73,20 +76,68 @@ class MotionResponses:
     responses: tuple[dict[SheetEntry, dict[Row, Array]], ...]
 
 
+@dataclass(frozen=True)
+class _PutAside:
+    """A part of a long run whose arrays are on disk.
+
+    `piece` is what remains of it in memory; `blocks`, `right` and `zeros` row → columns, left sides and columns of the
+    zeros; `slopes` (input, row) → derivatives of the residual.
+    """
+
+    piece: Piece
+    blocks: ArraysOnDisk[Row]
+    right: ArraysOnDisk[Row]
+    zeros: ArraysOnDisk[Row]
+    slopes: ArraysOnDisk[tuple[Input, Row]]
+
+    @classmethod
+    def of(cls, piece: Piece, space: DiskSpace) -> _PutAside:
+        zeros, sensitivity = piece.zeros, piece.sensitivity
+        coarse: SlopesByInput = {} if sensitivity is None else sensitivity.taken.coarse
+        remaining = replace(
+            piece, blocks={}, right={}, zeros=zeros and replace(zeros, columns={}),
+            sensitivity=sensitivity and replace(sensitivity, taken=replace(sensitivity.taken, coarse={})),
+        )  # fmt: skip
+        columns: Mapping[Row, Array] = {} if zeros is None else zeros.columns
+        return cls(
+            remaining, space.put(piece.blocks), space.put(piece.right), space.put(columns),
+            space.put({(key, row): slope for key, rows in coarse.items() for row, slope in rows.items()}),
+        )  # fmt: skip
+
+    def read(self) -> Piece:
+        """The piece, its arrays read again."""
+        zeros, sensitivity = self.piece.zeros, self.piece.sensitivity
+        coarse: dict[Input, dict[Row, Array]] = {}
+        if sensitivity is not None:
+            for (key, row), slope in self.slopes.items():
+                coarse.setdefault(key, {})[row] = slope
+        return replace(
+            self.piece, blocks=dict(self.blocks), right=dict(self.right),
+            zeros=zeros and replace(zeros, columns=dict(self.zeros)),
+            sensitivity=sensitivity and replace(sensitivity, taken=replace(sensitivity.taken, coarse=coarse)),
+        )  # fmt: skip
+
+
 @dataclass
 class _PieceCache:
     """Cache of pieces and of their responses to the sensor sheet, shared by assemblies that differ in weights only.
 
-    `pieces` by run and piece; `responses` to the sheet's entries by run; `own` those with the noise of the run itself,
-    by run and piece; `long` duration of the parts of long runs in the cache [s].
+    `pieces` by run; `parts` of long runs by run and number, in the `space` on disk, `long` their duration together [s];
+    `responses` to the sheet's entries by run; `own` those with the noise of the run itself, `own_of_part` those of
+    parts of long runs, on disk.
     """
 
-    pieces: dict[tuple[int, int | None], Piece] = field(default_factory=dict[tuple[int, int | None], Piece])
+    pieces: dict[int, Piece] = field(default_factory=dict[int, Piece])
+    parts: dict[tuple[int, int], _PutAside] = field(default_factory=dict[tuple[int, int], _PutAside])
+    space: DiskSpace = field(default_factory=DiskSpace)
     responses: dict[int, dict[SheetEntry, dict[Row, Array]]] = field(
         default_factory=dict[int, dict[SheetEntry, dict[Row, Array]]]
     )
-    own: dict[tuple[int, int | None], dict[SheetEntry, dict[Row, Array]]] = field(
-        default_factory=dict[tuple[int, int | None], dict[SheetEntry, dict[Row, Array]]]
+    own: dict[int, dict[SheetEntry, dict[Row, Array]]] = field(
+        default_factory=dict[int, dict[SheetEntry, dict[Row, Array]]]
+    )
+    own_of_part: dict[tuple[int, int], ArraysOnDisk[tuple[SheetEntry, Row]]] = field(
+        default_factory=dict[tuple[int, int], ArraysOnDisk[tuple[SheetEntry, Row]]]
     )
     long: float = 0.0
 
@@ -136,7 +187,7 @@ class Assembly:
     def _piece(self, run: int, part: PreparedRun, number: int) -> Piece:
         """A run or a part of it with its equations, from the cache or computed."""
         place = run, None if part is self.runs[run] else number
-        piece = self._cache.pieces.get(place)
+        piece = self._cached(place)
         if piece is None:
             piece = self._make(*place, part)
             self._keep(piece)
@@ -145,13 +196,20 @@ class Assembly:
         weights = self.weights.get(place)
         return piece if weights is None else replace(piece, weights=weights)
 
+    def _cached(self, place: tuple[int, int | None]) -> Piece | None:
+        run, number = place
+        if number is None:
+            return self._cache.pieces.get(run)
+        part = self._cache.parts.get((run, number))
+        return None if part is None else part.read()
+
     def _keep(self, piece: Piece) -> None:
         if piece.number is None:
-            self._cache.pieces[piece.run, None] = piece
+            self._cache.pieces[piece.run] = piece
             return
         self._cache.long += float(np.ptp(piece.prepared.recording.t))
         if self._cache.long <= KEPT:
-            self._cache.pieces[piece.run, piece.number] = piece
+            self._cache.parts[piece.run, piece.number] = _PutAside.of(piece, self._cache.space)
 
     def sheet_responses(self, piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
         """Responses of a piece to one tolerance of each gain and latency of the sensor sheet: entry → row → (n,)."""
@@ -169,12 +227,20 @@ class Assembly:
         if self.shared is None and piece.number is None:
             return self.sheet_responses(piece)
         assert piece.sensitivity is not None
-        place = (piece.run, piece.number)
-        found = self._cache.own.get(place)
-        if found is None:
-            found = sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
-            if place in self._cache.pieces:
-                self._cache.own[place] = found
+        place = None if piece.number is None else (piece.run, piece.number)
+        if place in self._cache.own_of_part:
+            found: dict[SheetEntry, dict[Row, Array]] = {}
+            for (entry, row), series in self._cache.own_of_part[place].items():
+                found.setdefault(entry, {})[row] = series
+            return found
+        if place is None and piece.run in self._cache.own:
+            return self._cache.own[piece.run]
+        found = sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
+        if place is None:
+            self._cache.own[piece.run] = found
+        elif place in self._cache.parts:
+            by_row = {(entry, row): series for entry, rows in found.items() for row, series in rows.items()}
+            self._cache.own_of_part[place] = self._cache.space.put(by_row)
         return found
 
     @staticmethod
@@ -184,9 +250,9 @@ class Assembly:
 
     def motion_responses(self) -> MotionResponses:
         """Responses for runs of the same motions with other noise. Raises ValueError for a long run in pieces."""
-        if not all((run, None) in self._cache.pieces for run in range(len(self.runs))) or self.at is None:
+        if not all(run in self._cache.pieces for run in range(len(self.runs))) or self.at is None:
             raise ValueError("a long run is in pieces, which have no sensitivity in common")
-        responses = tuple(self.sheet_responses(self._cache.pieces[run, None]) for run in range(len(self.runs)))
+        responses = tuple(self.sheet_responses(self._cache.pieces[run]) for run in range(len(self.runs)))
         return MotionResponses(self.sensitivities(), responses)
 
     def sensitivities(self) -> tuple[Sensitivity, ...]:
@@ -196,7 +262,7 @@ class Assembly:
             return ()
         return tuple(
             kept.sensitivity
-            if (kept := self._cache.pieces.get((run, None))) is not None and kept.sensitivity is not None
+            if (kept := self._cache.pieces.get(run)) is not None and kept.sensitivity is not None
             else Sensitivity.of(drive.recording, self.physics, at.values, at.spacing)
             for run, drive in enumerate(self.runs)
         )

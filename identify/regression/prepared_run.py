@@ -27,6 +27,7 @@ from lacet.identify.signals.decimation import comb, decimated
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
+from lacet.identify.signals.set_aside import DiskSpace, JoinedOnDisk
 
 PIECE = 60.0
 """Longer runs are worked on in pieces of about this length [s]: memory does not grow with their full-rate motion."""
@@ -109,7 +110,7 @@ class PreparedRun:
     ):  # fmt: skip
         self.recording, self.offset, self._index, self._is_piece = recording, offset, index, is_piece
         self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
-        self._columns: dict[ColumnKey, dict[Row, Array]] = {}
+        self._columns: dict[ColumnKey, Mapping[Row, Array]] = {}
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
@@ -175,12 +176,12 @@ class PreparedRun:
             return _joined(part.measured for part in self.pieces())
         return self.decimated({row: self.motion.measured(row) for row in self.rows})
 
-    def columns(self, effect: PhysicalEffect) -> dict[Row, Array]:
-        """An effect's columns after the parallel filter, at the kept samples: row → (p, n)."""
+    def columns(self, effect: PhysicalEffect) -> Mapping[Row, Array]:
+        """An effect's columns after the parallel filter, at the kept samples: row → (p, n); of a long run on disk."""
         self.prepare([effect])
         return self._columns[column_key(effect)]
 
-    def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> dict[Row, Array]:
+    def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> Mapping[Row, Array]:
         """Columns of a physical effect, or of a sensor fault by its `sensitivity`: row → (p, n); none without one."""
         if (physics := effect.as_physics) is not None:
             return self.columns(physics)
@@ -236,13 +237,14 @@ class PreparedRun:
             return
         if self.is_long:
             # All effects of a piece together, so that its motion is made once.
-            parts = [part.each_column([effect for _, effect in fresh]) for part in self.pieces()]
-            done = [_joined(columns) for columns in zip(*parts, strict=True)]
+            space, effects = DiskSpace(), [effect for _, effect in fresh]
+            parts = [[space.put(columns) for columns in part.each_column(effects)] for part in self.pieces()]
+            done: list[Mapping[Row, Array]] = [JoinedOnDisk(columns) for columns in zip(*parts, strict=True)]
         else:
-            done = self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)
+            done = [*self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)]
         self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
 
-    def each_column(self, effects: Sequence[PhysicalEffect]) -> list[dict[Row, Array]]:
+    def each_column(self, effects: Sequence[PhysicalEffect]) -> list[Mapping[Row, Array]]:
         """`columns` of each of the effects."""
         self.prepare(effects)
         return [self.columns(effect) for effect in effects]

@@ -7,8 +7,8 @@ may stand beside them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from lacet.identify.effects.body.payload import Payload
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
+from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,11 @@ class Zeros:
 
     names: tuple[str, ...]
     sigma: Array
-    columns: dict[Row, Array]
+    columns: Mapping[Row, Array]
+
+    def set_aside(self, space: DiskSpace) -> Zeros:
+        """These zeros with their columns on disk."""
+        return replace(self, columns=space.put(self.columns))
 
 
 def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) -> Zeros:
@@ -64,7 +69,10 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
 
 def joined_zeros(pieces: Sequence[Zeros]) -> Zeros:
     """The zeros of a run from those of its pieces, which are alike."""
-    first = pieces[0]
+    first, parts = pieces[0], [piece.columns for piece in pieces]
+    on_disk = [part for part in parts if isinstance(part, ArraysOnDisk)]
+    if len(on_disk) == len(parts):
+        return Zeros(first.names, first.sigma, JoinedOnDisk(on_disk, axis=0))
     rows = dict.fromkeys(row for piece in pieces for row in piece.columns)
     columns = {row: np.concatenate([p.columns[row] for p in pieces if row in p.columns]) for row in rows}
     return Zeros(first.names, first.sigma, columns)

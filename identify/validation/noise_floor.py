@@ -21,6 +21,7 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
+from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 
 DEFAULT_DRAWS = 199
 """Simulated draws behind a ranking; the smallest possible p is 1 ÷ 200."""
@@ -38,7 +39,8 @@ class RunDraws:
 
     Attributes
     ----------
-    series : row → (d, n) noise after filter and decimation [N or N·m], d ≤ D, the pieces of the run end to end.
+    series : row → (d, n) noise after filter and decimation [N or N·m], d ≤ D, the pieces of the run end to end; of a
+        run in several pieces on disk.
     ends : row → (P,) index one past the last sample of each of its P pieces.
     choice : (P, D) which of the d draws of a piece is part of which of the D.
     """
@@ -62,15 +64,16 @@ class RunDraws:
     @classmethod
     def joined(cls, pieces: Sequence[Mapping[Row, Array]], count: int, rng: np.random.Generator) -> RunDraws:
         """`count` draws from those of the pieces, row → (d, n) each; every draw of a piece is used equally often."""
-        drawn = next(series.shape[0] for piece in pieces for series in piece.values())
+        drawn = next(piece[row].shape[0] for piece in pieces for row in piece)
         if len(pieces) == 1 and drawn == count:
             return cls.of(pieces[0])
         rows = dict.fromkeys(row for piece in pieces for row in piece)
         empty = np.zeros((drawn, 0))
-        each = {row: [piece.get(row, empty) for piece in pieces] for row in rows}
+        space = DiskSpace()
+        parts = [piece if isinstance(piece, ArraysOnDisk) else space.put(piece) for piece in pieces]
         return cls(
-            {row: np.concatenate(parts, axis=1) for row, parts in each.items()},
-            {row: np.cumsum([part.shape[1] for part in parts]) for row, parts in each.items()},
+            JoinedOnDisk(parts),
+            {row: np.cumsum([piece.get(row, empty).shape[1] for piece in pieces]) for row in rows},
             np.stack([rng.permutation(np.arange(count) % drawn) for _ in pieces]),
         )
 
@@ -93,20 +96,39 @@ class RunDraws:
         """The same in another precision."""
         return replace(self, series={row: a.astype(number) for row, a in self.series.items()})
 
+    def set_aside(self) -> RunDraws:
+        """The same with the draws of a run in several pieces on disk, in double precision."""
+        pieces = len(self.choice)
+        if pieces == 1:
+            return self
+        space = DiskSpace()
+        parts = [
+            space.put({row: a[:, self._start(row, k) : self.ends[row][k]] for row, a in self.series.items()})
+            for k in range(pieces)
+        ]
+        return replace(self, series=JoinedOnDisk(parts))
+
+    def _start(self, row: Row, place: int) -> int:
+        """Index of the first sample of a piece."""
+        return int(self.ends[row][place - 1]) if place else 0
+
     def whole(self, row: Row) -> Array:
         """(D, n) draws of a row."""
         if len(self.choice) == 1 and self.drawn == self.count:
             return self.series[row]
-        starts = np.concatenate([[0], self.ends[row][:-1]])
+        series, starts = self.series[row], np.concatenate([[0], self.ends[row][:-1]])
         parts = zip(self.choice, starts, self.ends[row], strict=True)
-        return np.concatenate([self.series[row][choice, start:end] for choice, start, end in parts], axis=1)
+        return np.concatenate([series[choice, start:end] for choice, start, end in parts], axis=1)
 
     def piece(self, row: Row, start: int, end: int) -> tuple[Array, NDArray[np.intp]]:
         """Draws (d, m) of a row's samples from `start` to `end`, of one piece, and their choice (D,)."""
         place = int(np.searchsorted(self.ends[row], start, side="right"))
         if end > self.ends[row][place]:
             raise ValueError(f"samples {start} to {end} of {row} are not of one piece")
-        return self.series[row][:, start:end], self.choice[place]
+        if not isinstance(self.series, JoinedOnDisk):
+            return self.series[row][:, start:end], self.choice[place]
+        first = self._start(row, place)
+        return self.series.parts[place][row][:, start - first : end - first], self.choice[place]
 
 
 def draws_of_piece(draws: int, pieces: int) -> int:
@@ -135,11 +157,14 @@ class NoiseFloor:
     def of(cls, draws: Sequence[RunDraws]) -> NoiseFloor:
         """The noise floor of given draws."""
         rows = dict.fromkeys(row for run in draws for row in run.rows)
-        every = {row: np.concatenate([run.series[row].ravel() for run in draws if row in run.series]) for row in rows}
+
+        def every(row: Row) -> Array:
+            return np.concatenate([run.series[row].ravel() for run in draws if row in run.series])
+
         return cls(
             tuple(draws),
             tuple({row: float(np.sqrt(np.mean(a**2))) for row, a in run.series.items()} for run in draws),
-            {row: float(np.sqrt(np.mean(a**2))) for row, a in every.items()},
+            {row: float(np.sqrt(np.mean(every(row) ** 2))) for row in rows},
             draws[0].count,
         )
 
@@ -174,7 +199,8 @@ def simulate_floor(
     often = [of_piece or draws_of_piece(draws, run.piece_count) for run in runs]
     done, total = itertools.count(1), sum(n * run.piece_count for n, run in zip(often, runs, strict=True))
     for number, count in enumerate(often):
-        found: list[dict[Row, Array]] = []
+        found: list[Mapping[Row, Array]] = []
+        space = DiskSpace()
         for place, (piece, sensitivity) in enumerate(pieces(number)):
             rng = np.random.default_rng([seed, number, place] if place else [seed, number])
             parts: dict[Row, list[Array]] = {row: [] for row in piece.rows}
@@ -183,7 +209,8 @@ def simulate_floor(
                     parts[row].append(series)
                 for _ in next(iter(drawn.values()), ()):
                     progress(Step(Stage.NOISE_FLOOR, next(done), total))
-            found.append({row: np.concatenate(series) for row, series in parts.items()})
+            whole = {row: np.concatenate(series) for row, series in parts.items()}
+            found.append(space.put(whole) if runs[number].is_long else whole)
         out.append(RunDraws.joined(found, draws, np.random.default_rng([seed, number, 0, 29])))
     return NoiseFloor.of(out)
 

@@ -7,7 +7,8 @@ to the sensor sheet's tolerance only. Both are applied to every draw, so that it
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import scipy
@@ -16,6 +17,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
+from lacet.identify.signals.set_aside import DiskSpace, JoinedOnDisk
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 Draws = tuple[Mapping[Row, Array], ...]
@@ -27,24 +29,14 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
 
     `sheet` : draw the sensor sheet's gains and latencies too, one value for all runs of a draw.
     """
-    pieces = [list[Piece]() for _ in fitted.runs]
-    noise = [list[dict[Row, Array]]() for _ in fitted.runs]
-    count = min(drawn.drawn for drawn in floor.draws)
-    for run, drawn in enumerate(floor.draws):
-        start = dict.fromkeys(drawn.rows, 0)
-        for piece in fitted.assembly.pieces_of(run):
-            noises: dict[Row, Array] = {}
-            for row, block in piece.blocks.items():
-                end = start[row] + len(block)
-                noises[row], start[row] = drawn.series[row][:count, start[row] : end], end
-            noise[run].append(_with_tolerances(fitted, piece, noises, seed) if sheet else noises)
-            pieces[run].append(piece.uncached())
+    noise = [_NoisyPieces.of(fitted, floor, run, sheet, seed) for run in range(len(fitted.runs))]
+    count = noise[0].count
     solved: list[tuple[Array, Array, int]] = []
     lower: list[Array] = []
     right: list[Array] = []
     for run, zeros in enumerate(fitted.zeros):
         z = len(zeros[0])
-        factor, c = _triangle(pieces[run], noise[run], fitted.sigma, zeros[1])
+        factor, c = _triangle(noise[run], fitted.sigma, zeros[1])
         solved.append((factor, c, z))
         lower.append(factor[z:, z:])
         right.append(c[z:])
@@ -55,17 +47,49 @@ def refitted_draws(fitted: Fit, floor: NoiseFloor, sheet: bool = True, seed: int
     lengths = np.linalg.norm(A, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     theta = np.asarray(np.linalg.lstsq(A / lengths, np.concatenate(right), rcond=None)[0], float) / lengths[:, None]
-    out: list[dict[Row, Array]] = []
+    out: list[Mapping[Row, Array]] = []
     for run, (factor, c, z) in enumerate(solved):
         right_side = c[:z] - factor[:z, z:] @ theta
         own = np.asarray(scipy.linalg.solve_triangular(factor[:z, :z], right_side), float) if z else right_side
         x = np.concatenate([own, theta])
-        remaining: dict[Row, list[Array]] = {}
-        for piece, draws in zip(pieces[run], noise[run], strict=True):
-            for row, block in piece.blocks.items():
-                remaining.setdefault(row, []).append(draws[row] - (block @ x).T)
-        out.append({row: np.concatenate(series, axis=1) for row, series in remaining.items()})
+        parts = (
+            {row: draws[row] - (block @ x).T for row, block in piece.blocks.items()} for piece, draws in noise[run]
+        )
+        if fitted.runs[run].is_long:
+            space = DiskSpace()
+            out.append(JoinedOnDisk([space.put(part) for part in parts]))
+        else:
+            out.append(next(parts))
     return tuple(out)
+
+
+@dataclass(frozen=True)
+class _NoisyPieces:
+    """The pieces of a run of a fit, each with `count` simulated residuals: row → (count, n); of a long run on disk."""
+
+    fitted: Fit
+    run: int
+    count: int
+    noises: tuple[Mapping[Row, Array], ...]
+
+    @classmethod
+    def of(cls, fitted: Fit, floor: NoiseFloor, run: int, sheet: bool, seed: int) -> _NoisyPieces:
+        """The pieces with as many of the floor's draws as every piece of any run has, and the sheet's tolerances."""
+        count, space, drawn = min(one.drawn for one in floor.draws), DiskSpace(), floor.draws[run]
+        start = dict.fromkeys(drawn.rows, 0)
+        noises: list[Mapping[Row, Array]] = []
+        for piece in fitted.assembly.pieces_of(run):
+            own: dict[Row, Array] = {}
+            for row, block in piece.blocks.items():
+                end = start[row] + len(block)
+                own[row], start[row] = drawn.piece(row, start[row], end)[0][:count], end
+            moved = _with_tolerances(fitted, piece, own, seed) if sheet else own
+            noises.append(moved if piece.number is None else space.put(moved))
+        return cls(fitted, run, count, tuple(noises))
+
+    def __iter__(self) -> Iterator[tuple[Piece, Mapping[Row, Array]]]:
+        # Mapped, so that a piece's arrays are gone before the next piece is read.
+        return zip(self.fitted.assembly.pieces_of(self.run), self.noises, strict=True)
 
 
 def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[Row, Array], seed: int) -> dict[Row, Array]:
@@ -83,16 +107,14 @@ def _with_tolerances(fitted: Fit, piece: Piece, draws: Mapping[Row, Array], seed
     return out
 
 
-def _triangle(
-    pieces: list[Piece], noise: list[dict[Row, Array]], sigma: Mapping[Row, float], priors: Array
-) -> tuple[Array, Array]:
+def _triangle(noise: _NoisyPieces, sigma: Mapping[Row, float], priors: Array) -> tuple[Array, Array]:
     """R factor of a run's weighted columns, zeros first, their priors included, and Qᵀ of the draws."""
     z = len(priors)
-    width = next(iter(pieces[0].blocks.values())).shape[1]
-    count = next(iter(noise[0].values())).shape[0]
-    factor, c = np.zeros((z, width)), np.zeros((z, count))
-    factor[:, :z] = np.diag(1.0 / priors)
-    for piece, draws in zip(pieces, noise, strict=True):
+    factor, c = np.zeros((z, 0)), np.zeros((z, noise.count))
+    for piece, draws in noise:
+        if not factor.shape[1]:
+            factor = np.zeros((z, next(iter(piece.blocks.values())).shape[1]))
+            factor[:, :z] = np.diag(1.0 / priors)
         weight = {row: 1.0 if piece.weights is None else piece.weights[row][:, None] for row in piece.blocks}
         A = np.concatenate([factor, *(weight[row] * block / sigma[row] for row, block in piece.blocks.items())])
         b = np.concatenate([c, *(weight[row] * draws[row].T / sigma[row] for row in piece.blocks)])

@@ -12,9 +12,11 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, joined_zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
+from lacet.identify.signals.set_aside import DiskSpace
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, PiecesOfRun, simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, place_of
 from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness
@@ -112,11 +114,13 @@ def compare_values(
     where they are known.
     """
     found: list[Zeros] = []
+    space = DiskSpace()
 
     def sensitive(_: int) -> Iterator[tuple[PreparedRun, Sensitivity]]:
         """The run's pieces; the zeros of each are found where its sensitivity is at hand."""
         for piece, sensitivity in pieces or run.sensitive_pieces(effects, values):
-            found.append(zeros_of(piece, sensitivity, every=run.is_long))
+            own = zeros_of(piece, sensitivity, every=run.is_long)
+            found.append(own.set_aside(space) if run.is_long else own)
             yield piece, sensitivity
 
     noise = simulate_floor([run], sensitive, draws, seed)
@@ -168,13 +172,26 @@ def profile_zeros(run: PreparedRun, zeros: Zeros, residual: Mapping[Row, Array],
     if not zeros.names:
         return values
     sigma = {row: max(floor[row], float(np.std(residual[row]))) for row in run.rows}
+    columns, right = dict[Row, Array](), dict[Row, Array]()
+    for row in run.rows:
+        columns[row], right[row] = zeros.columns[row], residual[row]
+        if run.is_long:
+            # The triangle of a row's equations has their least squares, and their sum of squares, in z + 1 lines.
+            both = triangle(np.column_stack([columns[row], right[row]]))
+            columns[row], right[row] = both[:, :-1], both[:, -1]
     for _ in range(5):
-        A = np.concatenate([zeros.columns[row] / sigma[row] for row in run.rows] + [np.diag(1.0 / zeros.sigma)])
-        b = np.concatenate([residual[row] / sigma[row] for row in run.rows] + [np.zeros(len(zeros.names))])
+        A = np.concatenate([columns[row] / sigma[row] for row in run.rows] + [np.diag(1.0 / zeros.sigma)])
+        b = np.concatenate([right[row] / sigma[row] for row in run.rows] + [np.zeros(len(zeros.names))])
         values = np.asarray(np.linalg.lstsq(A, b, rcond=None)[0], float)
-        left = {row: residual[row] - zeros.columns[row] @ values for row in run.rows}
-        sigma = {row: max(floor[row], float(np.sqrt(np.mean(left[row] ** 2)))) for row in run.rows}
+        left = {row: right[row] - columns[row] @ values for row in run.rows}
+        squares = {row: _mean(left[row] ** 2, len(residual[row])) for row in run.rows}
+        sigma = {row: max(floor[row], float(np.sqrt(squares[row]))) for row in run.rows}
     return values
+
+
+def _mean(values: Array, count: int) -> float:
+    """The sum of values ÷ a number that may be larger than theirs."""
+    return float(np.mean(values)) if len(values) == count else float(np.sum(values)) / count
 
 
 def score_row(row: Row, measured: Array, residual: Array, floor: float) -> RowScore:

@@ -108,6 +108,7 @@ def _new(args: argparse.Namespace, folder: Path) -> tuple[Study, tuple[str, ...]
         study = Study.create(
             folder, use, hold, find_rig(first, args.rig), find_vehicle(first, args.vehicle), filters, args.draws
         )
+        del first  # The session reads it again; the channels of a long run are not held twice.
         with Line("study") as line:
             session = Session(study, line.progress)
             session.record({}, "base model")

@@ -22,7 +22,7 @@ from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.layout import Layout
 from lacet.identify.selection.columns.run_products import RowProducts, RunProducts
-from lacet.identify.selection.columns.samples import HeldSamples, RunSamples, Samples
+from lacet.identify.selection.columns.samples import Blocks, HeldSamples, RunSamples, Samples
 from lacet.identify.selection.columns.weighted_columns import Weighting, blocks_of
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import NoiseFloor
@@ -74,7 +74,7 @@ class SumsOfRuns:
         rows = products.by_row
         train, test = zip(*(products.fold(fold) for fold in range(SELECTION.folds)), strict=True)
         acting = {row: np.zeros(weighting.layout.width, bool) for row in rows}
-        for block in samples.blocks:
+        for block in samples.blocks.held:
             acting[block.row][block.active] = True
         return cls(
             products.eliminated[1], np.stack(train), np.stack(test),
@@ -186,7 +186,7 @@ def samples_of(
     fitted: Fit, floor: NoiseFloor, weighting: Weighting, run: int, first: int = 0
 ) -> tuple[RunSamples, RunProducts]:
     """Samples of one run of a fit and their sums of products; `first` is the number of its first block."""
-    blocks = tuple(blocks_of(fitted, floor, weighting, run))
+    blocks = Blocks.of(blocks_of(fitted, floor, weighting, run), fitted.runs[run].is_long)
     products = RunProducts.of(blocks, len(fitted.zeros[run][1]), weighting.layout.width, floor.count, first)
     return RunSamples(blocks, products.eliminated[0], products.noise_zeros, first), products
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -34,7 +34,7 @@ class RunProducts:
     noise_squares: Mapping[Row, Array]
 
     @classmethod
-    def of(cls, blocks: Sequence[Block], z: int, w: int, draws: int, first: int = 0) -> RunProducts:
+    def of(cls, blocks: Iterable[Block], z: int, w: int, draws: int, first: int = 0) -> RunProducts:
         """Products of a run's samples.
 
         Parameters
@@ -45,10 +45,13 @@ class RunProducts:
         first : number of the run's first block in the cross-validation of all runs.
         """
         inside = np.zeros((SELECTION.folds, z + w, z + w))
-        by_row = {block.row: np.zeros((z + w, z + w)) for block in blocks}
-        noise = {row: np.zeros((z + w, draws)) for row in by_row}
-        squares = {row: np.zeros(draws) for row in by_row}
+        by_row: dict[Row, Array] = {}
+        noise: dict[Row, Array] = {}
+        squares: dict[Row, Array] = {}
         for block in blocks:
+            if block.row not in by_row:
+                by_row[block.row] = np.zeros((z + w, z + w))
+                noise[block.row], squares[block.row] = np.zeros((z + w, draws)), np.zeros(draws)
             both = np.concatenate([block.zeros, block.columns], axis=1)
             place = np.concatenate([np.arange(z), z + block.active])
             for fold in range(SELECTION.folds):

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -12,8 +12,43 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.selection.columns.weighted_columns import Block
+from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Weighted samples of one run, or of pieces of it, row by row.
+
+    Attributes
+    ----------
+    held : the blocks; of a long run without zeros, columns and draws, which are read when a block is reached.
+    on_disk : zeros, columns and draws of each block; empty where they are held.
+    """
+
+    held: tuple[Block, ...]
+    on_disk: tuple[ArraysOnDisk[str], ...] = ()
+
+    @classmethod
+    def of(cls, blocks: Iterable[Block], is_long: bool) -> Blocks:
+        """Given blocks; those of a long run one after the other to disk."""
+        if not is_long:
+            return cls(tuple(blocks))
+        space, held, on_disk, none = DiskSpace(), list[Block](), list[ArraysOnDisk[str]](), np.zeros((0, 0))
+        for block in blocks:
+            on_disk.append(space.put({"zeros": block.zeros, "columns": block.columns, "draws": block.draws}))
+            held.append(replace(block, zeros=none, columns=none, draws=none))
+        return cls(tuple(held), tuple(on_disk))
+
+    def __iter__(self) -> Iterator[Block]:
+        return self.of_row(None)
+
+    def of_row(self, row: Row | None) -> Iterator[Block]:
+        """The blocks of a row, or all."""
+        for number, block in enumerate(self.held):
+            if row is None or block.row == row:
+                yield replace(block, **self.on_disk[number]) if self.on_disk else block
 
 
 @dataclass(frozen=True)
@@ -28,7 +63,7 @@ class RunSamples:
     first : number of the run's first block in the cross-validation of all runs.
     """
 
-    blocks: tuple[Block, ...]
+    blocks: Blocks
     zero_gain: Array
     noise_zeros: Array
     first: int = 0
@@ -36,12 +71,12 @@ class RunSamples:
     @property
     def block_count(self) -> int:
         """Number of blocks of the cross-validation."""
-        return 1 + max((int(block.number.max()) for block in self.blocks), default=-1)
+        return 1 + max((int(block.number.max()) for block in self.blocks.held), default=-1)
 
     def series(self, coefficients: Array, row: Row | None = None) -> Iterator[tuple[Block, Array]]:
         """For each block, or each of a `row`, (n, k) columns · coefficients (w, k), less their regression on zeros."""
         nuisance = self.zero_gain @ coefficients
-        for block in self.blocks if row is None else [block for block in self.blocks if block.row == row]:
+        for block in self.blocks.of_row(row):
             yield block, block.columns @ coefficients[block.active] - block.zeros @ nuisance
 
     def noise_series(self, coefficients: Array, row: Row) -> Iterator[tuple[Block, Array]]:

@@ -202,7 +202,7 @@ class KeptValues:
                 return tuple(run.of_type(np.float32) for run in made.draws)
 
             single = self._cache.kept("floor", self._key("floor", version), simulated)
-            self._floors[version.number] = NoiseFloor.of([run.of_type(np.float64) for run in single])
+            self._floors[version.number] = NoiseFloor.of([run.of_type(np.float64).set_aside() for run in single])
         self._floors.move_to_end(version.number)
         return self._floors[version.number]
 
