@@ -85,7 +85,7 @@ _RECORDED = (
     # Named by quantity, whatever instrument measures it. No equation uses them; travel stands in for the hub laser.
     ("suspension.{c}.travel", (), "m", "body", 250.0, 0.0003, "suspension travel, compression positive"),
     ("damper.{c}.force", (), "N", "body", 500.0, 20.0, "force in the damper, compression positive"),
-    ("pushrod.{c}.force", (), "N", "body", 500.0, 20.0, "force in the push or pull rod, compression positive"),
+    ("pushrod.{c}.force", (), "N", "body", 500.0, 20.0, "force in the pushrod, compression positive"),
     ("scale.{c}.load", (), "N", "body", 10.0, 20.0, "load on a corner scale"),
     ("hub.{c}.accel", XYZ, "m/s²", "carrier", 500.0, 0.5, "specific force at the wheel carrier"),
     ("steering.angle", (), "rad", "body", 100.0, 0.002, "angle of the steering wheel, left positive"),

@@ -1,7 +1,7 @@
 """Raw bus logs with the owner's DBC: every signal is a name ``Message.Signal``, decoded from all frames at once.
 
 No counter, checksum or status is asked of the bus. Multiplexed and floating-point signals, CAN FD and J1939 (frames
-told by their parameter group) are read.
+distinguished by their parameter group) are read.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lacet.daq.sources.source import Array, Listed, Piece, Series, Source, fault
 _NO_VALUE = re.compile(r"\b(sna|invalid|not[ _]?avail\w*|no[ _]?value|error|fault|undefined|init)\b", re.IGNORECASE)
 """Names of raw values that mean that there is none."""
 _PGN, _PGN_TO_ALL = np.uint32(0x03FFFF00), np.uint32(0x03FF0000)
-"""Bits of a J1939 identifier that tell the parameter group: of a broadcast, and of a message to one receiver."""
+"""Bits of a J1939 identifier that are the parameter group: of a broadcast, and of a message to one receiver."""
 
 
 @dataclass(frozen=True)

@@ -45,7 +45,7 @@ def with_unit(text: str) -> tuple[str, str]:
     return written, ""
 
 
-def looks_like_time(name: str) -> bool:
+def is_time_name(name: str) -> bool:
     """Whether a column's name, in several languages, is that of a time."""
     return _TIME.match(name.strip()) is not None
 
@@ -58,13 +58,13 @@ def find_time(
     By name first, otherwise the first whose values increase all the time. Raises ValueError in words where the one
     asked for is no time.
     """
-    names = [asked] if asked else [name for name in heads if looks_like_time(name)]
+    names = [asked] if asked else [name for name in heads if is_time_name(name)]
     if not asked:
         names += [name for name in heads if name not in names]
     for name in names:
         values = heads[name][np.isfinite(heads[name])]
         rising = values.size > 1 and float(np.mean(np.diff(values) > 0.0)) > 0.9
-        if not rising or (not asked and not looks_like_time(name) and not np.all(np.diff(values) > 0.0)):
+        if not rising or (not asked and not is_time_name(name) and not np.all(np.diff(values) > 0.0)):
             if asked:
                 raise ValueError(f"'{asked}' is no time: its values do not increase")
             continue

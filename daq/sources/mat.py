@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq.sources.columns import find_time, looks_like_time, with_unit
+from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Listed, Reading, fault
 
@@ -90,7 +90,7 @@ class MatSource(SharedSource):
         out: dict[str, Stored] = {}
         for name, leaf in arrays.items():
             last = with_unit(name.rpartition(".")[2])[0]
-            wanted = name in (reading.time, f"{reading.time}") if reading.time else looks_like_time(last)
+            wanted = name in (reading.time, f"{reading.time}") if reading.time else is_time_name(last)
             if leaf.width != 1 or not wanted:
                 continue
             head = {last: leaf.read(0, min(_HEAD, leaf.count), 0)}
@@ -118,7 +118,7 @@ class MatSource(SharedSource):
         full = f"{head}.{short}" if head else short
         if head and last.lower() in _DATA:
             beside = [one.rpartition(".")[2] for one in arrays if one.startswith(f"{head}.")]
-            if sum(not looks_like_time(one) for one in beside) == 1:
+            if sum(not is_time_name(one) for one in beside) == 1:
                 return head, unit or _unit_of(name, texts)
         return full, unit or _unit_of(name, texts)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq.sources.columns import find_time, looks_like_time, with_unit
+from lacet.daq.sources.columns import find_time, is_time_name, with_unit
 from lacet.daq.sources.shares import SharedSource, Stored
 from lacet.daq.sources.source import Array, Listed, Reading, fault
 
@@ -58,7 +58,7 @@ class TdmsSource(SharedSource):
 
     def _time_channel(self, group: str, channels: list[Any], reading: Reading) -> tuple[str, Stored | None]:
         asked = reading.time.rpartition(".")[2] if reading.time else ""
-        named = [c for c in channels if c.name == asked] if asked else [c for c in channels if looks_like_time(c.name)]
+        named = [c for c in channels if c.name == asked] if asked else [c for c in channels if is_time_name(c.name)]
         for channel in named:
             units = {channel.name: str(channel.properties.get("unit_string", "") or with_unit(channel.name)[1])}
             stamps = channel.dtype.kind == "M"

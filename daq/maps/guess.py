@@ -1,0 +1,211 @@
+"""Proposal of a channel map from a log's names, units and the car's behaviour, with a probability for each column.
+
+A column's probability is that of its quantity (words, unit, size) times that of its sign. What two names claim alike is
+claimed by none for sure. How often proposals are right is measured by the tests, on logs they were not made with.
+"""
+
+from __future__ import annotations
+
+import keyword
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lacet.daq.channels import COLUMNS
+from lacet.daq.expressions.functions import FUNCTIONS
+from lacet.daq.maps.behaviour import RATE, Car, on_grid
+from lacet.daq.maps.channel_map import FORMAT
+from lacet.daq.maps.conversion import ALONE
+from lacet.daq.maps.words import Meaning, meanings
+from lacet.daq.sources.source import Array, Series, Source
+from lacet.daq.units import UnitFault, read_unit
+
+ACCEPTED = 0.9
+"""Probability from which a proposal is used without being accepted by the user."""
+LONGEST = 120.0
+"""Length of a log that is looked at [s]."""
+_SIZES: dict[str, tuple[float, float, tuple[str, ...]]] = {
+    # family and component: plausible 95th percentile of the size, SI; units that are tried where the file says none
+    "imu.accel.z": (9.0, 14.0, ("m/s²", "g")), "imu.accel": (0.4, 20.0, ("m/s²", "g")),
+    "imu.rate": (0.01, 2.5, ("rad/s", "deg/s")), "imu.attitude": (0.004, 0.4, ("rad", "deg")),
+    "wheel.force.z": (800.0, 15e3, ("N", "kN", "daN")), "wheel.force": (60.0, 12e3, ("N", "kN", "daN")),
+    "wheel.moment": (8.0, 4e3, ("N·m", "kN·m")), "wheel.speed": (4.0, 250.0, ("rad/s", "1/min")),
+    "suspension.travel": (0.002, 0.15, ("m", "mm")), "laser.hub": (0.05, 0.9, ("m", "mm")),
+    "laser.ground": (0.1, 1.5, ("m", "mm")), "camera.steer": (0.004, 0.7, ("rad", "deg")),
+    "camera.camber": (0.001, 0.12, ("rad", "deg")), "steering.angle": (0.03, 12.0, ("rad", "deg")),
+    "correvit.speed.x": (3.0, 90.0, ("m/s", "km/h")), "car.speed": (3.0, 90.0, ("m/s", "km/h")),
+    "gnss.speed": (3.0, 90.0, ("m/s", "km/h")), "brake.pressure": (2e5, 3e7, ("bar", "Pa")),
+    "engine.speed": (60.0, 900.0, ("rad/s", "1/min")), "engine.throttle": (0.02, 1.0, ("-", "%")),
+}  # fmt: skip
+_NO_UNIT_SURE, _NO_UNIT_OPEN, _UNKNOWN_UNIT = 0.94, 0.6, 0.5
+_UNSEEN_SIGN = 0.8
+"""Probability that a sign whose test the log does not allow is the vocabulary's."""
+_STILL = 0.8
+"""Factor for a name whose values stand still: it could be anything."""
+_TYRE_RADIUS = "0.31 m"
+
+
+@dataclass(frozen=True)
+class Guess:
+    """A name of a log, and what it could be.
+
+    Attributes
+    ----------
+    name, unit : as in the log.
+    rate : samples a second; `low`, `high` : range, in the log's unit; NaN without samples.
+    column, expression : the proposal; empty for none. `said_unit` : unit that it takes, where the log says none.
+    probability : that column, unit and sign are right.
+    """
+
+    name: str
+    unit: str
+    rate: float
+    low: float
+    high: float
+    column: str = ""
+    expression: str = ""
+    said_unit: str = ""
+    probability: float = 0.0
+
+
+def guess(source: Source) -> list[Guess]:
+    """Every name of a log with what it could be, in the log's order. Raises RunError where it cannot be read."""
+    series = _read(source)
+    out = {name: _described(name, source.listed[name].unit, series.get(name)) for name in source.listed}
+    claims: dict[str, list[tuple[float, Guess, Meaning]]] = {}
+    for name, about in out.items():
+        one = series.get(name)
+        if one is None or not len(one.t):
+            continue
+        for meaning in meanings(name):
+            found = _quantity(about, meaning, one)
+            if found.probability > 0.0:
+                claims.setdefault(found.column, []).append((found.probability, found, meaning))
+    chosen: dict[str, tuple[Guess, Meaning]] = {}
+    for column, several in claims.items():
+        several.sort(key=lambda claim: -claim[0])
+        best, rival = several[0], several[1][0] if len(several) > 1 else 0.0
+        share = best[0] / (best[0] + rival) if rival > 0.5 * best[0] else 1.0
+        chosen[column] = (replace(best[1], probability=best[0] * share), best[2])
+    for column, proposal in _signed(chosen, series).items():
+        out[proposal.name] = replace(proposal, column=column)
+    return list(out.values())
+
+
+def map_text(guesses: Sequence[Guess], file: str, accept: bool = False) -> str:
+    """The text of the map: what is probable enough, or all with `accept`; the rest as comments."""
+    proposed = sorted((g for g in guesses if g.column), key=lambda g: list(COLUMNS).index(g.column))
+    used = [g for g in proposed if accept or g.probability >= ACCEPTED]
+    complete = {g.column for g in used}
+    renamed = {c: ALONE[c] for c in complete if c in ALONE and not set(COLUMNS[c][0].columns) <= complete}
+    units = [f'{_key(g.name)} = "{g.said_unit}"' for g in used if g.said_unit]
+    lines = [f'format = "{FORMAT}"', f"# proposed from {file}: look through it, signs first"]
+    if units:
+        lines += ["", "[sources]  # the file has no unit for these", *units]
+    lines += ["", "[channels]"]
+    for g in proposed:
+        comment = "" if g in used else "# "
+        lines.append(
+            f'{comment}"{renamed.get(g.column, g.column)}" = "{g.expression}"  # probability {g.probability:.2f}'
+        )
+    without = [g.name for g in guesses if not g.column]
+    if without:
+        lines += ["", "# without a proposal: " + ", ".join(without)]
+    return "\n".join(lines) + "\n"
+
+
+def _key(name: str) -> str:
+    return '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _read(source: Source) -> dict[str, Series]:
+    """The first seconds of every name."""
+    parts: dict[str, list[Series]] = {}
+    begin = np.inf
+    for piece in source.pieces(list(source.listed)):
+        for name, one in piece.items():
+            if len(one.t):
+                parts.setdefault(name, []).append(one)
+                begin = min(begin, float(one.t[0]))
+        if any(float(one.t[-1]) - begin > LONGEST for one in piece.values() if len(one.t)):
+            break
+    return {
+        name: Series(np.concatenate([one.t for one in some]), np.concatenate([one.values for one in some]))
+        for name, some in parts.items()
+    }
+
+
+def _described(name: str, unit: str, series: Series | None) -> Guess:
+    if series is None or not np.isfinite(series.values).any():
+        return Guess(name, unit, 0.0, np.nan, np.nan)
+    span = float(series.t[-1] - series.t[0])
+    rate = (len(series.t) - 1) / span if span > 0.0 else 0.0
+    return Guess(name, unit, rate, float(np.nanmin(series.values)), float(np.nanmax(series.values)))
+
+
+def _quantity(about: Guess, meaning: Meaning, series: Series) -> Guess:
+    """The guess with the unit that fits and the probability of the quantity, 0 where it cannot be."""
+    channel, component = COLUMNS[meaning.column]
+    part = f".{channel.components[component]}" if channel.components else ""
+    low, high, tried = _SIZES.get(channel.family + part, _SIZES.get(channel.family, (0.0, np.inf, (channel.unit,))))
+    size = float(np.nanpercentile(np.abs(series.values), 95)) if np.isfinite(series.values).any() else 0.0
+    written = _written(about.name)
+    probability, expression, said = meaning.words, written, ""
+    try:
+        unit = read_unit(about.unit) if about.unit else None
+    except UnitFault:
+        unit, probability = None, probability * _UNKNOWN_UNIT
+    if unit is not None:
+        if channel.family == "wheel.speed" and unit.dimension == read_unit("m/s").dimension:
+            expression, probability = f"{written} / {_TYRE_RADIUS}", probability * 0.5
+        elif not unit.fits(channel.unit):
+            return replace(about, column=meaning.column, probability=0.0)
+        elif not 0.05 * low <= unit.factor * size <= 20.0 * high:
+            probability *= 0.7
+    else:
+        fitting = [one for one in tried if low <= read_unit(one).factor * size <= high]
+        said = fitting[0] if fitting else tried[0]
+        probability *= _NO_UNIT_SURE if len(fitting) == 1 else _NO_UNIT_OPEN
+    if float(np.nanstd(series.values)) == 0.0:
+        probability *= _STILL
+    return replace(
+        about, column=meaning.column, expression=expression, said_unit=said, probability=probability
+    )  # fmt: skip
+
+
+def _signed(
+    chosen: Mapping[str, tuple[Guess, Meaning]], series: Mapping[str, Series]
+) -> dict[str, Guess]:  # fmt: skip
+    """The proposals with their signs, judged by all of them together."""
+    begin = max((float(series[g.name].t[0]) for g, _ in chosen.values()), default=0.0)
+    end = min((float(series[g.name].t[-1]) for g, _ in chosen.values()), default=0.0)
+    grid = np.arange(begin, max(begin, end), 1.0 / RATE)
+    columns: dict[str, Array] = {}
+    for column, (one, _) in chosen.items():
+        unit = read_unit(one.said_unit or one.unit) if one.said_unit or one.unit else None
+        factor = unit.factor if unit else 1.0
+        columns[column] = factor * on_grid(*series[one.name], grid)
+    car = Car(columns)
+    if len(grid) > 3:
+        car.find_signs()
+    out: dict[str, Guess] = {}
+    for column, (one, meaning) in chosen.items():
+        sign, sure = car.signs.get(column, (1, 0.0))
+        if not meaning.signed and column not in car.signs:
+            values = series[one.name].values
+            mean = float(np.nanmean(values)) if np.isfinite(values).any() else 0.0
+            sign, sure = (-1, 0.85) if column.endswith(".speed") and mean < 0.0 else (1, 0.99)
+        if sure < _UNSEEN_SIGN and meaning.signed:
+            sign, sure = 1, _UNSEEN_SIGN
+        expression = one.expression if sign > 0 else f"-{one.expression}"
+        out[column] = replace(one, expression=expression, probability=one.probability * max(sure, 0.5))
+    return out
+
+
+def _written(name: str) -> str:
+    """A name as an expression has it: in backquotes where it is no plain word."""
+    plain = re.fullmatch(r"[A-Za-z_]\w*(\.\w+)*", name, re.ASCII)
+    taken = any(part in FUNCTIONS or keyword.iskeyword(part) or part == "pi" for part in name.split("."))
+    return name if plain and not taken else f"`{name}`"

@@ -1,0 +1,79 @@
+"""``lacet map``: propose a channel map for logs that other systems wrote."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from pathlib import Path
+
+from lacet.daq.errors import UsageError
+from lacet.daq.formats.result import DONE, write_result
+from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.guess import ACCEPTED, guess, map_text
+from lacet.daq.sources.open_source import opened
+from lacet.daq.sources.source import Reading
+from lacet.services.render import tables
+
+HELP = "propose a channel map for a log that another system wrote"
+DESCRIPTION = f"""\
+List every name of a log with its unit, rate and range, and propose which channel it is, with a probability: from names
+(several languages' usual words), units, and the car's behaviour (gravity, loads, turns).
+
+  lacet map --guess lap.csv -o map.toml
+  lacet map --guess lap.blf --dbc car.dbc -o map.toml
+  lacet import lap.csv --map map.toml -o lap.mcap
+
+What is below {ACCEPTED} is written as a comment, unless it is accepted with --accept. Docs: own-log.md."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--guess", metavar="FILE", type=Path, required=True, help="log of another system")
+    parser.add_argument("-o", "--output", metavar="MAP", type=Path, help="write the map proposed")
+    parser.add_argument("--dbc", metavar="FILE", type=Path, action="append", default=[], help="a bus's file")
+    parser.add_argument("--read", metavar="MAP", type=Path, help="a map whose [read] says how the log is read")
+    parser.add_argument("--accept", action="store_true", help=f"use proposals below {ACCEPTED}, too")
+    parser.add_argument("--force", action="store_true", help="replace MAP if it exists")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Print names and proposals; write the map."""
+    if args.output is not None and args.output.exists() and not args.force:
+        raise UsageError(f"{args.output} exists: give another name, or --force")
+    for file in args.dbc:
+        if not file.is_file():
+            raise UsageError(f"--dbc {file}: no such file")
+    reading = ChannelMap.load(args.read).reading if args.read else Reading(dbc=tuple(args.dbc))
+    with opened(args.guess, reading) as source:
+        found = guess(source)
+        notes = list(source.notes)
+    rows = [
+        [one.name, one.unit or "–", f"{one.rate:.4g}", _number(one.low), _number(one.high), one.column,
+         one.expression + (f" [{one.said_unit}]" if one.said_unit else ""),
+         f"{one.probability:.2f}" if one.column else ""]
+        for one in found
+    ]  # fmt: skip
+    print(tables.table(["name", "unit", "Hz", "from", "to", "channel", "as", "probability"], rows))
+    for note in notes:
+        print(f"! {note}")
+    likely = sum(one.probability >= ACCEPTED for one in found)
+    open_ = sum(0.0 < one.probability < ACCEPTED for one in found)
+    print(f"{likely} columns at {ACCEPTED} or above, {open_} below (used with --accept only), {len(found)} names")
+    if args.output is not None:
+        dbc = [str(file.resolve()) for file in args.dbc]
+        text = map_text(found, args.guess.name, args.accept)
+        if dbc:
+            text = text.replace("\n\n", "\n\n[read]\ndbc = [" + ", ".join(f'"{one}"' for one in dbc) + "]\n\n", 1)
+        args.output.write_text(text, encoding="utf-8")
+        print(f"map: {args.output}")
+    result = [
+        {"name": one.name, "unit": one.unit, "rate": one.rate, "low": one.low, "high": one.high, "column": one.column,
+         "expression": one.expression, "said_unit": one.said_unit, "probability": one.probability}
+        for one in found
+    ]  # fmt: skip
+    write_result(args.json, "map", {"file": args.guess, "names": result, "map": args.output, "notes": notes})
+    return DONE
+
+
+def _number(value: float) -> str:
+    return "–" if math.isnan(value) else f"{value:.4g}"

@@ -1,0 +1,134 @@
+"""Proposed maps: what is above 0.9 is right, column, unit and sign, on logs that they were not made with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lacet.daq.maps.channel_map import ChannelMap
+from lacet.daq.maps.guess import ACCEPTED, Guess, guess, map_text
+from lacet.daq.maps.words import meanings
+from lacet.daq.sources.open_source import opened
+from lacet.daq.sources.source import Reading
+from lacet.daq.units import read_unit
+from lacet.services.commands.__main__ import main
+from tests.services.commands.test_json import conforms
+from tests.support.foreign_logs import foreign, write_csv
+from tests.support.naming import JUDGED, MADE_WITH, Truth, named_log
+from tests.support.places import HOME
+from tests.support.tables import piece
+
+CAN = HOME / "tests" / "data" / "can"
+
+
+def right(one: Guess, truth: Truth) -> bool:
+    """Whether column, sign and unit of a proposal are those of the name."""
+    sign = -1 if one.expression.startswith("-") else 1
+    factor = read_unit(one.said_unit or one.unit).factor
+    return (one.column, sign) == (truth.column, truth.sign) and factor == pytest.approx(truth.factor)
+
+
+def counted(schemes: dict[str, tuple[str, dict[str, str]]], runs: tuple[str, ...], seeds: int) -> tuple[int, int, int]:
+    """Of many drawn logs: names, proposals above the bar, and how many of these are right."""
+    names = likely = good = 0
+    for scheme in schemes.values():
+        for run in runs:
+            for seed in range(seeds):
+                source, truth = named_log(piece(run, 3.0, 28.0), scheme, seed)
+                for one in guess(source):
+                    names += 1
+                    if one.probability >= ACCEPTED:
+                        likely += 1
+                        good += right(one, truth[one.name])
+    return names, likely, good
+
+
+def test_above_the_bar_at_least_95_percent_are_right_on_names_and_runs_not_seen_before() -> None:
+    """Three naming schemes, signs turned, units drawn or missing, two runs that nothing was set on."""
+    names, likely, good = counted(JUDGED, ("sweep", "liftoff"), 2)
+    assert likely >= 0.15 * names
+    assert good >= 0.95 * likely
+
+
+def test_so_it_is_for_those_it_was_made_with() -> None:
+    names, likely, good = counted(MADE_WITH, ("sine",), 1)
+    assert likely >= 0.4 * names
+    assert good >= 0.95 * likely
+
+
+def test_a_sign_that_is_turned_is_found_by_the_car_s_behaviour() -> None:
+    """All columns with the vocabulary's sign or all against it: the same proposals, with a minus."""
+    source, truth = named_log(piece("sine", 3.0, 28.0), MADE_WITH["short English"], 0)
+    found = {one.name: one for one in guess(source) if one.probability >= ACCEPTED}
+    turned = [name for name in found if truth[name].sign < 0]
+    assert len(turned) >= 3
+    assert all(found[name].expression.startswith("-") for name in turned)
+
+
+def test_without_a_turn_no_lateral_sign_is_sure() -> None:
+    source, _ = named_log(piece("liftoff", 3.0, 28.0), MADE_WITH["short English"], 1)
+    lateral = [one for one in guess(source) if one.column in ("imu.accel.y", "imu.rate.z", "imu.attitude.roll")]
+    assert lateral
+    assert all(one.probability < ACCEPTED for one in lateral)
+
+
+def test_a_real_car_s_bus_is_listed_and_proposed() -> None:
+    """Speeds, throttle and engine for sure; the sign of a turn only where wheel speeds show one."""
+    with opened(CAN / "road-car.candump.log", Reading(dbc=(CAN / "road-car.dbc",))) as source:
+        found = {one.name: one for one in guess(source)}
+    assert len(found) == 20
+    assert found["ID_D1.SPEED"].column == "car.speed"
+    assert found["ID_D1.SPEED"].probability >= ACCEPTED
+    assert found["ID_D0.GYRO_YAW"].column == "imu.rate.z"
+    assert found["ID_D0.STEER_ANGLE"].column == "steering.angle"
+    assert found["ID_D4.WS_FL"].expression == "ID_D4.WS_FL / 0.31 m"
+    assert found["ID_D4.WS_FL"].probability < ACCEPTED  # the radius is not known
+    assert found["ID_140.RPM"].rate == pytest.approx(100.0, rel=0.05)
+    assert found["ID_360.BOOST"].column == ""
+
+
+def test_two_names_that_claim_a_column_alike_are_not_sure(tmp_path: Path) -> None:
+    t = np.arange(0.0, 10.0, 0.01)
+    table = np.column_stack([t, 20 + np.sin(t), 20 + np.cos(t)])
+    np.savetxt(tmp_path / "a.csv", table, "%.6f", ",", header="t,Speed [m/s],VehSpd [m/s]", comments="")
+    with opened(tmp_path / "a.csv") as source:
+        found = guess(source)
+    assert max(one.probability for one in found) < ACCEPTED
+
+
+def test_the_map_written_is_read_and_what_is_not_sure_is_a_comment(tmp_path: Path) -> None:
+    t, columns, _ = foreign(piece("sine", 5.0, 25.0))
+    write_csv(tmp_path / "drive.csv", t, columns)
+    result = tmp_path / "r.json"
+    words = ["map", "--guess", tmp_path / "drive.csv", "-o", tmp_path / "map.toml", "--json", result]
+    assert main(list(map(str, words))) == 0
+    found = conforms(result, "map")
+    sure = {one["column"] for one in found["names"] if one["probability"] >= ACCEPTED}
+    assert len(ChannelMap.load(tmp_path / "map.toml").channels) == len(sure)
+    assert sum(line.startswith('# "') for line in (tmp_path / "map.toml").read_text().splitlines()) > 0
+    assert main([*map(str, words), "--accept", "--force"]) == 0
+    proposed = {one["column"] for one in found["names"] if one["column"]}
+    assert len(ChannelMap.load(tmp_path / "map.toml").channels) == len(proposed)
+    assert main(list(map(str, words))) == 2  # nothing is replaced
+
+
+def test_one_component_alone_goes_to_its_own_channel() -> None:
+    one = Guess("ay", "m/s²", 100.0, -1.0, 1.0, "imu.accel.y", "ay", "", 0.95)
+    assert '"car.lateral_accel" = "ay"' in map_text([one], "a.csv")
+
+
+@pytest.mark.parametrize(("name", "column"), [
+    ("Querbeschleunigung", "imu.accel.y"), ("LongAcc", "imu.accel.x"), ("YawRate", "imu.rate.z"),
+    ("Vitesse_Lacet", "imu.rate.z"), ("Lenkradwinkel", "steering.angle"), ("WhlSpd_FL", "wheel.fl.speed"),
+    ("Federweg_HR", "suspension.rr.travel"), ("Fz_VL", "wheel.fl.force.z"), ("GPS_Speed", "gnss.speed"),
+    ("Bremsdruck", "brake.pressure"), ("Motordrehzahl", "engine.speed"), ("Wheel.RearLeft.ForceX", "wheel.rl.force.x"),
+])  # fmt: skip
+def test_the_usual_words_of_several_languages(name: str, column: str) -> None:
+    assert meanings(name)[0].column == column
+
+
+def test_a_word_that_is_none_means_nothing() -> None:
+    assert meanings("FuelLevel") == []
+    assert meanings("gnss_speed.SpeedAccuracy")[0].words < 0.5
