@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from lacet.daq.channels import CHANNELS, COLUMNS, CORNERS, FAMILIES
+from lacet.daq.channels import COLUMNS as ALL_COLUMNS
+from lacet.daq.channels import CORNERS, FAMILIES
+from lacet.daq.channels import IN_EQUATIONS as CHANNELS
 
+COLUMNS = tuple(column for column, (channel, _) in ALL_COLUMNS.items() if not channel.recorded_only)
+"""Columns that the simulated sensors deliver."""
 AXLES = ("front", "rear")
 ANYWHERE = (*AXLES, *CORNERS)
 

@@ -78,3 +78,25 @@ def test_a_log_without_a_map_is_refused_with_the_way(tmp_path: Path, capsys: pyt
     said = capsys.readouterr().err
     assert "lacet map --guess" in said
     assert "--map map.toml" in said
+
+
+def test_the_workbench_shows_a_raw_bus_log_beside_a_map(tmp_path: Path) -> None:
+    """Files dropped into a study's folder of runs: the log, its DBC, and the map for all of them."""
+    from lacet.services.workbench.run_channels import RunChannels, state_key
+    from lacet.services.workbench.run_files import summary
+    from lacet.services.workbench.uploads import safe_name
+
+    names = ["road-car.candump.log", "road-car.dbc", "map.toml"]
+    assert [safe_name(name) for name in names] == names
+    for name in names[:2]:
+        (tmp_path / name).write_bytes((CAN / name).read_bytes())
+    text = 'format = "lacet-map 1"\n[read]\ndbc = "road-car.dbc"\n[channels]\n"car.yaw_rate" = "GYRO_YAW"\n'
+    (tmp_path / "map.toml").write_text(text)
+    log = tmp_path / names[0]
+    before = state_key(log)
+    found = summary(log, RunChannels(tmp_path))
+    assert [one["name"] for one in found["channel_list"]] == ["car.yaw_rate"]
+    assert found["seconds"] == pytest.approx(12.0, abs=0.1)
+    (tmp_path / "map.toml").write_text(text + '"car.speed" = "SPEED"\n')
+    assert state_key(log) != before  # another map is another run
+    assert len(summary(log, RunChannels(tmp_path))["channel_list"]) == 2
