@@ -23,7 +23,6 @@ LAST_LINES = 3
 """Lines that are kept of what a program that failed said."""
 WELL = (0, 3)
 """Exit codes of a program that did its work; 3: with warnings about the runs."""
-UNLISTED = "unlisted cause"
 
 
 class Failed(Exception):
@@ -74,16 +73,16 @@ def read(study: Path, said: Mapping[str, Any], seconds: float = 0.0) -> Verdict:
     ties: dict[str, list[str]] = {}
     for step in said["steps"]:
         for candidate in step["candidates"]:
-            if candidate["effect"] == step["best"]:
-                ties[step["best"]] = [tie["effect"] for tie in candidate["ties"]]
+            if candidate["effect"] in step["found"]:
+                ties[candidate["effect"]] = [tie["effect"] for tie in candidate["ties"]]
     parameters: dict[str, dict[str, tuple[float, float]]] = {}
     for one in last["result"]["parameters"]:
         if one["effect"] in effects:
             parameters.setdefault(one["effect"], {})[one["name"]] = (one["value"], one["half95_sheet"])
-    unlisted = said["verdict"] == UNLISTED
+    unlisted = bool(said["unlisted"])
     return Verdict(
         effects, {key: ties.get(key, []) for key in effects}, parameters, unlisted,
-        list(said["failing"]) if unlisted else [], _ratios(last), _ratios(first),
+        list(said["unlisted_rows"]), _ratios(last), _ratios(first),
         [{"verdict": s["verdict"], "best": s["best"], "explained": s["explained"]} for s in said["steps"]], seconds,
     )  # fmt: skip
 

@@ -1,14 +1,14 @@
-"""Diagnosis of a fitted model: which effect is missing, from a ranking of all candidates.
+"""Diagnosis of a fitted model: which effects are missing, and what is left that no candidate stands for.
 
-Rows are weighted by the simulated noise floor, the same for all candidates and versions. Parameters of the model,
-sensor zeros of each run and tolerances of the sensor sheet are nuisance, removed from every candidate first (partial
-regression). The rank is the gain in blocked cross-validation; a candidate is proposed only when its score passes the
-max-score statistic of simulated runs that lack nothing (parametric bootstrap), and the gain matters in newtons.
+Rows are weighted by the simulated noise floor. Parameters of the model, sensor zeros of each run and tolerances of the
+sensor sheet are nuisance, removed from every candidate first (partial regression). Candidates that pass the max-score
+statistic of simulated runs (parametric bootstrap) are selected together, with their constants, and fitted; what the
+model with them leaves is judged by one omnibus test, beside the names.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
@@ -17,182 +17,52 @@ import numpy as np
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
-from lacet.identify.regression.sums.linear_fit import FittedModel
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.answers import answered
 from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
-from lacet.identify.selection.forward_selection import best_set, with_ties
+from lacet.identify.selection.joint.alternatives import Alternative, alternatives, confidence_set
 from lacet.identify.selection.joint.shape_constants import refined
-from lacet.identify.selection.joint.subset_search import found_together, strength
-from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
+from lacet.identify.selection.joint.subset_search import Joint, beside_of, continued, found_together, strength
 from lacet.identify.selection.laws.formulas import Formula, propose
-from lacet.identify.selection.relinearisation import relinearise, relinearised_columns, without_fault
-from lacet.identify.selection.score_tests import (
-    Answer,
-    Candidate,
-    Pending,
-    Reason,
-    ScoreTests,
-    implausible,
-    is_significant,
-    judged,
-)
+from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
+from lacet.identify.selection.rest import Rest, acts_on
+from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests, judged
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
 from lacet.identify.validation.noise_floor import NoiseFloor
-
-
-@dataclass(frozen=True)
-class Screening:
-    """Result of one screening of all candidates beside a fit.
-
-    Attributes
-    ----------
-    space : score tests of the candidates.
-    now : lack of fit of the model with the sensor tolerances.
-    ranked : candidates that can be tested, best first; `untestable` the others.
-    best : the first that passes every bar, or None.
-    together : keys of the up to three candidates that together explain most.
-    excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
-        best set takes away.
-    sheet : sensor tolerances that the runs need with the best in the model, or with none.
-    tolerance_exceeded : whether the tolerance test fails, the best explains less than the tolerances, and no other test
-        makes the cause unlisted.
-    not_constant : Chow test of the best where it rejects constant parameters; None elsewhere, and where the cause is
-        unlisted already.
-    unlisted : whether the misfit, the failed tolerance test or the inconstant law has a cause that no candidate is.
-    """
-
-    space: ScoreTests
-    now: LackOfFit
-    ranked: tuple[Candidate, ...]
-    untestable: tuple[Candidate, ...]
-    best: Candidate | None
-    together: tuple[str, ...]
-    excess: float
-    explained: float
-    sheet: ToleranceUse
-    tolerance_exceeded: bool
-    not_constant: ParameterConstancy | None
-    unlisted: bool
-
-    @property
-    def effects(self) -> Mapping[str, Effect]:
-        """Candidates by key."""
-        return self.space.effects
-
-
-def screen(space: ScoreTests, progress: Progress) -> Screening:
-    """Screening of all candidates: their ranks, and whether the best of them explain the misfit."""
-    now = space.residual_beside([])
-    progress(Step(Stage.SCORE_TESTS))
-    all_tried = space.family_wise(space.try_all())
-    progress(Step(Stage.TIES))
-    ranked = _ranked(space, [c for c in all_tried if c.tested])
-    progress(Step(Stage.FORWARD_SELECTION))
-    together = best_set(space, [c.key for c in ranked if implausible(c, space.effects[c.key]) is None])
-    best = next((c for c in ranked if c.answer is Answer.MISSING), None)
-    chosen = [c for c in ranked if c.key in together]
-    excess, explained, unlisted = _explained(space, now, best, chosen, progress)
-    not_constant = None
-    if best is not None and not unlisted:
-        progress(Step(Stage.PARAMETER_CONSTANCY, subject=best.key))
-        found = chow_test(space, best, [c for c in chosen if c.key != best.key])
-        not_constant = found if found is not None and found.rejected else None
-    # Where the tolerances absorb the whole cause no row fails, and some fault is larger than any tolerance.
-    sheet = space.tolerance_use(best.key if best else "")
-    tolerance_exceeded = (
-        not (unlisted or not_constant) and sheet.tolerance_exceeded and (best is None or strength(best) < sheet.excess)
-    )
-    return Screening(
-        space, now, tuple(ranked), tuple(c for c in all_tried if not c.tested), best, tuple(together), excess,
-        explained, sheet, tolerance_exceeded, not_constant, unlisted or tolerance_exceeded or not_constant is not None,
-    )  # fmt: skip
-
-
-def _ranked(space: ScoreTests, tested: Sequence[Candidate]) -> list[Candidate]:
-    """Testable candidates with answers and ties: the strongest first, those explained by chance last."""
-    effects = space.effects
-    ranked = sorted(tested, key=lambda c: (c.p > SELECTION.level(space.draws), -strength(c)))
-    standing_out = {c.key for c in ranked if is_significant(c, effects[c.key], space.draws)}
-    return with_ties([judged(c, effects[c.key], space.draws) for c in ranked], space, standing_out)
-
-
-def _explained(
-    space: ScoreTests, now: LackOfFit, best: Candidate | None, chosen: Sequence[Candidate], progress: Progress
-) -> tuple[float, float, bool]:
-    """Excess of the rows that fail, the part that the best set explains, and whether the cause is unlisted for it.
-
-    `chosen` : candidates of the best set.
-    """
-    # Rows that do not fail have no excess to explain; their scatter would hide that of a small effect.
-    own = [row for row in now.above if best and row in best.rows] or now.above
-    excess = now.excess(own)
-    if not now.above:
-        return excess, 0.0, False
-    # A gap between two values of the grid would leave what looks like another cause.
-    sharper: list[Candidate] = []
-    for c in chosen:
-        progress(Step(Stage.SHAPE_CONSTANTS, subject=c.key))
-        sharper.append(refined(space, c))
-    progress(Step(Stage.LACK_OF_FIT))
-    after = space.residual_beside([replace(space.effects[c.key], shape=c.shape) for c in sharper])
-    explained = (excess - after.excess(own)) / excess
-    chance = max(SELECTION.set_chance, 1.0 / (1.0 + space.floor.count))
-    unlisted = excess_is_coloured(now) and (
-        best is None
-        or (explained < SELECTION.set_share and after.chance(own) <= chance)
-        or strength(best) < SELECTION.own_share * excess
-        or _excess_remains(space, now, after, best, progress)
-    )
-    return excess, explained, unlisted
-
-
-def _excess_remains(space: ScoreTests, now: LackOfFit, after: LackOfFit, best: Candidate, progress: Progress) -> bool:
-    """Whether too much of the excess remains with the best set, beyond noise and the noise through the best effect."""
-    remainder, most = after.excess(now.above), SELECTION.unexplained_share * now.excess(now.above)
-    if after.family > SELECTION.failing_chance or remainder <= most or not excess_is_coloured(after):
-        return False
-    effect = space.best_tests[best.key].trial.effect.as_physics
-    if effect is None:
-        return True
-    progress(Step(Stage.REGRESSOR_NOISE_OF_EFFECT, subject=best.key))
-    c = refined(space, best)
-    law = replace(effect, shape=c.shape)
-    through = space.linearisation.runs.noise_through(law, np.array(c.values), space.floor.sigma, space.noise_ratio)
-    return remainder - sum(max(0.0, through[row]) for row in now.above) > most
 
 
 class Verdict(StrEnum):
     """Verdict of a diagnosis."""
 
     MISSING = "missing"
-    """An effect is proposed."""
+    """Listed effects are missing; something unlisted may be left beside them."""
     NOTHING = "nothing missing"
     UNLISTED = "unlisted cause"
-    """The model fails for a cause that no candidate stands for."""
+    """The model fails for a cause that no candidate stands for, and nothing listed is missing."""
 
 
 @dataclass(frozen=True)
 class Grounds:
-    """Grounds of a verdict, in addition to the numbers of the diagnosis.
+    """Grounds of a verdict, in addition to the numbers of the diagnosis; all of the model with the effects found.
 
     Attributes
     ----------
-    strongest : the strongest candidate that passes every bar, whatever the verdict; None where none does.
     ratios : row → residual ÷ floor with the sensor sheet's tolerances in the model.
-    tolerances : sensor tolerances that the runs need with the strongest in the model.
-    tolerance_exceeded : whether the tolerance test fails and makes the cause unlisted.
-    not_constant : Chow test of the strongest where it rejects constant parameters; None elsewhere.
+    forces : row → RMS of what is left above the floor [N or N·m], and the row's own RMS variation.
+    tolerances : sensor tolerances that the runs need.
+    tolerance_exceeded : whether the sheet would have to be wrong, and no other test makes a cause unlisted.
+    not_constant : candidate → Chow test that rejects that its parameters are the same in all runs.
     """
 
-    strongest: Candidate | None
     ratios: Mapping[Row, float]
+    forces: Mapping[Row, tuple[float, float]]
     tolerances: ToleranceUse
     tolerance_exceeded: bool
-    not_constant: ParameterConstancy | None
+    not_constant: Mapping[str, ParameterConstancy]
 
 
 @dataclass(frozen=True)
@@ -201,27 +71,31 @@ class Diagnosis:
 
     Attributes
     ----------
-    verdict : whether an effect is missing.
-    best : the candidate proposed, or None.
+    verdict : whether listed effects are missing.
+    found : the effects that are missing, the largest first, with sizes of a fit with all of them.
+    unlisted_rows : rows in which the model with those leaves more than chance, inexact laws and the user's effect size
+        allow; `small_rows` those whose rest is less than that.
+    maybe : listed effects that these runs cannot test, and that may be the cause of what is left.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
-    excess : weighted squares above the floor in the rows that fail and the best acts on; `explained` the part that the
-        best set of up to three candidates takes away.
+    excess : weighted squares above the floor in the rows that fail and what is found acts on; `explained` the part that
+        the effects found take away.
     draws : number of noise-floor simulations behind p.
     noise_ratio : row → noise ÷ noise by the sensor sheet, from the residual with all candidates in the model; at
         least 1.
     failing : rows above their floor by more than chance.
-    together : the best set of up to three candidates.
     noise : noise in the columns at the first screening, for the next ranking.
-    found : all effects that are found to be missing, the best first; more than one where only together they explain the
-        misfit.
     grounds : grounds of the verdict.
     effects : key → effect of every candidate that can be computed.
-    formulas : for an unlisted cause, laws that part of the residual follows, best first.
+    formulas : laws that part of an unlisted rest follows, best first.
+    after : the diagnosis of the model with all effects found; None where nothing is found, or it was not made.
     """
 
     verdict: Verdict
-    best: Candidate | None
+    found: tuple[Candidate, ...]
+    unlisted_rows: tuple[Row, ...]
+    small_rows: tuple[Row, ...]
+    maybe: tuple[str, ...]
     candidates: tuple[Candidate, ...]
     ratios: Mapping[Row, float]
     excess: float
@@ -229,17 +103,22 @@ class Diagnosis:
     draws: int
     noise_ratio: Mapping[Row, float]
     failing: tuple[Row, ...]
-    together: tuple[str, ...]
     noise: RegressorNoise = field(repr=False)
     grounds: Grounds = field(repr=False)
     effects: Mapping[str, Effect] = field(repr=False)
     formulas: tuple[Formula, ...] = ()
-    found: tuple[Candidate, ...] = ()
+    after: Diagnosis | None = field(default=None, repr=False)
+
+    @property
+    def best(self) -> Candidate | None:
+        """The largest of the effects found, or None."""
+        return self.found[0] if self.found else None
 
     @property
     def unlisted(self) -> bool:
-        """Whether the model fails for a cause that no candidate stands for."""
-        return self.verdict is Verdict.UNLISTED
+        """Whether something is left that no candidate stands for, alone or beside the effects found."""
+        grounds = self.grounds
+        return bool(self.unlisted_rows or grounds.not_constant) or grounds.tolerance_exceeded
 
 
 def diagnose(
@@ -258,78 +137,49 @@ def diagnose_runs(
     runs: RankedRuns, floor: NoiseFloor, candidates: Sequence[Effect], seed: int = 0,
     noise: RegressorNoise | None = None, progress: Progress = silent,
 ) -> Diagnosis:  # fmt: skip
-    """The same for runs wherever they are; what needs new fits is passed over where these cannot be made."""
+    """The same for runs wherever they are; where these cannot be fitted again, one effect at most is proposed."""
     progress(Step(Stage.SENSOR_TOLERANCES))
-    found, seen = _screened(Linearisation.of_runs(runs, floor), candidates, seed, noise, progress)
-    if fault_may_leave_more(seen) and seen.best is not None and runs.refittable is not None:
-        _, beside = _screened(without_fault(seen.space, seen.best.key, progress), candidates, seed, None, progress)
-        seen = explained_with_fault(seen, beside)
-    best, ranked, failing = (None if seen.unlisted else seen.best), list(seen.ranked), seen.now.above
-    together = _listed_together(seen, seed, progress) if seen.unlisted and runs.refittable is not None else None
-    if together is not None:
-        seen, best = replace(seen, unlisted=False, explained=together.explained, excess=together.excess), None
-        ranked = [*together.found, *(c for c in ranked if c.key not in together.keys)]
-    if best is not None:
-        best = refined(seen.space, best)
-        best = replace(best, reason=judged(best, seen.effects[best.key], seen.space.draws).reason)
-        ranked = [best if c.key == best.key else c for c in ranked]
-    found_all = together.found if together is not None else (best,) if best is not None else ()
-    best = found_all[0] if found_all else None
-    ranked = [_with_final_answer(c, best, [one.key for one in found_all]) for c in ranked]
-    ratios, formulas = runs.row_ratios(floor), list[Formula]()
-    if seen.unlisted:
-        progress(Step(Stage.SYMBOLIC_LAWS))
-        hidden = seen.tolerance_exceeded or not failing
-        formulas = propose(seen.space, _worst(ratios) if hidden else failing)
-    verdict = Verdict.UNLISTED if seen.unlisted else Verdict.MISSING if best is not None else Verdict.NOTHING
-    grounds = Grounds(seen.best, seen.now.ratios, seen.sheet, seen.tolerance_exceeded, seen.not_constant)
-    return Diagnosis(
-        verdict, best, (*ranked, *seen.untestable), ratios, seen.excess, seen.explained, floor.count,
-        seen.space.noise_ratio, failing, together.keys if together is not None else seen.together, found, grounds,
-        seen.effects, tuple(formulas), found_all,
-    )  # fmt: skip
+    columns = relinearised_columns(Linearisation.of_runs(runs, floor), candidates, seed, progress)
+    joint = found_together(ScoreTests(columns, noise, progress), seed, progress)
+    first = joint.first
+    joint, rest = _settled(joint, seed, progress)
+    if runs.refittable is None:
+        found = _one(joint, progress)
+    else:
+        found = tuple(_as_found(joint, effect, draws=first.draws) for effect in joint.effects)
+    return _concluded(runs, floor, joint, rest, found, {e.key: e for e in candidates}, seed, progress)
 
 
-def _screened(
-    linearisation: Linearisation,
-    candidates: Sequence[Effect],
-    seed: int,
-    noise: RegressorNoise | None,
-    progress: Progress,
-) -> tuple[RegressorNoise, Screening]:
-    """Noise in the columns of the first screening, and the last screening, repeated where linearisation may matter."""
-    columns = relinearised_columns(linearisation, candidates, seed, progress)
-    seen = screen(ScoreTests(columns, noise, progress), progress)
-    found = seen.space.noise
-    if linearisation.runs.refittable is None:
-        return found, seen
+def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
+    """The effects found and the rest, searched again where linearisation or the noise floor may matter."""
+    progress(Step(Stage.LACK_OF_FIT))
+    rest = Rest.of(joint.space, joint.laws)
     for closer in (_relinearised, _with_floor_at_tolerances):
-        if _in_doubt(seen):
-            space = seen.space
-            closest = closer(space, progress)
-            if closest is not space.linearisation:
-                # What noise adds cancels in what the model explains at this fit's zeros only.
-                same = space.noise if closest.fitted is space.fitted else None
-                seen = screen(ScoreTests.of(closest, candidates, seed, same, progress), progress)
-    return found, seen
+        if joint.space.linearisation.runs.refittable is None or not _in_doubt(joint, rest):
+            continue
+        space = joint.space
+        closest = closer(space, progress)
+        if closest is not space.linearisation:
+            # What noise adds cancels in what the model explains at this fit's zeros only.
+            same = space.noise if closest.fitted is space.fitted else None
+            tests = ScoreTests.of(closest, list(space.effects.values()), seed, same, progress)
+            tests = tests.given(joint.removed) if joint.removed else tests
+            joint = joint.based_on(tests) if closest.fitted is not space.fitted else joint
+            joint = continued(beside_of(joint, tests, progress), seed, progress)
+            rest = Rest.of(joint.space, joint.laws)
+    return joint, rest
 
 
-def _in_doubt(seen: Screening) -> bool:
-    """Whether a re-linearised screening may change the answer: only where rows fail by little or not at all.
+def _in_doubt(joint: Joint, rest: Rest) -> bool:
+    """Whether latencies of second order, or a floor at other parameters, may change the answer.
 
-    An apparently unlisted cause may be due to latencies or to a noise floor that is too low. A proposed effect may be
-    due to latencies only: it was compared with simulated runs that are as noisy as these.
+    An apparently unlisted cause may be due to either; an effect found to latencies only: it was compared with simulated
+    runs that are as noisy as these.
     """
-    now = seen.now
-    # Sensors louder than their sheet lift all rows; a cause has a colour.
-    noise_ratio = seen.space.noise_ratio if now.above and not excess_is_coloured(now) else dict[Row, float]()
-    if any(now.ratios[row] >= SELECTION.marginal_ratio * noise_ratio.get(row, 1.0) for row in now.above):
-        return False
-    # Latencies may also make a candidate where no row fails.
-    unsure = seen.unlisted and bool(now.above)
-    return unsure or (
-        seen.best is not None and _second_order_squares(seen.space) > SELECTION.second_order_share * strength(seen.best)
-    )
+    if rest.unlisted:
+        return True
+    weakest = min((law.force for law in joint.laws if law.key in joint.keys), default=np.inf)
+    return _second_order_squares(joint.space) > SELECTION.second_order_share * weakest
 
 
 def _second_order_squares(space: ScoreTests) -> float:
@@ -361,105 +211,148 @@ def _with_floor_at_tolerances(space: ScoreTests, progress: Progress) -> Linearis
     return replace(space.linearisation, floor=floor, sums=sheet_products(runs, floor))
 
 
-def fault_may_leave_more(seen: Screening) -> bool:
-    """Whether rows fail for an unlisted cause and the best is a sensor fault, whose first-order column is inexact."""
-    rows_fail = seen.unlisted and not seen.tolerance_exceeded and seen.not_constant is None
-    return rows_fail and seen.best is not None and seen.effects[seen.best.key].as_fault is not None
+def _one(joint: Joint, progress: Progress) -> tuple[Candidate, ...]:
+    """The strongest candidate that passes, where runs cannot be fitted again; none without any."""
+    space = joint.space
+    passing = [judged(c, space.effects[c.key], space.draws) for c in joint.alone if c.tested]
+    best = max((c for c in passing if c.answer is Answer.MISSING), key=strength, default=None)
+    if best is None:
+        return ()
+    progress(Step(Stage.SHAPE_CONSTANTS, subject=best.key))
+    return (refined(space, best),)
 
 
-def explained_with_fault(seen: Screening, beside: Screening) -> Screening:
-    """A screening corrected by `beside`, the screening of the runs with its best, a sensor fault, removed.
+def _as_found(joint: Joint, effect: Effect, draws: int) -> Candidate:
+    """A candidate as missing, with shape constants of `effect`, sizes and intervals of a fit with all found.
 
-    The cause is listed where the fault, alone or with the best set of `beside`, explains as much as any set must.
+    Its ties are the alternatives that are not rejected in its place.
     """
-    assert seen.best is not None
-    before = seen.space.residual_without_tolerance(seen.best.key)
-    whole, gain_test = before.excess(before.above), beside.now.excess(beside.now.above)
-    remainder = gain_test if beside.unlisted else beside.excess * (1.0 - beside.explained)
-    if remainder > (SELECTION.unexplained_share if beside.unlisted else 1.0 - SELECTION.set_share) * whole:
-        return seen
-    together = (seen.best.key,) if beside.unlisted else (seen.best.key, *beside.together)
-    best = _as_fitted(seen.best, beside.space.fitted)
-    return replace(seen, best=best, unlisted=False, excess=whole, explained=1.0 - remainder / whole, together=together)
-
-
-def _as_fitted(fault: Candidate, fitted: FittedModel) -> Candidate:
-    """A sensor fault as candidate, with size and interval from the fit by which it was removed."""
-    (at,) = (i for i, name in enumerate(fitted.model.names) if name.startswith(f"{fault.key}."))
-    wide = np.sqrt(fitted.covariance[at, at] + fitted.covariance_sheet[at, at])
-    return replace(fault, values=(float(fitted.theta[at]),), interval=(SELECTION.interval_quantile * float(wide),))
-
-
-@dataclass(frozen=True)
-class Together:
-    """Effects that together explain what no one of them, nor the first best set, explains.
-
-    Attributes
-    ----------
-    found : the effects as candidates, the strongest first, with sizes of a fit with all of them.
-    excess, explained : as of `Screening`, over the rows that fail.
-    """
-
-    found: tuple[Candidate, ...]
-    excess: float
-    explained: float
-
-    @property
-    def keys(self) -> tuple[str, ...]:
-        """Their keys."""
-        return tuple(c.key for c in self.found)
-
-
-def _listed_together(seen: Screening, seed: int, progress: Progress) -> Together | None:
-    """Several listed effects that explain a misfit with an apparently unlisted cause; None where none do.
-
-    They must explain as much as any set must, and the law of each must be the same in all runs.
-    """
-    if not seen.now.above:
-        return None
-    subset = found_together(seen.space, seed, progress)
-    if not subset.settled:
-        return None
-    # What fails elsewhere is judged with these in the model.
-    acting = frozenset[Row]().union(*(one.rows for one in subset.settled))
-    own = [row for row in seen.now.above if row in acting] or list(seen.now.above)
-    excess, after = seen.now.excess(own), subset.space.residual_beside([])
-    explained = 1.0 - after.excess(own) / excess
-    if explained < 1.0 - SELECTION.unexplained_share:
-        return None
-    settled = sorted(subset.settled, key=lambda one: -one.force)
-    alone = {c.key: c for c in (*seen.ranked, *seen.untestable)}
-    fitted, draws = subset.space.fitted, seen.space.draws
-    found = tuple(_as_found(alone[one.effect.key], one.effect, fitted, draws) for one in settled)
-    progress(Step(Stage.PARAMETER_CONSTANCY, subject=", ".join(c.key for c in found)))
-    for c in found:
-        runs = chow_test(seen.space, c, [other for other in found if other.key != c.key])
-        if runs is not None and runs.rejected:
-            return None
-    return Together(found, excess, explained)
-
-
-def _as_found(c: Candidate, effect: Effect, fitted: FittedModel, draws: int) -> Candidate:
-    """A candidate as missing, with shape constants of `effect`, sizes and intervals of a fit with it."""
+    (c,) = (one for one in joint.alone if one.key == effect.key)
+    if effect in joint.removed:
+        return replace(judged(c, effect, draws), answer=Answer.MISSING, reason=Reason.PASSES)
+    fitted = joint.space.fitted
     at = [fitted.model.names.index(q.name) for q in effect.parameters]
     sigma = np.sqrt(np.diag(fitted.covariance + fitted.covariance_sheet))[at]
+    tried = _alternatives(joint, effect.key)
     return replace(
         c, shape=dict(effect.shape), answer=Answer.MISSING, reason=Reason.PASSES, p=1.0 / (1.0 + draws),
-        values=tuple(map(float, fitted.theta[at])), ties=(),
+        values=tuple(float(x) + joint.sizes.get(effect.key, 0.0) for x in fitted.theta[at]),
         interval=tuple(float(SELECTION.interval_quantile * one) for one in sigma),
+        ties=tuple((one.key, one.correlation) for one in confidence_set(tried, joint.space.draws)),
+        margin=tried[0].margin if tried else None, rival=tried[0].key if tried else "",
     )  # fmt: skip
 
 
-def _with_final_answer(c: Candidate, best: Candidate | None, found: Collection[str]) -> Candidate:
-    """The candidate with its answer by the verdict: missing for those found and those tied with the best."""
-    tied = c.key in dict(best.ties) if best else False
-    if c.answer is Answer.MISSING and not tied and c.key not in found:
-        pending = Pending.UNTIL_BEST_IS_ADDED if best else Pending.NOT_ENOUGH
-    elif c.answer is Answer.NOT_NEEDED and best and tied:
-        pending = Pending.TIED_WITH_BEST
-    else:
-        return c
-    return replace(c, answer=Answer.UNDECIDED, pending=pending)
+def _alternatives(joint: Joint, key: str) -> list[Alternative]:
+    law = next((law for law in joint.laws if law.key == key), None)
+    return [] if law is None else alternatives(joint.space, law)
+
+
+def _concluded(
+    runs: RankedRuns, floor: NoiseFloor, joint: Joint, rest: Rest, found: Sequence[Candidate],
+    candidates: Mapping[str, Effect], seed: int, progress: Progress,
+) -> Diagnosis:  # fmt: skip
+    """The diagnosis of the effects found and the rest that they leave, of all `candidates`."""
+    first = joint.first
+    now = first.residual_beside([])
+    not_constant = _not_constant(joint, rest, found, progress)
+    found = [c for c in found if c.key not in not_constant]
+    judged_rest = runs.refittable is not None or not found
+    unlisted = rest.unlisted if judged_rest else ()
+    force = {law.key: law.force for law in joint.laws}
+    explained_squares = sum(force.get(c.key, strength(c)) for c in found)
+    exceeded = (
+        judged_rest and not (unlisted or not_constant)
+        and rest.sheet.tolerance_exceeded and explained_squares < rest.sheet.excess
+    )  # fmt: skip
+    if exceeded:
+        found = []
+    found = sorted(found, key=lambda c: -force.get(c.key, 0.0))
+    acting = frozenset[Row]().union(*(c.rows for c in found)) if found else frozenset[Row]()
+    own = [row for row in now.above if row in acting] or list(now.above)
+    excess = now.excess(own)
+    explained = 1.0 - rest.lack.excess(own) / excess if found and excess > 0.0 and judged_rest else 0.0
+    formulas = list[Formula]()
+    if (unlisted or exceeded or not_constant) and not found:
+        progress(Step(Stage.SYMBOLIC_LAWS))
+        failing = list(unlisted) or _worst(runs.row_ratios(floor))
+        # Laws that change from run to run are in the last fit, and not in the car.
+        formulas = propose(first if not_constant else joint.space, failing)
+    grounds = Grounds(rest.lack.ratios, rest.forces, rest.sheet, exceeded, not_constant)
+    verdict = Verdict.MISSING if found else Verdict.NOTHING
+    if not found and (unlisted or exceeded or not_constant):
+        verdict = Verdict.UNLISTED
+    diagnosis = Diagnosis(
+        verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
+        _maybe(joint, found, unlisted, candidates), answered(joint, found), runs.row_ratios(floor), excess, explained,
+        floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
+    )  # fmt: skip
+    if not found or not judged_rest or not_constant:
+        return diagnosis
+    return replace(diagnosis, after=_after(joint, rest, candidates, seed, progress))
+
+
+def _after(joint: Joint, rest: Rest, candidates: Mapping[str, Effect], seed: int, progress: Progress) -> Diagnosis:
+    """The diagnosis of the model with all effects found, from the score tests beside them."""
+    space = joint.space
+    alone = Joint(space, joint.beside, space, joint.beside, (), joint.laws)
+    return _concluded(space.linearisation.runs, space.floor, alone, rest, (), candidates, seed, progress)
+
+
+def _not_constant(
+    joint: Joint, rest: Rest, found: Sequence[Candidate], progress: Progress
+) -> dict[str, ParameterConstancy]:
+    """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
+    out: dict[str, ParameterConstancy] = {}
+    standing, first = list(found), joint.first
+    # Where more is left than a law may be inexact, the law may stand in for it: any change from run to run counts.
+    doubted = {
+        law.key
+        for law in joint.laws
+        if rest.lack.excess(law.rows & set(rest.unlisted)) > SELECTION.selected_inexactness**2 * law.force
+    }
+    while standing:
+        rejected: dict[str, ParameterConstancy] = {}
+        for c in standing:
+            progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
+            runs = chow_test(first, c, [other for other in standing if other.key != c.key])
+            if runs is not None and (runs.rejected or (runs.p <= SELECTION.failing_chance and c.key in doubted)):
+                rejected[c.key] = runs
+        if not rejected:
+            break
+        out |= rejected
+        # What these stood for is in the residual again: another stand-in for it changes from run to run with it.
+        standing = [c for c in standing if c.key not in rejected]
+    return out
+
+
+def _maybe(
+    joint: Joint, found: Sequence[Candidate], unlisted: Sequence[Row], candidates: Mapping[str, Effect]
+) -> tuple[str, ...]:
+    """Listed effects that cannot be tested and may be the cause: of what is left, or in place of one found.
+
+    Of what is left those that, with their plausible range as prior, explain as much of it as the best that can be
+    tested, and those that cannot be computed on these runs and act on its rows.
+    """
+    space = joint.space
+    closed = {c.key for c in joint.beside if not c.tested}
+    out = [key for c in found for key, _ in c.ties if key in closed]
+    if unlisted:
+        most = max((c.drop for c in joint.beside if c.tested), default=0.0)
+        out += [key for key in closed & space.best_tests.keys() if _fall_within_range(space, key) >= most]
+        absent = [candidates[key] for key in space.columns.unmeasured]
+        laws = [effect for effect in absent if effect.as_physics is not None]
+        out += [effect.key for effect in laws if any(acts_on(effect, row) for row in unlisted)]
+    return tuple(dict.fromkeys(out))
+
+
+def _fall_within_range(space: ScoreTests, key: str) -> float:
+    """Fall of the weighted squares by a candidate, its plausible range as prior."""
+    trial = space.best_tests[key].trial
+    at, right = trial.place, space.layout.right
+    normal = space.regression.reduced_noisy[at, at] + np.diag([q.prior**-2.0 for q in trial.effect.parameters])
+    score = space.regression.reduced[at, right]
+    return float(score @ np.linalg.solve(normal, score))
 
 
 def _worst(ratios: Mapping[Row, float]) -> list[Row]:

@@ -207,6 +207,34 @@ class GainsTask:
         )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class EnergyTask:
+    """Energy of trials by blocks, as a task for the samples of each run.
+
+    Attributes
+    ----------
+    columns : (w, k) coefficients of the trials' columns, nuisance removed.
+    owner : (k,) number of each column's trial, of `count` trials.
+    """
+
+    columns: Array
+    owner: NDArray[np.intp]
+    count: int
+
+    def of_run(self, run: RunSamples) -> Array:
+        """(2, count) sums over the blocks of one run: of each trial's energy, and of its square."""
+        energy = np.zeros((run.block_count, self.columns.shape[1]))
+        for block, series in run.series(self.columns):
+            np.add.at(energy, block.number, series**2)
+        joined = np.zeros((run.block_count, self.count))
+        np.add.at(joined.T, self.owner, energy.T)
+        return np.stack([joined.sum(axis=0), np.sum(joined**2, axis=0)])
+
+    def merged(self, parts: Sequence[Array]) -> Array:
+        """The sums over several runs."""
+        return np.sum(parts, axis=0)
+
+
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:
     """(w, w) `noise` limited to a share of every direction of the nuisance columns, as it is an estimate from draws."""
     inside = np.ix_(nuisance, nuisance)

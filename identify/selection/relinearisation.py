@@ -1,4 +1,4 @@
-"""Re-linearisation: latencies and faults removed from the runs, where first-order columns are too inexact.
+"""Re-linearisation: latencies removed from the runs, where first-order columns are too inexact.
 
 A latency's column is the rate of the signal: valid as long as ω τ is small up to the fit's cut-off. Beyond, the second
 order of a late instrument (half of ω² τ² of every signal) resembles another effect. So latencies that the runs show
@@ -8,9 +8,8 @@ their priors are still the rig file's latencies.
 Where a model lacks an effect of many floors, latencies move by many tolerances to make up for some of it. Runs are
 linearised again only where one stays far off with the effects in the model that together explain most.
 
-A fault's column is of first order, too, and does not include other effects. A hub laser's scale of 3 % moves its zero
-by 9 mm: with linear springs that is a zero, but a cubic spring in the model gets another stiffness. Of a scale of 9 % a
-part goes into the others' tolerances. In both cases a cause seems unlisted until the fault is removed from the runs.
+A fault's column is of first order, too; a fault that is found is removed from the runs by the fit with it
+(`joint.subset_search`).
 """
 
 from __future__ import annotations
@@ -30,7 +29,6 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.forward_selection import select_forward
 from lacet.identify.selection.lack_of_fit import prior_stiffening
 from lacet.identify.selection.partial_regression import PartialRegression
-from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 
@@ -131,18 +129,3 @@ def _beside_effects(columns: CandidateColumns) -> Array:
 
 def _not_latency(trial: Trial) -> bool:
     return trial.effect.sheet_kind != "latency"
-
-
-def without_fault(space: ScoreTests, key: str, progress: Progress) -> Linearisation:
-    """The runs with a sensor fault of estimated size removed, with a new fit and noise floor.
-
-    Raises ValueError for a fit that cannot be made again here.
-    """
-    before = space.linearisation.runs.refittable
-    if before is None:
-        raise ValueError("these runs cannot be fitted again here")
-    progress(Step(Stage.EFFECT_REMOVED, subject=key))
-    fitted = before.with_effect(space.effects[key])
-    progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=key))
-    floor = space.floor.redrawn(fitted)
-    return replace(Linearisation.of(fitted, floor), latencies=space.linearisation.latencies)

@@ -19,7 +19,6 @@ from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise, regressor_labels
-from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.lack_of_fit import (
     LackOfFit,
     noise_ratios,
@@ -27,7 +26,7 @@ from lacet.identify.selection.lack_of_fit import (
     residual_beside,
     residual_without_tolerance,
 )
-from lacet.identify.selection.partial_regression import BlockGains, GainsTask, PartialRegression, beside
+from lacet.identify.selection.partial_regression import BlockGains, EnergyTask, GainsTask, PartialRegression, beside
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import FaultWithoutTolerance, ToleranceUse, tolerance_use, tolerances_like
 
@@ -36,9 +35,14 @@ class Answer(StrEnum):
     """Answer of a ranking to one candidate: whether the model lacks it."""
 
     MISSING = "missing"
-    """The one proposed, and those tied with it."""
+    """It is found to be missing."""
     UNDECIDED = "undecided"
-    """It helps now, and is judged again once the one proposed is added; or it is not judged yet."""
+    """It could be in the place of one found (`Candidate.stands_for`); or it is not judged yet."""
+    STANDS_IN = "stands in"
+    """It stands out alone, and not beside the effects found: it looks like one of them (`Candidate.stands_for`)."""
+    IMPLAUSIBLE = "implausible size"
+    SMALL = "smaller than asked for"
+    """It is there, and takes away less than asked for, or than the laws found may be inexact."""
     NOT_NEEDED = "not needed"
     NOT_TESTABLE = "not testable"
 
@@ -63,17 +67,12 @@ class Reason(Enum):
     """Its `gain` and `most` are below `least_gain`."""
     IMPLAUSIBLE = auto()
     """A parameter is outside what is plausible on any car."""
+    INEXACT = auto()
+    """It takes away no more than the laws found may be inexact (`law_inexactness`)."""
+    STANDS_IN = auto()
+    """Beside the effects found it takes nothing away that chance does not."""
     PASSES = auto()
     """It passes every bar."""
-
-
-class Pending(Enum):
-    """Why a tested candidate is undecided."""
-
-    UNTIL_BEST_IS_ADDED = auto()
-    NOT_ENOUGH = auto()
-    """It passes every bar and does not explain what fails: the cause is unlisted."""
-    TIED_WITH_BEST = auto()
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,8 @@ class Candidate:
     Attributes
     ----------
     key : key of the effect; `shape` the shape constants that fit best.
-    answer : whether it is missing, with its `reason`; `pending` where a tested one is undecided.
+    answer : whether it is missing, with its `reason`.
+    stands_for : effect found that it looks like; empty without one.
     gain : fall of the weighted squares of its rows in blocked cross-validation, as a share, at most 1; `total_gain`
         the fall of the weighted squares of all rows.
     most : largest such share in a single row.
@@ -95,7 +95,8 @@ class Candidate:
     noise_part : largest share of noise in its columns, where it cannot be tested for that.
     lacks : channels that it needs and a run lacks, where it cannot be computed.
     values : estimates of its parameters [SI], and `interval`, half of their 95 % intervals (independent residuals).
-    ties : candidates that cannot be told apart from it on these runs, with their correlation.
+    ties : candidates that could be in its place on these runs (not rejected by Cox's test), with their correlation.
+    margin : weighted squares that an effect found explains more than its best `rival` in its place; None without one.
     block_gain : (B,) fall of the weighted squares in each block.
 
     Examples
@@ -109,7 +110,7 @@ class Candidate:
     shape: Mapping[str, float]
     answer: Answer = Answer.UNDECIDED
     reason: Reason | None = None
-    pending: Pending | None = None
+    stands_for: str = ""
     rows: tuple[Row, ...] = ()
     gain: float = 0.0
     most: float = 0.0
@@ -125,6 +126,8 @@ class Candidate:
     values: tuple[float, ...] = ()
     interval: tuple[float, ...] = ()
     ties: tuple[tuple[str, float], ...] = ()
+    margin: float | None = None
+    rival: str = ""
     block_gain: Array = field(default_factory=lambda: np.zeros(0), repr=False)
 
     @property
@@ -526,18 +529,19 @@ class ScoreTests:
         Falls are in units of their own mean over simulated and measured runs: with a misfit, where the sheet's priors
         are stiffened, a fault with a wide tolerance would else exceed all physics.
         """
-        tested = [self.best_tests[c.key] for c in found if c.tested]
-        if not tested:
+        falls = {c.key: (self.best_tests[c.key].drop, self.best_tests[c.key].null) for c in found if c.tested}
+        if not falls:
             return list(found)
         # Simulated and measured runs alike: exchangeable when nothing is missing, so that p is exact for any number.
-        means = {one.key: float((np.sum(one.null) + one.drop) / (1 + one.null.size)) for one in tested}
-        worst = np.max([one.null / means[one.key] for one in tested], axis=0)
-        return [
-            replace(c, p=float((1 + np.count_nonzero(worst >= c.drop / means[c.key])) / (1 + worst.size)))
-            if c.tested
-            else c
-            for c in found
-        ]
+        means = {key: _mean(*fall) for key, fall in falls.items()}
+        worst = np.max([null / means[key] for key, (_, null) in falls.items()], axis=0)
+        return [replace(c, p=_p_above(c.drop / means[c.key], worst)) if c.tested else c for c in found]
+
+    def family_wise_of(self, fall: float, null: Array) -> float:
+        """Family-wise p of what is in the model already, by its fall and (D,) that in simulated runs."""
+        others = [one.null / _mean(one.drop, one.null) for one in self.best_tests.values()]
+        mean = _mean(fall, null)
+        return _p_above(fall / mean, np.max([null / mean, *others], axis=0))
 
     def correlation(self, a: str, b: str) -> float:
         """Largest canonical correlation of two candidates, nuisance parameters removed."""
@@ -551,42 +555,23 @@ class ScoreTests:
         return min(1.0, float(np.linalg.svd(np.linalg.solve(B, across.T), compute_uv=False)[0]))
 
 
-@dataclass(frozen=True)
-class EnergyTask:
-    """Energy of trials by blocks, as a task for the samples of each run.
+def _mean(fall: float, null: Array) -> float:
+    """Mean fall over the simulated runs and the measured one."""
+    return float((np.sum(null) + fall) / (1 + null.size))
 
-    Attributes
-    ----------
-    columns : (w, k) coefficients of the trials' columns, nuisance removed.
-    owner : (k,) number of each column's trial, of `count` trials.
-    """
 
-    columns: Array
-    owner: NDArray[np.intp]
-    count: int
-
-    def of_run(self, run: RunSamples) -> Array:
-        """(2, count) sums over the blocks of one run: of each trial's energy, and of its square."""
-        energy = np.zeros((run.block_count, self.columns.shape[1]))
-        for block, series in run.series(self.columns):
-            np.add.at(energy, block.number, series**2)
-        joined = np.zeros((run.block_count, self.count))
-        np.add.at(joined.T, self.owner, energy.T)
-        return np.stack([joined.sum(axis=0), np.sum(joined**2, axis=0)])
-
-    def merged(self, parts: Sequence[Array]) -> Array:
-        """The sums over several runs."""
-        return np.sum(parts, axis=0)
+def _p_above(fall: float, worst: Array) -> float:
+    return float((1 + np.count_nonzero(worst >= fall)) / (1 + worst.size))
 
 
 def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
-    """A tested candidate with its answer, missing or not needed, and the reason; p is from `draws` simulated runs."""
+    """A tested candidate by itself with its answer and the reason; p is from `draws` simulated runs."""
     if c.p > SELECTION.level(draws):
         return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
     if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
-        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.LITTLE)
+        return replace(c, answer=Answer.SMALL, reason=Reason.LITTLE)
     if implausible(c, effect) is not None:
-        return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.IMPLAUSIBLE)
+        return replace(c, answer=Answer.IMPLAUSIBLE, reason=Reason.IMPLAUSIBLE)
     return replace(c, answer=Answer.MISSING, reason=Reason.PASSES)
 
 

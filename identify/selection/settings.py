@@ -38,6 +38,9 @@ class SelectionSettings:
     least_gain: float = 0.01
     """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].
     Source: method section 6, step 7; docs/decisions/ranking.md, "A gain of 1 %"."""
+    effect_size: float = 0.01
+    """The user's effect size: RMS force of a rest ÷ RMS variation of the force in its row [share]. What is less is told
+    as small, and is no unlisted cause. Source: a choice of the user; docs/ranking.md."""
     least_coverage: float = 3.0
     """Effective number of blocks (Σe)²/Σe² in which a candidate must act [blocks]. Source: method section 6, step 3."""
     least_size: float = 8.0
@@ -75,26 +78,13 @@ class SelectionSettings:
 
     # -- when the cause is called unlisted -----------------------------------------------------------------------------
 
-    most_together: int = 3
-    """Effects tried together before a cause is called unlisted [count]. Source: docs/ranking.md, step 9."""
-    set_share: float = 0.75
-    """Part of the excess of its rows that the best set must explain, else the cause is not listed [share]. Source:
-    benchmark; docs/ranking.md, step 9."""
-    set_chance: float = 0.01
-    """The same only where no more of simulated runs leave as much [probability]. Source: benchmark;
-    docs/decisions/ranking.md, "One in a hundred, not in twenty"."""
-    own_share: float = 0.3
-    """Part of that excess that the proposed effect must take away itself: of three alike each has a third [share].
-    Source: benchmark; docs/decisions/ranking.md, "The one proposed must matter itself"."""
-    unexplained_share: float = 0.15
-    """Part of all excess that may stay behind the best set; more, and no noise, has an unlisted cause [share]. Source:
-    benchmark; docs/decisions/ranking.md, "Unlisted"."""
     tolerance_squares_ratio: float = 2.0
     """The tolerance test fails from this many times the mean of the squared tolerances in simulated runs [ratio].
     Source: benchmark; docs/decisions/ranking.md, "A sheet that would have to be wrong"."""
     worst_rows_share: float = 0.5
     """Where no row fails beside the tolerances: rows for which laws are sought have this part of the squares above the
     floor that the worst row has [share]. Source: a choice, not tuned."""
+
     most_laws: int = 3
     """Simple laws described for an unlisted cause [count]. Source: a choice of presentation."""
 
@@ -111,22 +101,11 @@ class SelectionSettings:
     chow_noise_pairs: int = 1
     """Antithetic pairs of draws of the noise in each run's columns [count]. Source: processor time."""
 
-    # -- ties and shape constants --------------------------------------------------------------------------------------
+    # -- shape constants and rivals ------------------------------------------------------------------------------------
 
-    tied_significance: float = 0.05
-    """Paired block losses that do not differ at this level are a tie [probability]. Source: F. Wilcoxon, Individual
-    comparisons by ranking methods, Biometrics Bulletin 1 (1945), at the usual 5 %."""
-    tied_correlation: float = 0.5
-    """Canonical correlation that tied candidates have at least: unlike effects that are both missing are no tie
-    [correlation]. Source: benchmark."""
     same_correlation: float = 0.98
-    """Canonical correlation from which two candidates are one law on these runs (a rebound stop, a helper spring in
-    tension) [correlation]. Source: docs/decisions/ranking.md, "One law, two names"."""
-    same_loss: float = 1e-6
-    """Part of the largest block loss below which two losses are equal [share]. Source: numerical."""
-    least_tied_blocks: int = 6
-    """Fewer blocks that differ are too few for signed ranks to be significant at 5 % [count]. Source: exact
-    distribution of Wilcoxon's statistic (2 · 2⁻⁶ is the first below 5 %)."""
+    """Canonical correlation from which two laws are one on these runs (a rebound stop, a helper spring in tension)
+    [correlation]. Source: a choice; benchmark."""
     rival_share: float = 0.5
     """Part of an effect's fall of the weighted squares from which a candidate, on its grid, may be its rival [share].
     Source: processor time."""
@@ -144,6 +123,9 @@ class SelectionSettings:
 
     # -- re-linearisation at late instruments --------------------------------------------------------------------------
 
+    most_beside_latencies: int = 3
+    """Effects taken into account where latencies are estimated before the first screening [count]. Source: processor
+    time; docs/decisions/clocks.md."""
     first_order_phase: float = 0.15
     """ω τ at the fit's cut-off up to which a latency's first-order column is right [rad]. Source:
     docs/decisions/clocks.md, "A rate is a latency only as long as ω τ is small"."""
@@ -153,9 +135,6 @@ class SelectionSettings:
     """ω τ of the longest step of a re-linearisation [rad]: beyond, the sine bends back. Source: numerical."""
     most_relinearisations: int = 5
     """Steps of a re-linearisation [count]. Source: docs/decisions/clocks.md."""
-    marginal_ratio: float = 1.25
-    """Residual ÷ floor up to which latencies of one tolerance, or a floor at other parameters, may explain a failing
-    row: only then is a screening repeated at both [ratio]. Source: docs/decisions/clocks.md."""
     second_order_share: float = 0.25
     """Part of what a candidate takes away that the second order of latencies may be, before its screening is repeated
     [share]. Source: docs/decisions/clocks.md."""
@@ -172,9 +151,6 @@ class SelectionSettings:
     docs/decisions/ranking.md, "Noise in the columns"."""
     noise_seconds: float = 180.0
     """Of more data than this, pieces are left out of those draws [s]. Source: processor time."""
-    law_noise_draws: int = 2
-    """Draws of the noise that a law to be added brings into its rows [count]. Source: processor time;
-    docs/decisions/ranking.md, "A law brings its own noise"."""
     most_noise_of_direction: float = 0.8
     """No more of a direction of the nuisance columns is counted as noise: it is drawn, not known [share]. Source:
     benchmark; docs/decisions/ranking.md, "Noise in the columns"."""

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect, PhysicalEffect
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Unmeasured
@@ -34,8 +35,6 @@ from lacet.services.campaign.ranking_tasks import (
     ColumnNoiseAt,
     Draws,
     FitAt,
-    NoiseThroughAt,
-    PlainEffect,
     PlainWeighting,
     ProductsAt,
     RunSurvey,
@@ -158,6 +157,11 @@ class CampaignRanking:
         found = row_ratios(self.found.scores)
         return {row: found[str(row)] for row in floor.sigma if str(row) in found}
 
+    def row_variations(self) -> Mapping[Row, float]:
+        """Row → RMS variation of what is measured in it [N or N·m], from the scores of the runs."""
+        rows = {name: score for scores in self.found.scores.values() for name, score in scores.items()}
+        return {Row.parse(name): _variation(name, self.found.scores.values()) for name in rows}
+
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
         return {effect.key: lack for effect in effects if (lack := self.survey.lacks.get(effect.key)) is not None}
@@ -200,13 +204,6 @@ class CampaignRanking:
         state = ColumnNoiseAt(self.plain, Draws(0, 0), PlainWeighting.of(sums.weighting), dict(sigma), pairs)
         return self.reduce(state, added, "noise in the columns", [self.references[run] for run in chosen])
 
-    def noise_through(
-        self, effect: PhysicalEffect, values: Array, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float]
-    ) -> Mapping[Row, float]:
-        """Weighted squares that noise adds to the residual through an effect."""
-        state = NoiseThroughAt(self.plain, PlainEffect.of(effect), values, dict(sigma), dict(noise_ratio))
-        return {**dict.fromkeys(sigma, 0.0), **self.reduce(state, added, "noise through a law")}
-
     @property
     def references(self) -> list[RunReference]:
         """The runs as the workers find them."""
@@ -218,6 +215,16 @@ class CampaignRanking:
         """The sums of all runs, or of some, merged; they are not kept: the products of one run are 20 MB."""
         settings = replace(self.found.campaign.settings, store="")
         return self.cluster.reduce(self.references if runs is None else runs, settings, state, how, what)
+
+
+def _variation(row: str, runs: Iterable[Mapping[str, Mapping[str, Any]]]) -> float:
+    """RMS variation of a row over runs; the variance accounted for is that of the residual, taken from one."""
+    squares = [
+        (score["rms"] ** 2, 1.0 - score["vaf"] / 100.0)
+        for scores in runs
+        if (score := scores.get(row)) is not None
+    ]  # fmt: skip
+    return float(np.sqrt(np.mean([rms / left for rms, left in squares if left > 0.0])))
 
 
 def diagnose_campaign(cluster: Cluster, found: CampaignFit, draws: int = DEFAULT_DRAWS) -> Diagnosis:

@@ -18,7 +18,7 @@ from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import SumsOfRuns, samples_of
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.regressor_noise import noise_of_run, noise_through_effect
+from lacet.identify.selection.columns.regressor_noise import noise_of_run
 from lacet.identify.selection.columns.samples import SampleTask
 from lacet.identify.selection.columns.weighted_columns import Weighting
 from lacet.identify.validation.noise_floor import NoiseFloor, RunDraws, simulate_floor
@@ -234,23 +234,6 @@ class ColumnNoiseAt(WeightedAt):
         fit, weighting = self.fit.fit(run), self.weighting(run)
         samples, _ = samples_of(fit, self.floor(fit, run), weighting, 0)
         return noise_of_run(fit, weighting, samples.zero_gain, self.sigma, 0, self.pairs)
-
-
-@dataclass(frozen=True)
-class NoiseThroughAt(_OfSelection):
-    """Weighted squares that noise adds to a run's residual through an effect; as `noise_through_effect`."""
-
-    fit: FitAt
-    effect: PlainEffect
-    values: Array
-    sigma: Mapping[Row, float]
-    noise_ratio: Mapping[Row, float]
-
-    def sums(self, run: SingleRun) -> dict[Row, float]:
-        """Row → squares."""
-        law = self.effect.among(run.settings.known_effects()).as_physics
-        assert law is not None
-        return noise_through_effect(self.fit.fit(run), self.sigma, self.noise_ratio, law, self.values)
 
 
 def added(parts: Sequence[Mapping[Row, Any]]) -> dict[Row, Any]:

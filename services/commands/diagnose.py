@@ -23,12 +23,14 @@ from lacet.services.workspace.study import Study
 HELP = "find out which physical effect is missing"
 DESCRIPTION = """\
 Every effect of the catalogue, and every sensor fault, is tried on top of the study's present model and ranked by how
-much of the error it takes away from parts of the runs it was not fitted to. It is proposed only when simulated runs
-that lack nothing never look like that by chance. Each effect gets one answer: missing, not needed, or not testable
-with these runs (undecided: judged again once the first is added). Held-out runs are not looked at.
+much of the error it takes away from parts of the runs it was not fitted to. All that are missing are searched
+together: one is named only when simulated runs that lack it never look like that. Each effect gets one answer:
+missing, stands in for one that is, implausible size, smaller than asked for, not needed, or not testable with these
+runs (undecided: it could be in the place of one found). What is left beside the names, and is not listed, is told with
+its rows. Held-out runs are not looked at.
 
   lacet diagnose DIR             rank once
-  lacet diagnose DIR --auto      add the first, fit again, and so on until nothing is missing
+  lacet diagnose DIR --auto      add all that is found, until nothing is missing
   lacet diagnose DIR --why       the reason for every answer
   lacet diagnose DIR --next      which run distinguishes the first from those it is tied with
   lacet diagnose DIR --next spring_cubic.front bump_stop.front

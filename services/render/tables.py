@@ -190,13 +190,16 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
     lines = [
         [
             c["effect"], c["answer"], f"{100 * c['gain']:.1f}", f"{c['gain_rms']:.3g}", f"{c['p']:.3f}",
+            "-" if c["margin"] is None else f"{c['margin']:.3g}",
             f"{c['coverage']:.0f}", ", ".join(t["effect"] for t in c["ties"]) or "-",
         ]
         for c in result["candidates"]
         if c["answer"] != "not testable"
     ][:most]  # fmt: skip
     text = table(
-        ["effect", "answer", "gain %", "gain N", "p", "blocks", "cannot be told apart from"], lines, text_columns=2
+        ["effect", "answer", "gain %", "gain N", "p", "margin", "blocks", "cannot be told apart from"],
+        lines,
+        text_columns=2,
     )
     rest = [c["effect"] for c in result["candidates"] if c["answer"] == "not testable"]
     if rest:

@@ -9,9 +9,10 @@ import numpy as np
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
-from lacet.identify.selection.score_tests import Answer, Candidate, Pending, Reason, implausible, is_significant
+from lacet.identify.selection.score_tests import Answer, Candidate, Reason, implausible, is_significant
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import not_measured
@@ -19,26 +20,25 @@ from lacet.services.render.effect_text import not_measured
 
 def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
-    if len(d.found) > 1:
-        return _several(d)
-    if d.best is not None:
-        return _missing(d, d.best)
-    return _unlisted(d) if d.unlisted else _nothing(d)
+    if d.found:
+        text = _missing(d) if len(d.found) == 1 else _several(d)
+        return f"{text}{_left(d)}{_small(d)}{_maybe(d)}"
+    return f"{_unlisted(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
 
 
 def why(d: Diagnosis, c: Candidate) -> str:
     """The reason of a candidate's answer, in plain sentences with numbers."""
+    found = next((one for one in d.found if one.key == c.key), None)
+    if found is not None:
+        return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
-    best = d.best.key if d.best else ""
-    match c.pending:
-        case None:
-            return text
-        case Pending.UNTIL_BEST_IS_ADDED:
-            return f"{text} It is judged again once {best} is added."
-        case Pending.NOT_ENOUGH:
-            return f"{text} It does not explain what is left."
-        case Pending.TIED_WITH_BEST:
-            return f"{text} But it cannot be told apart from {best}."
+    if c.answer is not Answer.UNDECIDED:
+        return text
+    if c.stands_for:
+        return f"{text} It cannot be told apart from {c.stands_for}."
+    return (
+        f"{text} It is judged again once {d.found[0].key} is added." if d.found else f"{text} It explains too little."
+    )
 
 
 def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
@@ -54,12 +54,40 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
         case Reason.CHANCE:
             return f"{takes} Not needed: {chance}, more than {SELECTION.level(draws):.2g}."
         case Reason.LITTLE:
-            return f"{takes} Not needed: less than {100 * SELECTION.least_gain:g} % of any row, though {chance}."
+            least = 100 * SELECTION.least_gain
+            return f"{takes} Smaller than asked for: less than {least:g} % of any row, though {chance}."
+        case Reason.INEXACT:
+            return (
+                f"{takes} Smaller than asked for: beside the effects found it takes no more than their laws may be "
+                f"inexact ({100 * SELECTION.law_inexactness:g} % of their force)."
+            )
+        case Reason.STANDS_IN:
+            return f"{takes} It stands in for {c.stands_for}: with that in the model chance does as well."
         case Reason.IMPLAUSIBLE:
             wrong = _implausible(c, effect)
-            return f"{takes} Not needed: {wrong}, which no car has; something else looks like it ({chance})."
+            return f"{takes} Implausible size: {wrong}, which no car has; something else looks like it ({chance})."
+        case _ if c.answer is Answer.MISSING:
+            return f"{takes} Its size is {sizes(c, effect.parameters)} (95 %); {chance}."
         case _:
-            return f"{takes} Its size would be {sizes(c, effect.parameters)}; {chance}."
+            return (
+                f"{takes} Alone its size would be about {_about(c, effect.parameters)}, which other missing effects "
+                f"may still move; {chance}."
+            )
+
+
+def _about(c: Candidate, parameters: Sequence[Parameter]) -> str:
+    """A candidate's parameters without intervals: estimated beside a model that lacks others."""
+    parts = [f"{_last(q)} = {value:.3g} {q.unit}" for q, value in zip(parameters, c.values, strict=True)]
+    return ", ".join([*parts, *(f"{name} {value:.3g} (SI)" for name, value in c.shape.items())])
+
+
+def _rivals(c: Candidate) -> str:
+    """What could be in the place of an effect found, or by how much it explains more than its best rival."""
+    if c.ties:
+        return f" It cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs."
+    if c.margin is None:
+        return ""
+    return f" It explains {c.margin:.3g} weighted squares more than {c.rival}, the best in its place."
 
 
 def sizes(c: Candidate, parameters: Sequence[Parameter]) -> str:
@@ -133,18 +161,65 @@ def _implausible(c: Candidate, effect: Effect) -> str:
 # -- the verdict -------------------------------------------------------------------------------------------------------
 
 
-def _missing(d: Diagnosis, best: Candidate) -> str:
-    tied = f" It cannot be told apart from {', '.join(key for key, _ in best.ties)} on these runs." if best.ties else ""
-    return f"{best.key} is missing. {why(d, best)}{tied}"
+def _missing(d: Diagnosis) -> str:
+    (c,) = d.found
+    return f"{c.key} is missing. {why(d, c)}"
 
 
 def _several(d: Diagnosis) -> str:
     *first, last = [c.key for c in d.found]
     each = "; ".join(f"{c.key}: {sizes(c, d.effects[c.key].parameters)}" for c in d.found)
+    share = f" they explain {100 * d.explained:.0f} % of what is above the noise floor in {_listed(d.failing)}"
+    tied = "".join(
+        f" {c.key} cannot be told apart from {', '.join(key for key, _ in c.ties)} on these runs."
+        for c in d.found
+        if c.ties
+    )
     return (
-        f"{', '.join(first)} and {last} are missing: added together they explain {100 * d.explained:.0f} % of what is "
-        f"above the noise floor in {_listed(d.failing)}. Their sizes, from a fit with all of them (95 %, tolerances of "
-        f"the sensors included): {each}."
+        f"{', '.join(first)} and {last} are missing{f': added together{share}' if d.failing else ''}. Their sizes, "
+        f"from a fit with all of them (95 %, tolerances of the sensors included): {each}.{tied}"
+    )
+
+
+def _left(d: Diagnosis) -> str:
+    """What is left beside the effects found; empty where nothing is."""
+    grounds, out = d.grounds, ""
+    for key, runs in grounds.not_constant.items():
+        out += f" {_not_constant(d, key, runs)}"
+    if grounds.tolerance_exceeded:
+        out += f" {_tolerance_exceeded(grounds)}"
+    if d.unlisted_rows:
+        rows = ", ".join(f"{row} at {grounds.ratios[row]:.2f}" for row in d.unlisted_rows[: SELECTION.most_reported])
+        more = len(d.unlisted_rows) - SELECTION.most_reported
+        out += (
+            f" And something that is not listed is left in {rows}{f' and {more} more rows' if more > 0 else ''} "
+            f"(÷ floor, with all these in the model)."
+        )
+    return out
+
+
+def _small(d: Diagnosis) -> str:
+    """Rests that are less than the user's effect size, or than the laws found may be inexact."""
+    if not d.small_rows:
+        return ""
+    forces = d.grounds.forces
+    rows = ", ".join(f"{row} {forces[row][0]:.2g} {row.unit} RMS" for row in d.small_rows[: SELECTION.most_reported])
+    return (
+        f" What is left above the floor is small: {rows}, less than {100 * SELECTION.effect_size:g} % of the row, or "
+        f"than the laws found may be inexact."
+    )
+
+
+def _maybe(d: Diagnosis) -> str:
+    """Listed effects that cannot be tested and may be the cause."""
+    if not d.maybe:
+        return ""
+    shown = "; ".join(
+        f"{key} ({d.effects[key].shown_by})" if key in d.effects else key for key in d.maybe[: SELECTION.most_reported]
+    )
+    return (
+        f" These runs cannot test {shown}: as far as they tell it may be the cause. What shows it tells "
+        f"(lacet diagnose --next {d.maybe[0]})."
     )
 
 
@@ -152,50 +227,38 @@ def _unlisted(d: Diagnosis) -> str:
     grounds = d.grounds
     if grounds.tolerance_exceeded:
         return _with_law(_tolerance_exceeded(grounds), d.formulas)
-    if grounds.not_constant is not None and grounds.strongest is not None:
-        return _with_law(_not_constant(d, grounds, grounds.strongest), d.formulas)
-    text = _lack_of_fit(d, grounds)
+    if grounds.not_constant and not d.unlisted_rows:
+        text = " ".join(_not_constant(d, key, runs) for key, runs in grounds.not_constant.items())
+        return _with_law(text, d.formulas)
+    worst = d.unlisted_rows[0]
+    text = (
+        f"The model fails ({worst} at {grounds.ratios[worst]:.2f} times its floor) and the cause is not listed: no "
+        f"effect of the catalogue explains it with a plausible size, beyond chance, and the rest is no noise."
+    )
+    text += "".join(f" {_not_constant(d, key, runs)}" for key, runs in grounds.not_constant.items())
     if not d.formulas:
         return f"{text} No law of the measured states describes it: it may depend on something that is not measured."
     return _with_law(text, d.formulas)
 
 
-def _lack_of_fit(d: Diagnosis, grounds: Grounds) -> str:
-    strongest, ratios = grounds.strongest, grounds.ratios
-    worst = max(d.failing, key=lambda row: ratios[row])
-    own = [row for row in d.failing if strongest and row in strongest.rows] or d.failing
-    where = f" in {', '.join(own)}" if len(own) < len(d.failing) else ""
-    text = (
-        f"The model fails ({worst} at {ratios[worst]:.2f} times its floor) and the cause is not listed: the best "
-        f"set of effects of the catalogue ({', '.join(d.together) or 'none'}) explains "
-        f"{100 * max(0.0, d.explained):.0f} % of what is above the floor{where}, and the rest is no noise."
-    )
-    if strongest and where and d.explained >= SELECTION.set_share:
-        text += f" Of these rows {strongest.key} may be the cause: add it, and see what the others still lack."
-    return text
-
-
 def _tolerance_exceeded(grounds: Grounds) -> str:
-    use, strongest = grounds.tolerances, grounds.strongest
-    beside = f"Beside {strongest.key}, the best of the catalogue, the" if strongest else "The"
+    use = grounds.tolerances
     return (
-        f"{beside} model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(use.sizes)}). "
+        f"The model fits these runs only if the sensor sheet is wrong (in tolerances: {_off(use.sizes)}). "
         f"The squares of all but latencies sum to {use.squares:.0f}, in simulated runs that lack nothing to "
         f"{np.mean(use.null):.0f} and never above {np.max(use.null):.0f}. Either several instruments are off "
         f"(calibrate them, or write their true tolerances into the rig file), or the cause is not listed."
     )
 
 
-def _not_constant(d: Diagnosis, grounds: Grounds, law: Candidate) -> str:
-    runs = grounds.not_constant
-    assert runs is not None
+def _not_constant(d: Diagnosis, key: str, runs: ParameterConstancy) -> str:
     k, *two = runs.farthest_apart
-    q = d.effects[law.key].parameters[k]
+    q = d.effects[key].parameters[k]
     values = " and ".join(
         f"{runs.values[r][k]:.3g} ± {SELECTION.interval_quantile * runs.spread[r][k]:.2g} {q.unit} in {r}" for r in two
     )
     return (
-        f"The model lacks something, and the cause is not listed: {law.key} explains most, but it would have to be "
+        f"The model lacks something, and the cause is not listed: {key} explains most, but it would have to be "
         f"another law in each run ({q.name} is {values}; simulated runs differ as much with p = {runs.p:.2g})."
     )
 
@@ -237,8 +300,10 @@ def _nothing(d: Diagnosis) -> str:
     text = (
         f"Nothing is missing that these runs can show: with the sensor sheet's tolerances taken out the row farthest "
         f"above its noise floor is {worst}, at {ratios[worst]:.2f}, and what the best of {len(ranked)} candidates "
-        f"does, chance does with p = {least:.2g}."
+        f"does, chance does with p = {least:.2g}. {len(d.candidates) - len(ranked)} more could not be tested on these "
+        f"runs."
     )
+    text += _small(d)
     if small := [c for c in ranked if is_significant(c, d.effects[c.key], d.draws)]:
         listed = ", ".join(
             f"{c.key} {c.gain_rms:.3g} {unit_of(c)} RMS, p = {c.p:.2g}" for c in small[: SELECTION.most_reported]

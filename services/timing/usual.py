@@ -34,7 +34,6 @@ USUAL: Mapping[AnyStage, float] = {
     Stage.TRIAL_COLUMNS: 0.32,
     Stage.REGRESSOR_NOISE: 1.8,
     Stage.SCORE_TESTS: 0.15,
-    Stage.TIES: 0.04,
     Stage.LACK_OF_FIT: 0.28,
     Stage.PARAMETER_CONSTANCY: 0.82,
     ServiceStage.PRESENT_INFORMATION: 0.7,

@@ -132,6 +132,9 @@ def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
         "drop": c.drop,
         "absorbed": [{"by": name, "share": share} for name, share in c.absorbed],
         "ties": [{"effect": key, "correlation": r} for key, r in c.ties],
+        "stands_for": c.stands_for,
+        "margin": c.margin,
+        "rival": c.rival,
     }
 
 
@@ -143,6 +146,10 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "says": says(d),
             "best": d.best.key if d.best else None,
             "found": [c.key for c in d.found],
+            "unlisted": d.unlisted,
+            "unlisted_rows": list(d.unlisted_rows),
+            "small_rows": list(d.small_rows),
+            "maybe": list(d.maybe),
             "candidates": [candidate_result(d, c) for c in d.candidates],
             "rows": dict(d.ratios),
             "excess": d.excess,
@@ -150,7 +157,6 @@ def diagnosis_result(d: Diagnosis) -> dict[str, Any]:
             "draws": d.draws,
             "louder": dict(d.noise_ratio),
             "failing": list(d.failing),
-            "together": list(d.together),
             "formulas": [asdict(formula) for formula in d.formulas],
         }
     )

@@ -177,7 +177,7 @@ class Session:
             diagnosed(diagnosis)
             if diagnosis.best is None or len(changes) >= most:
                 return Search(tuple(diagnoses), tuple(changes))
-            expected = min(max(1, len(diagnosis.together)), most - len(changes))
+            expected = min(len(diagnosis.found), most - len(changes))
             self._announce(StudyPlan(self.values).search(self.study.version(), expected))
             for found in diagnosis.found[: most - len(changes)]:
                 before = self.study.version()

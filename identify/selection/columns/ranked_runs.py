@@ -11,8 +11,7 @@ import numpy as np
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect, PhysicalEffect
-from lacet.identify.multibody.vectors import Array
+from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress
 from lacet.identify.regression.prepared_run import Unmeasured
 from lacet.identify.regression.sums.linear_fit import FittedModel
@@ -20,7 +19,7 @@ from lacet.identify.regression.tolerances import SheetEntry
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout
-from lacet.identify.selection.columns.regressor_noise import RegressorNoise, noise_through_effect
+from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 
@@ -80,6 +79,10 @@ class RankedRuns(Protocol):
         """Row → RMS residual ÷ noise floor over all runs."""
         ...
 
+    def row_variations(self) -> Mapping[Row, float]:
+        """Row → RMS variation of what is measured in it, about its mean in each run [N or N·m]."""
+        ...
+
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
         ...
@@ -98,12 +101,6 @@ class RankedRuns(Protocol):
         self, run: int, sums: CrossProducts, sigma: Mapping[Row, float], pairs: int
     ) -> RegressorNoise:
         """Noise in the columns of one run, from so many pairs of draws."""
-        ...
-
-    def noise_through(
-        self, effect: PhysicalEffect, values: Array, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float]
-    ) -> Mapping[Row, float]:
-        """Weighted squares that noise adds to the residual through an effect; as `noise_through_effect`."""
         ...
 
 
@@ -170,6 +167,14 @@ class LocalRuns:
             out[row] = float(np.sqrt(np.mean(squares))) / floor.sigma[row]
         return out
 
+    def row_variations(self) -> Mapping[Row, float]:
+        """Row → RMS variation of what is measured in it, about its mean in each run [N or N·m]."""
+        out: dict[Row, float] = {}
+        for row in self.fit.rows:
+            each = [run.measured[row] for run in self.fit.runs if row in run.measured]
+            out[row] = float(np.sqrt(np.mean(np.concatenate([(one - np.mean(one)) ** 2 for one in each]))))
+        return out
+
     def unmeasured(self, effects: Sequence[Effect]) -> Mapping[str, Unmeasured]:
         """Key → what a run lacks, of the first such run, for effects that cannot be computed."""
         lacks = ((e.key, next((lack for run in self.fit.runs if (lack := run.lacks(e))), None)) for e in effects)
@@ -190,9 +195,3 @@ class LocalRuns:
     ) -> RegressorNoise:
         """Noise in the columns of one run, from so many pairs of draws."""
         return RegressorNoise.of_run(self.fit, sums, sigma, run, pairs)
-
-    def noise_through(
-        self, effect: PhysicalEffect, values: Array, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float]
-    ) -> Mapping[Row, float]:
-        """Weighted squares that noise adds to the residual through an effect."""
-        return noise_through_effect(self.fit, sigma, noise_ratio, effect, values)

@@ -1,13 +1,10 @@
-"""Noise in the columns: its contribution to the cross products of a ranking, and to the residual through a new law.
+"""Noise in the columns: its contribution to the cross products of a ranking.
 
 A column made of noisy channels is correlated with the residual, which the same noise is in: without this, a law that
 follows a rate sensor's noise looks like an effect, and so does the scale of a noisy sensor. One draw of noise added and
 the same draw subtracted leave the products of errors and the mean shift of bent laws, as in
 `regression.corrected_scores` for the fit. It depends on the motion and hardly on the noise of a run, so it is found
 once and stored with the noise floor.
-
-The noise floor is that of the present model. A large friction changes its sign with the noise of the travel rate: with
-it in the model the rows are noisier, and the remaining residual must be compared with that noise.
 """
 
 from __future__ import annotations
@@ -21,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.assembly import Piece
@@ -210,38 +206,3 @@ def _piece_products(
 
 def _samples(piece: Piece) -> int:
     return sum(len(right) for right in piece.right.values())
-
-
-def noise_through_effect(
-    fitted: Fit, sigma: Mapping[Row, float], noise_ratio: Mapping[Row, float], effect: Effect, values: Array
-) -> dict[Row, float]:
-    """Weighted squares that noise adds to the residual through an effect with parameters `values` [SI], by row.
-
-    `sigma` : row → σ of the weights; `noise_ratio` : row → noise ÷ noise by the sensor sheet.
-    """
-    out = dict.fromkeys(sigma, 0.0)
-
-    def of_piece(piece: Piece) -> dict[Row, float]:
-        return _squares_through_law(fitted, piece, effect, values)
-
-    for squares in map(of_piece, fitted.assembly.pieces()):
-        for row, added in squares.items():
-            out[row] += noise_ratio[row] ** 2 * added / sigma[row] ** 2 / SELECTION.law_noise_draws
-    return out
-
-
-def _squares_through_law(fitted: Fit, piece: Piece, effect: Effect, values: Array) -> dict[Row, float]:
-    """Row → rise of the sum of squares of a piece's residual by noise, with a law less without it."""
-    physics, theta, law, run = fitted.model.physics, fitted.physics, effect.as_physics, piece.prepared
-    if law is None:
-        raise ValueError(f"{effect.key} is a sensor fault: noise goes through the laws of physics")
-    force = {row: values @ columns for row, columns in run.columns(law).items()}
-    remainder = {row: piece.right[row] - run.matrix(physics, row) @ theta for row in force}
-    out = dict.fromkeys(force, 0.0)
-    for draw in range(SELECTION.law_noise_draws):
-        noisy = next(run.noisy([2005, piece.seed, piece.number or 0, draw], loads=True))
-        for row, columns in noisy.columns(law).items():
-            plain = noisy.measured[row] - noisy.matrix(physics, row) @ theta - remainder[row]
-            both = plain - (values @ columns - force[row])
-            out[row] += float(both @ both - plain @ plain)
-    return out

@@ -30,31 +30,79 @@ def with_best_constants(
     `groups` : number of the group of each effect, where only those of a group are in the model together.
 
     The search begins at the constants that they have and at all values of their grids, with steps of half the distance
-    between two of these.
+    between two of these. The same law at several places has common constants, unless constants of their own explain
+    more than the law may be inexact.
     """
-    found, groups = list(effects), [0] * len(effects) if groups is None else groups
+    if groups is not None:
+        return _searched(space, effects, [[i] for i in range(len(effects))], progress, sets=groups)
+    laws = _same_law(effects)
+    begun = list(effects)
+    for group in laws:
+        for i in group:
+            begun[i] = replace(effects[i], shape=effects[group[0]].shape)
+    found = _searched(space, begun, laws, progress)
+    if all(len(group) == 1 for group in laws):
+        return found
+    own = _searched(space, found, [[i] for i in range(len(found))], progress, grid=False)
+    both = _Falls.of(space, [[a, b] for a, b in zip(found, own, strict=True)])
+    common = both.of_choice([0] * len(found))
+    for group in laws:
+        if len(group) > 1:
+            apart = both.of_choice([int(i in group) for i in range(len(found))])
+            law = common - both.of_choice([None if i in group else 0 for i in range(len(found))])
+            if apart - common > max(SELECTION.least_refinement_fall, SELECTION.law_inexactness**2 * law):
+                for i in group:
+                    found[i] = own[i]
+    return found
+
+
+def _same_law(effects: Sequence[Effect]) -> list[list[int]]:
+    """Indices of the effects, those of one law with constants together."""
+    groups: dict[tuple[str, int], list[int]] = {}
+    for i, effect in enumerate(effects):
+        groups.setdefault((effect.name, -1) if effect.shape else (effect.name, i), []).append(i)
+    return list(groups.values())
+
+
+def _searched(
+    space: ScoreTests, effects: Sequence[Effect], groups: Sequence[Sequence[int]], progress: Progress,
+    sets: Sequence[int] | None = None, grid: bool = True,
+) -> list[Effect]:  # fmt: skip
+    """The effects with the best constants, a group with the same; in the model together are those of one set."""
+    sets = [0] * len(effects) if sets is None else sets
+    found = list(effects)
     steps = [_first_steps(effect) for effect in found]
     for number in range(SELECTION.most_constant_rounds):
-        moving = [i for i, own in enumerate(steps) if own]
+        moving = [group for group in groups if steps[group[0]]]
         if not moving:
             break
-        progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=", ".join(found[i].key for i in moving)))
-        grid = [effect.shapes() if own and number == 0 else [] for effect, own in zip(found, steps, strict=True)]
+        names = ", ".join(found[i].key for group in moving for i in group)
+        progress(Step(Stage.SHAPE_CONSTANTS, number + 1, subject=names))
+        grids = [
+            effect.shapes() if own and grid and number == 0 else [] for effect, own in zip(found, steps, strict=True)
+        ]
         tried = [
-            [effect, *_around(effect, own), *further] for effect, own, further in zip(found, steps, grid, strict=True)
+            [effect, *_around(effect, own), *further] for effect, own, further in zip(found, steps, grids, strict=True)
         ]
         fall = _Falls.of(space, tried)
-        chosen = [0] * len(found)
-        for i in moving:
-            others = [k if group == groups[i] else None for k, group in zip(chosen, groups, strict=True)]
-            falls = [fall.of_choice([*others[:i], k, *others[i + 1 :]]) for k in range(len(tried[i]))]
-            chosen[i] = int(np.argmax(falls))
-            gained = falls[chosen[i]] - falls[0]
+        chosen: list[int | None] = [0] * len(found)
+        for group in moving:
+            first = group[0]
+            others = [k if one == sets[first] else None for k, one in zip(chosen, sets, strict=True)]
+            falls = [
+                fall.of_choice([k if i in group else one for i, one in enumerate(others)])
+                for k in range(len(tried[first]))
+            ]
+            best = int(np.argmax(falls))
+            gained = falls[best] - falls[0]
             if gained < SELECTION.least_refinement_fall:
                 # Another value than that of the grid must be better by more than noise.
-                chosen[i] = chosen[i] if gained > 0.0 and found[i].shape != effects[i].shape else 0
-                steps[i] = _halved(tried[i][chosen[i]], steps[i])
-        found = [options[k] for options, k in zip(tried, chosen, strict=True)]
+                best = best if gained > 0.0 and found[first].shape != effects[first].shape else 0
+                for i in group:
+                    steps[i] = _halved(tried[i][best], steps[i])
+            for i in group:
+                chosen[i] = best
+        found = [options[k or 0] for options, k in zip(tried, chosen, strict=True)]
     return found
 
 
@@ -136,7 +184,9 @@ class _Falls:
     def of_choice(self, chosen: Sequence[int | None]) -> float:
         """Fall by the option of each effect that is chosen; None for an effect that is left out."""
         pairs = zip(self.places, chosen, strict=True)
-        at = np.concatenate([np.r_[options[k]] for options, k in pairs if k is not None])
+        at = np.array([place for options, k in pairs if k is not None for place in np.r_[options[k]]], np.intp)
+        if not at.size:
+            return 0.0
         score = self.inside.reduced[at, self.inside.sums.layout.right]
         normal = self.inside.reduced[np.ix_(at, at)] + np.diag(self.prior[at] ** -2.0)
         return float(score @ solved(normal, score[:, None])[:, 0])

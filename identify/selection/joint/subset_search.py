@@ -9,8 +9,8 @@ Testing (1993), for the family-wise probability.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,24 +24,9 @@ from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import with_best_constants
+from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import Answer, Candidate, ScoreTests, judged
 from lacet.identify.selection.settings import SELECTION
-
-
-@dataclass(frozen=True)
-class Settled:
-    """An effect found, and added to the model.
-
-    Attributes
-    ----------
-    effect : the effect, with its shape constants.
-    force : weighted squares of its force.
-    rows : rows that it acts on.
-    """
-
-    effect: Effect
-    force: float
-    rows: frozenset[Row]
 
 
 @dataclass(frozen=True)
@@ -54,14 +39,14 @@ class Subset:
     first : all candidates, each alone beside the model.
     space : score tests beside all of them.
     effects : the selected effects, with their shape constants.
-    settled : effects that were found before and are in the model of the fit.
+    settled : laws beyond the base model that are in the fit.
     """
 
     alone: ScoreTests
     first: tuple[Candidate, ...]
     space: ScoreTests
     effects: tuple[Effect, ...] = ()
-    settled: tuple[Settled, ...] = ()
+    settled: tuple[AddedLaw, ...] = ()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -100,83 +85,193 @@ class Subset:
         """Weighted squares that a candidate may explain as the laws found are not exact."""
         rows, family = c.rows, self.alone.effects[c.key].name
         near = sum(self.force[key] for key in self.keys if not self.rows[key].isdisjoint(rows))
-        before = 0.0
-        for one in self.settled:
-            share = SELECTION.selected_inexactness if one.effect.name == family else SELECTION.law_inexactness
-            before += 0.0 if one.rows.isdisjoint(rows) else share**2 * one.force
-        return SELECTION.selected_inexactness**2 * near + before
-
-    def all_settled(self) -> tuple[Settled, ...]:
-        """All effects found, for a fit with those selected in its model."""
-        found = (Settled(effect, self.force[effect.key], self.rows[effect.key]) for effect in self.effects)
-        return (*self.settled, *found)
+        return SELECTION.selected_inexactness**2 * near + _inexact(family, rows, self.settled)
 
 
-def found_together(first: ScoreTests, seed: int, progress: Progress = silent) -> Subset:
-    """The effects found in all, settled in a fit, and the score tests of all others beside them.
+@dataclass(frozen=True)
+class Joint:
+    """The effects found in all, and the model with all of them.
+
+    Attributes
+    ----------
+    first : score tests of all candidates beside the model as it was, and `alone` their results.
+    space : score tests of all others beside the model with the effects found, fitted again, and `beside` their results.
+    effects : the effects found, with their shape constants.
+    laws : all laws beyond the base model in that fit.
+    removed : those of the effects found that are no part of the fit: latencies at which the runs were read again.
+    base : the fit to which the effects are added, and `added` those that are; None where runs cannot be fitted here.
+    sizes : sensor faults of the base fit that were removed from its runs, with their sizes.
+    dropped : keys of effects that were selected and did not stand in a fit.
+    """
+
+    first: ScoreTests
+    alone: tuple[Candidate, ...]
+    space: ScoreTests
+    beside: tuple[Candidate, ...]
+    effects: tuple[Effect, ...]
+    laws: tuple[AddedLaw, ...]
+    removed: tuple[Effect, ...] = ()
+    base: Fit | None = None
+    added: tuple[Effect, ...] = ()
+    sizes: Mapping[str, float] = field(default_factory=dict[str, float])
+    dropped: frozenset[str] = frozenset()
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Keys of the effects found."""
+        return tuple(effect.key for effect in self.effects)
+
+    def based_on(self, space: ScoreTests) -> Joint:
+        """The same effects in the model of another fit, which further ones are added to."""
+        old, base = self.space.fitted, space.linearisation.runs.refittable
+        sizes = dict(self.sizes)
+        for fault in old.model.faults:
+            at = old.model.names.index(fault.parameters[0].name)
+            sizes[fault.key] = sizes.get(fault.key, 0.0) + float(old.theta[at])
+        return replace(self, base=base, added=(), sizes=sizes)
+
+
+def found_together(first: ScoreTests, seed: int, progress: Progress = silent) -> Joint:
+    """The effects found in all, in a fit with them, and the score tests of all others beside them.
 
     What a selection leaves is judged by a new fit with the selected effects in its model, and a noise floor of it.
-    Raises ValueError for runs that cannot be fitted again here.
+    Where the runs cannot be fitted again here, nothing is found.
     """
-    found, candidates = search(first, (), progress), dict(first.effects)
+    progress(Step(Stage.SCORE_TESTS))
+    alone = tuple(first.family_wise(first.try_all()))
+    base = first.linearisation.runs.refittable
+    joint = Joint(first, alone, first, alone, (), added_laws(first), base=base)
+    return joint if base is None else continued(joint, seed, progress)
+
+
+def continued(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with what is found beside the effects found before."""
     for _ in range(SELECTION.most_refits):
-        linearisation = found.space.linearisation
-        before = linearisation.runs.refittable
-        if before is None:
-            raise ValueError("these runs cannot be fitted again here")
-        progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(found.keys)))
-        fitted, kept = _fitted_with(before, found.effects, len(first.effects))
-        for key in set(found.keys) - {effect.key for effect in kept}:
-            del candidates[key]
-        if not kept:
-            return replace(found, space=found.alone, effects=())
+        found = search(joint.space, joint.beside, joint.laws, progress)
+        if not found.effects:
+            break
+        # A latency that was removed from the runs would be fitted as what remains of it.
+        latencies = joint.space.linearisation.latencies
+        late = [effect for effect in found.effects if effect.sheet_kind == "latency" and latencies]
+        others = [effect for effect in found.effects if effect not in late]
+        joint = replace(joint, effects=(*joint.effects, *late), removed=(*joint.removed, *late))
+        before = joint
+        if others:
+            joint = _fitted(replace(joint, added=(*joint.added, *others)), seed, progress)
+        if joint.effects == before.effects:
+            if not late:
+                break
+            joint = beside_of(joint, joint.space.given(joint.removed), progress)
+    return joint
+
+
+def _fitted(joint: Joint, seed: int, progress: Progress) -> Joint:
+    """The model fitted with all effects added, without those that do not stand in it; as it was where none is new."""
+    linearisation, base, wanted = joint.space.linearisation, joint.base, joint.added
+    assert base is not None
+    while True:
+        progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(effect.key for effect in wanted)))
+        fitted, kept = fitted_with(base, wanted, len(joint.first.effects), joint.first.draws)
+        old = [effect for effect in kept if effect.key in joint.keys]
+        if len(kept) == len(old):
+            gone = {effect.key for effect in joint.added} - set(joint.keys)
+            return replace(
+                joint, added=tuple(e for e in joint.added if e.key in joint.keys), dropped=joint.dropped | gone
+            )
         progress(Step(Stage.FLOOR_BESIDE_EFFECT, subject=", ".join(effect.key for effect in kept)))
         floor = linearisation.floor.redrawn(fitted)
         closer = replace(Linearisation.of(fitted, floor), latencies=linearisation.latencies)
-        tests = ScoreTests.of(closer, list(candidates.values()), seed, None, progress)
-        found = search(tests, replace(found, effects=tuple(kept)).all_settled(), progress)
-        if not found.effects:
+        gone = {effect.key for effect in joint.added} - {effect.key for effect in kept}
+        others = [
+            effect for key, effect in joint.first.effects.items()
+            if key not in {one.key for one in kept} | gone | joint.dropped
+        ]  # fmt: skip
+        space = ScoreTests.of(closer, others, seed, None, progress)
+        space = space.given(joint.removed) if joint.removed else space
+        laws = added_laws(space)
+        weak = [law for law in laws if law.key in {e.key for e in kept} and not _stands(law, laws, space)]
+        if not weak:
             break
-    return found
+        weakest = min(weak, key=lambda law: law.force)
+        wanted = tuple(effect for effect in kept if effect.key != weakest.key)
+    there = {effect.key for effect in joint.added}
+    # What is in the base fit stays, what was added is what is kept.
+    effects = (*(effect for effect in joint.effects if effect.key not in there), *kept)
+    return beside_of(replace(joint, effects=effects, added=tuple(kept), dropped=joint.dropped | gone), space, progress)
 
 
-def _fitted_with(before: Fit, effects: Sequence[Effect], count: int) -> tuple[Fit, list[Effect]]:
+def _stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
+    """Whether a law of the model is there beside the others, and is not what these leave as they are not exact."""
+    if space.family_wise_of(law.force, law.null) > SELECTION.level(space.draws):
+        return False
+    return law.force > _inexact(law.family, law.rows, [other for other in laws if other.force > law.force])
+
+
+def _inexact(family: str, rows: Collection[Row], laws: Sequence[AddedLaw]) -> float:
+    """Weighted squares that an effect on these rows may explain as the laws of the model are not exact."""
+    out = 0.0
+    for one in laws:
+        if not one.rows.isdisjoint(rows):
+            side = set(rows) < one.rows  # of the wheels that the law acts at, one: left and right are never equal
+            alike = side or one.family == family
+            out += (SELECTION.selected_inexactness if alike else SELECTION.law_inexactness) ** 2 * one.force
+    return out
+
+
+def beside_of(joint: Joint, space: ScoreTests, progress: Progress = silent) -> Joint:
+    """The same effects, with the candidates beside them tested in `space`."""
+    progress(Step(Stage.SCORE_TESTS))
+    beside = tuple(space.family_wise(space.try_all()))
+    return replace(joint, space=space, beside=beside, laws=added_laws(space))
+
+
+def fitted_with(before: Fit, effects: Sequence[Effect], count: int, draws: int) -> tuple[Fit, list[Effect]]:
     """Fit with further effects, without those whose size is not significant in it (Wald tests, Bonferroni).
 
-    `count` : number of candidates that they were selected from.
+    `count` : number of candidates that they were selected from; `draws` : number of simulated runs behind that.
     """
     kept = list(effects)
     while kept:
         fitted = before.with_effects(kept)
-        covariance = fitted.covariance + fitted.covariance_sheet
-        p = dict[str, float]()
-        for effect in kept:
-            at = [fitted.model.names.index(q.name) for q in effect.parameters]
-            values = fitted.theta[at]
-            wald = float(values @ solved(covariance[np.ix_(at, at)], values[:, None])[:, 0])
-            p[effect.key] = count * float(scipy.special.chdtrc(len(at), wald))
-        worst = max(kept, key=lambda effect: p[effect.key])
-        if p[worst.key] <= SELECTION.significance:
+        covariance, theta = fitted.covariance + fitted.covariance_sheet, fitted.theta.copy()
+        places = {e.key: [fitted.model.names.index(q.name) for q in e.parameters] for e in kept}
+        standing = list(kept)
+        while standing:
+            wald = {
+                e.key: (float(theta[at] @ solved(covariance[np.ix_(at, at)], theta[at][:, None])[:, 0]), len(at))
+                for e in standing
+                for at in [places[e.key]]
+            }
+            p = {key: count * float(scipy.special.chdtrc(size, squares)) for key, (squares, size) in wald.items()}
+            worst = max(standing, key=lambda e: p[e.key])
+            if p[worst.key] <= SELECTION.level(draws):
+                break
+            standing.remove(worst)
+            # Without it the others are those of the fit, given that it is zero.
+            at = places[worst.key]
+            gain = solved(covariance[np.ix_(at, at)], covariance[at]).T
+            theta, covariance = theta - gain @ theta[at], covariance - gain @ covariance[at]
+        if len(standing) == len(kept):
             return fitted, kept
-        kept.remove(worst)
+        kept = standing
     return before, kept
 
 
-def search(alone: ScoreTests, settled: Sequence[Settled] = (), progress: Progress = silent) -> Subset:
-    """The effects that these runs show to be missing, from the score tests of all candidates alone.
+def search(
+    alone: ScoreTests, first: Sequence[Candidate], settled: Sequence[AddedLaw] = (), progress: Progress = silent
+) -> Subset:
+    """The effects that these runs show to be missing.
 
-    `settled` : effects found before, which are in the model.
+    `first` : all candidates, each tested in `alone`; `settled` : laws found before, which are in the model.
     """
-    progress(Step(Stage.SCORE_TESTS))
-    first = tuple(alone.family_wise(alone.try_all()))
-    found, tried = Subset(alone, first, alone, settled=tuple(settled)), first
+    found, tried = Subset(alone, tuple(first), alone, settled=tuple(settled)), tuple(first)
     seen: set[frozenset[str]] = set()
     while True:
-        while len(found.effects) < SELECTION.most_selected and (step := _strongest(found, tried)) is not None:
-            progress(Step(Stage.FORWARD_SELECTION, len(found.effects) + 1, subject=step.key))
-            added = replace(alone.effects[step.key], shape=step.shape)
-            found = found.with_effects([*found.effects, added], progress)
-            tried = found.space.family_wise(found.space.try_all())
+        while len(found.effects) < SELECTION.most_selected and (steps := _strongest(found, tried)):
+            progress(Step(Stage.FORWARD_SELECTION, len(found.effects) + 1, subject=", ".join(c.key for c in steps)))
+            added = [replace(alone.effects[c.key], shape=c.shape) for c in steps]
+            found = found.with_effects([*found.effects, *added], progress)
+            tried = tuple(found.space.family_wise(found.space.try_all()))
         if frozenset(found.keys) in seen:
             return found
         seen.add(frozenset(found.keys))
@@ -184,13 +279,29 @@ def search(alone: ScoreTests, settled: Sequence[Settled] = (), progress: Progres
         if better is found:
             return found
         found = better
-        tried = found.space.family_wise(found.space.try_all())
+        tried = tuple(found.space.family_wise(found.space.try_all()))
 
 
-def _strongest(found: Subset, tried: Sequence[Candidate]) -> Candidate | None:
-    """The candidate that explains most beside the selected ones, of those that pass; None without any."""
+def _strongest(found: Subset, tried: Sequence[Candidate]) -> list[Candidate]:
+    """The candidate that explains most beside the selected ones, of those that pass, with the same law elsewhere.
+
+    A law that passes at other places, too, is one step: at the other end of the car, or at other wheels.
+    """
     passing = [c for c in tried if passes(found, c)]
-    return max(passing, key=strength, default=None)
+    if not passing:
+        return []
+    effects = found.alone.effects
+    best = max(passing, key=strength)
+    group, taken = [best], set(effects[best.key].corners())
+    if effects[best.key].as_physics is None or not taken:
+        return group
+    for c in sorted(passing, key=lambda c: -strength(c)):
+        own = set(effects[c.key].corners())
+        alike = effects[c.key].name == effects[best.key].name and len(own) == len(effects[best.key].corners())
+        if alike and not own & taken:
+            group.append(c)
+            taken |= own
+    return group
 
 
 def passes(found: Subset, c: Candidate) -> bool:

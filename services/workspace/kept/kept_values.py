@@ -243,9 +243,16 @@ class KeptValues:
         fitted, floor = self.fitted(version), self.floor(version)
         self.runs.progress(ServiceStep(ServiceStage.CANDIDATES, total=len(candidates)))
         found = diagnose(fitted, floor, list(candidates.values()), noise=noise, progress=self.runs.progress)
+        self._keep(key, found)
+        if found.after is not None:
+            # What is left beside all of them was tested already: no second ranking of the model with them.
+            added = {c.key: dict(c.shape) for c in found.found}
+            self._keep(self._key("ranking", replace(version, effects={**version.effects, **added})), found.after)
+        return found
+
+    def _keep(self, key: str, found: Diagnosis) -> None:
         self._cache.store.save("noise", key, found.noise.arrays())
         self._cache.store.save("ranking", key, diagnosis_record(found))
-        return found
 
     def residual_beside(
         self, version: Version, effect: Effect, part: Comparison, compute: Callable[[], dict[Row, Array]]

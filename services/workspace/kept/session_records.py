@@ -42,8 +42,8 @@ def restored_fit(record: Mapping[str, Any], model: Model, runs: Sequence[Prepare
 
 
 def diagnosis_record(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Values of a ranking by name, of its effects the keys; without the noise in the columns."""
-    values = {f.name: getattr(diagnosis, f.name) for f in fields(Diagnosis) if f.name != "noise"}
+    """Values of a ranking by name, of its effects the keys; without the noise in the columns and what is after it."""
+    values = {f.name: getattr(diagnosis, f.name) for f in fields(Diagnosis) if f.name not in ("noise", "after")}
     return {**values, "effects": list(diagnosis.effects)}
 
 

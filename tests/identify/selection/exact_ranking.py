@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-
-from lacet.identify.effects.base import Effect
 from lacet.identify.effects.language.compiled import effect_class
 from lacet.identify.effects.language.parser import read_line
-from lacet.identify.selection.lack_of_fit import LackOfFit
-from lacet.identify.selection.score_tests import ScoreTests
 from tests.identify.exact_car import KNOWN, VEHICLE
 
 CANDIDATES = [
@@ -25,15 +19,3 @@ LAW = "travel**2*tanh(rate/v0), v0 = 0.03 m/s"
 HIDDEN = effect_class(read_line(f"hidden = suspension: p * {LAW}")).variants(VEHICLE, "hub")[0]
 SIZE = 60000.0
 """Of the hidden law [N/m²]: some 30 N RMS where 6 N are noise."""
-
-
-def leaving(share: float, **more: object) -> Callable[[ScoreTests, Sequence[Effect]], LackOfFit]:
-    """`residual_beside`, but that effects beside the model leave that share of each row's excess."""
-
-    plain = ScoreTests.residual_beside
-
-    def left(space: ScoreTests, added: Sequence[Effect]) -> LackOfFit:
-        found, before = plain(space, added), plain(space, []).squares
-        return replace(found, squares={row: share * a for row, a in before.items()}, **more) if added else found
-
-    return left

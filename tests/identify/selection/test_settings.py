@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import inspect
 import itertools
 from collections.abc import Iterator
 from dataclasses import fields
@@ -15,7 +16,7 @@ from lacet.identify.selection.settings import SELECTION, SelectionSettings
 from tests.support.places import HOME
 
 ROOM = sorted((HOME / "identify" / "selection").glob("*.py"))
-FOLDERS = [HOME / "identify" / "selection" / name for name in ("columns", "joint")]
+FOLDERS = [HOME / "identify" / "selection" / name for name in ("columns", "joint", "laws")]
 WITH_COLUMNS = [*ROOM, *(file for folder in FOLDERS for file in sorted(folder.glob("*.py")))]
 MOST_FILES = 13
 MOST_NAMES = 12
@@ -152,6 +153,7 @@ def test_every_bar_is_used():
         file.read_text(encoding="utf-8")
         for file in [*WITH_COLUMNS, *(HOME / "services").rglob("*.py"), *(HOME / "identify" / "design").glob("*.py")]
     )
+    text += inspect.getsource(SelectionSettings.level).replace("self.", "SELECTION.")
     assert [one.name for one in fields(SelectionSettings) if f"SELECTION.{one.name}" not in text] == []
 
 

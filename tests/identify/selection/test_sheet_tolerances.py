@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import diagnose, screen
+from lacet.identify.selection.diagnose import diagnose
 from lacet.identify.selection.laws.formulas import propose
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -79,20 +78,6 @@ def test_where_no_row_fails_laws_are_sought_in_the_rows_that_tolerances_hide(
     assert asked == [[row for row in above if above[row] >= 0.5 * max(above.values())]]
     assert len(asked[0]) < len(above)
     assert propose(ScoreTests.of(Linearisation.of(many_off, floor), TRIED, 0), []) == []
-
-
-def test_what_takes_more_away_than_it_leaves_is_named(
-    floor: NoiseFloor, many_off: Fit, monkeypatch: pytest.MonkeyPatch
-):
-    """Effects are found one at a time: what another leaves in the sheet does not deny the strongest."""
-    seen = screen(ScoreTests.of(Linearisation.of(many_off, floor), [*TRIED, FAULT], 0), silent)
-    assert seen.unlisted
-    assert seen.tolerance_exceeded
-    assert seen.best
-    monkeypatch.setattr("lacet.identify.selection.diagnose.strength", lambda c: seen.sheet.excess + 1.0)
-    again = screen(seen.space, silent)
-    assert not again.tolerance_exceeded
-    assert not again.unlisted
 
 
 @pytest.mark.parametrize("key", ["spring_cubic.front", "sensor_gain.hub.fl"])

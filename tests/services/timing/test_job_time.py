@@ -141,7 +141,7 @@ def test_a_job_without_a_plan_has_no_share():
 def test_paces_are_remembered(tmp_path: Path):
     """A stage that takes three times as long as usual in this study is expected to do so the next time."""
     memory = tmp_path / "paces.json"
-    plan = [Stretch(ServiceStage.FITTING, 2.0), Stretch(Stage.NOISE_FLOOR, 10.0), Stretch(Stage.TIES, 1.0)]
+    plan = [Stretch(ServiceStage.FITTING, 2.0), Stretch(Stage.NOISE_FLOOR, 10.0), Stretch(Stage.SCORE_TESTS, 1.0)]
     lefts: list[float | None] = []
     for _ in range(6):
         clock = Clock()
@@ -153,7 +153,7 @@ def test_paces_are_remembered(tmp_path: Path):
         now = time.estimate()
         lefts.append(now and now.remaining)
         clock.now = 34.0
-        time.step(ServiceStep(Stage.TIES))
+        time.step(ServiceStep(Stage.SCORE_TESTS))
         time.end(done=False)
     assert lefts[0] == pytest.approx(21.0, rel=0.2), "twice as slow as usual, as the first stage was"
     assert lefts[-1] == pytest.approx(32.0, rel=0.1)

@@ -11,10 +11,13 @@ import pytest
 from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import refined, with_best_constants
-from lacet.identify.selection.joint.subset_search import Subset, found_together
-from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.joint.subset_search import Joint, Subset, _strongest, found_together
+from lacet.identify.selection.rest import Rest
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
 from tests.identify import cars
@@ -53,16 +56,16 @@ def space(fitted: Fit, floor: NoiseFloor) -> ScoreTests:
 
 
 @pytest.fixture(scope="module")
-def subset(space: ScoreTests) -> Subset:
+def subset(space: ScoreTests) -> Joint:
     return found_together(space, 0)
 
 
-def test_all_that_are_hidden_are_found_and_no_other(subset: Subset):
-    assert {one.effect.key for one in subset.settled} == {*(effect.key for effect in LAWS), STOP.key}
-    assert not subset.effects
+def test_all_that_are_hidden_are_found_and_no_other(subset: Joint):
+    assert set(subset.keys) == {*(effect.key for effect in LAWS), STOP.key}
+    assert {law.key for law in subset.laws} == set(subset.keys)
 
 
-def test_sizes_of_the_fit_with_all_are_the_true_ones(subset: Subset):
+def test_sizes_of_the_fit_with_all_are_the_true_ones(subset: Joint):
     fitted = subset.space.fitted
     sigma = np.sqrt(np.diag(fitted.covariance + fitted.covariance_sheet))
     for effect, size in HIDDEN:
@@ -70,8 +73,8 @@ def test_sizes_of_the_fit_with_all_are_the_true_ones(subset: Subset):
         assert abs(fitted.theta[i] - size) <= max(3.0 * sigma[i], 0.02 * abs(size))
 
 
-def test_constants_between_two_values_of_their_grids_are_found(subset: Subset):
-    (stop,) = (one.effect for one in subset.settled if one.effect.key == STOP.key)
+def test_constants_between_two_values_of_their_grids_are_found(subset: Joint):
+    (stop,) = (effect for effect in subset.effects if effect.key == STOP.key)
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.0015)
     assert stop.shape["n"] == pytest.approx(STOP.shape["n"], abs=0.15)
 
@@ -86,8 +89,8 @@ def test_where_nothing_is_missing_nothing_is_found():
     plain = fit_of(driven(exact(), 0))
     nothing = ScoreTests.of(Linearisation.of(plain, floor_of(plain, DRAWS)), [KNOWN[key] for key in KEYS], 0)
     found = found_together(nothing, 0)
-    assert not found.settled
     assert not found.effects
+    assert not found.laws
     assert found.space is nothing
 
 
@@ -111,3 +114,64 @@ def test_selected_effects_are_nuisance_and_released_ones_candidates(space: Score
     again = beside.releasing([bar.key])
     # The same priors, but for their stiffening: the same test as alone.
     assert again.best_tests[bar.key].values == pytest.approx(space.best_tests[bar.key].values, rel=0.02)
+
+
+def test_the_same_law_elsewhere_is_one_step_and_another_law_is_not(space: ScoreTests):
+    """At both ends where it passes at both, beside wheels of neither end."""
+    beside = Subset(space, (), space)
+    bars, friction = ("anti_roll_bar.front", "anti_roll_bar.rear"), "coulomb.front"
+    tried = [
+        Candidate(key, {}, gain=0.5, drop=drop, total_gain=drop, p=1.0 / (1 + DRAWS), values=(9.0,), interval=(1.0,))
+        for key, drop in zip((*bars, friction), (900.0, 400.0, 700.0), strict=True)
+    ]
+    assert [c.key for c in _strongest(beside, tried)] == list(bars)
+    by_chance = replace(tried[1], p=0.5)
+    assert [c.key for c in _strongest(beside, [tried[0], by_chance, tried[2]])] == [bars[0]]
+
+
+def test_what_remains_of_one_wheel_is_compared_with_a_fifth_of_the_laws_force(subset: Joint):
+    """Left and right are never equal; another law at both wheels is compared with a twentieth."""
+    beside = Subset(subset.space, (), subset.space, settled=subset.laws)
+    (bar,) = (law for law in subset.laws if law.key == "anti_roll_bar.front")
+    both = Candidate("coulomb.front", {}, rows=tuple(sorted(bar.rows)))
+    one = replace(both, rows=both.rows[:1])
+    others = [law for law in subset.laws if not law.rows.isdisjoint(both.rows)]
+    assert beside.inexactness(both) == pytest.approx(sum(0.05**2 * law.force for law in others))
+    assert beside.inexactness(one) == pytest.approx(sum(0.2**2 * law.force for law in others))
+
+
+def test_the_margin_over_a_rival_is_what_a_fit_with_it_leaves_more(subset: Joint):
+    """Least squares with the law held at zero and the rival's columns beside, against least squares with the law."""
+    space, (law,) = subset.space, [law for law in subset.laws if law.key == STOP.key]
+    (found,) = (one for one in alternatives(space, law) if one.key == "spring_cubic.rear")
+    known, model, right = space.regression, space.layout.model, space.layout.right
+    trial = space.best_tests["spring_cubic.rear"].trial
+    places = np.append(known.nuisance, trial.place.start)
+    normal = known.total[np.ix_(places, places)].copy()
+    normal[:-1, :-1] += known.prior
+    normal[-1, -1] += known.noise[trial.place.start, trial.place.start] + trial.effect.parameters[0].prior ** -2.0
+    side = np.append(known.total[known.nuisance, right] + known.prior_side, known.total[trial.place.start, right])
+    held = np.zeros((len(law.places), len(places)))
+    held[:, :model] = known.sums.turn[list(law.places)]
+    size = space.fitted.theta[space.fitted.place][list(law.places)]
+    whole = np.block([[normal, held.T], [held, np.zeros((len(size),) * 2)]])
+    x = np.linalg.solve(whole, np.concatenate([side, -size]))[: len(places)]
+    without = x @ normal @ x - 2.0 * side @ x
+    free = np.linalg.solve(normal[:-1, :-1], side[:-1])
+    assert found.margin == pytest.approx(without + side[:-1] @ free, rel=1e-6)
+    assert found.p <= 1.0 / (1 + DRAWS)
+    assert not confidence_set([found], DRAWS)
+
+
+def test_what_all_leave_is_nothing_and_what_the_base_model_leaves_is_unlisted_or_small(
+    space: ScoreTests, subset: Joint, monkeypatch: pytest.MonkeyPatch
+):
+    assert not Rest.of(subset.space, subset.laws).unlisted
+    before = Rest.of(space)
+    assert {"suspension.fl", "suspension.rl"} <= set(before.unlisted)
+    assert before.excess > 0.0
+    assert not before.small
+    monkeypatch.setattr("lacet.identify.selection.rest.SELECTION", replace(SELECTION, effect_size=10.0))
+    trifle = Rest.of(space)
+    assert set(trifle.small) == set(before.unlisted)
+    assert not trifle.unlisted

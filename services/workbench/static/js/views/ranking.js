@@ -7,6 +7,9 @@ const FEW = 10;
 const ANSWERS = {
   missing: { mark: "!", kind: "warn" },
   undecided: { mark: "?", kind: "" },
+  "stands in": { mark: "≈", kind: "muted" },
+  "implausible size": { mark: "×", kind: "muted" },
+  "smaller than asked for": { mark: "<", kind: "muted" },
   "not needed": { mark: "–", kind: "muted" },
   "not testable": { mark: "·", kind: "muted" },
 };
@@ -27,7 +30,7 @@ export function createRanking(app, about, act) {
   const which = h(
     "select",
     { "aria-label": "which answers" },
-    ["all answers", "missing", "undecided", "not needed", "not testable"].map((t) =>
+    ["all answers", ...Object.keys(ANSWERS)].map((t) =>
       h("option", { value: t, text: t }),
     ),
   );

@@ -1,0 +1,42 @@
+"""Answers of a ranking to all candidates, given the effects that are found to be missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from lacet.identify.selection.joint.subset_search import Joint, strength
+from lacet.identify.selection.score_tests import Answer, Candidate, Reason, judged
+from lacet.identify.selection.settings import SELECTION
+
+
+def answered(joint: Joint, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+    """All candidates with their answers: those found first, then by what each takes away alone, untestable ones last.
+
+    A candidate that stands out alone and not beside the effects found stands in for the one it is most like.
+    """
+    keys, first = {c.key for c in found}, joint.first
+    beside = {c.key: c for c in joint.beside}
+    tested = sorted(
+        (c for c in joint.alone if c.tested and c.key not in keys),
+        key=lambda c: (c.p > SELECTION.level(first.draws), -strength(c)),
+    )
+    others = [_answered(c, joint, found, beside.get(c.key)) for c in tested]
+    return (*found, *others, *(c for c in joint.alone if not c.tested and c.key not in keys))
+
+
+def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Candidate | None) -> Candidate:
+    first = joint.first
+    alone = judged(c, first.effects[c.key], first.draws)
+    tied = next((one.key for one in found if c.key in dict(one.ties)), "")
+    if tied:
+        return replace(alone, answer=Answer.UNDECIDED, stands_for=tied)
+    if not found or not joint.effects or alone.reason is Reason.CHANCE:
+        return replace(alone, answer=Answer.UNDECIDED) if alone.answer is Answer.MISSING else alone
+    left = c if beside is None else judged(beside, first.effects[c.key], first.draws) if beside.tested else beside
+    if left.answer is Answer.MISSING:  # as little as the laws found may be inexact
+        return replace(alone, answer=Answer.SMALL, reason=Reason.INEXACT)
+    if left.reason is Reason.LITTLE and left.p <= SELECTION.level(first.draws):
+        return replace(alone, answer=Answer.SMALL, reason=Reason.LITTLE)
+    like = max(found, key=lambda one: first.correlation(c.key, one.key)) if c.key in first.best_tests else found[0]
+    return replace(alone, answer=Answer.STANDS_IN, reason=Reason.STANDS_IN, stands_for=like.key)

@@ -1,0 +1,135 @@
+"""Rest: what a model leaves that neither chance nor the stated inexactness explains, and that is no trifle.
+
+One omnibus test of the final model: the weighted squares of every row, the squares of all sensor tolerances, and the
+scatter of each added law between runs are compared with simulated runs of that model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from lacet.daq.channels import CORNERS
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Effect
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
+from lacet.identify.selection.score_tests import ScoreTests
+from lacet.identify.selection.settings import SELECTION
+from lacet.identify.selection.tolerance_tests import ToleranceUse
+
+
+@dataclass(frozen=True)
+class AddedLaw:
+    """An effect beyond the base model that a fit has.
+
+    Attributes
+    ----------
+    key, family : its key, and the name of its law.
+    values : (k,) its parameters with the sensor sheet's tolerances [SI]; `places` where they stand in the model.
+    force : weighted squares of the part of its force that nothing else in the model explains; `null` (D,) those in
+        simulated runs that lack it.
+    row_force : row → weighted squares of its whole force.
+    """
+
+    key: str
+    family: str
+    values: Array = field(repr=False)
+    places: tuple[int, ...]
+    force: float
+    null: Array = field(repr=False)
+    row_force: Mapping[Row, float]
+
+    @property
+    def rows(self) -> frozenset[Row]:
+        """Rows that it acts on."""
+        return frozenset(self.row_force)
+
+
+def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
+    """The physical effects beyond the base model in the fit of `space`, in the model's order."""
+    fitted, known = space.fitted, space.regression
+    model = known.sums.layout.model
+    names, turn = list(fitted.columns), known.sums.turn
+    inverse = turn @ known.inverse[:model]
+    spread, drawn = inverse[:, :model] @ turn.T, inverse @ space.null[known.nuisance]
+    theta = fitted.theta[fitted.place] + turn @ known.gain[:model, known.sums.layout.right]
+    out: list[AddedLaw] = []
+    for effect in fitted.model.effects:
+        if effect.base or effect.as_physics is None:
+            continue
+        at = [names.index(q.name) for q in effect.parameters if q.name in names]
+        if not at:
+            continue
+        own = np.zeros(len(names))
+        own[at] = theta[at]
+        whole = np.zeros((known.sums.layout.width, 1))
+        whole[:model, 0] = np.linalg.solve(turn, own)
+        squares = {row: float(one.squares_of(whole)[0]) for row, one in known.sums.over_runs.rows.items()}
+        normal = np.linalg.inv(spread[np.ix_(at, at)])
+        force = float(theta[at] @ normal @ theta[at])
+        null = np.einsum("kd,kd->d", drawn[at], normal @ drawn[at])
+        out.append(
+            AddedLaw(
+                effect.key, effect.name, theta[at], tuple(at), force, null,
+                {row: a for row, a in squares.items() if acts_on(effect, row)},
+            )
+        )  # fmt: skip
+    return tuple(out)
+
+
+def acts_on(effect: Effect, row: Row) -> bool:
+    """Whether an effect of the car acts on a row, by the rows and the corners that it declares; all without any."""
+    kind, _, place = str(row).partition(".")
+    if effect.rows and kind not in effect.rows and str(row) not in effect.rows:
+        return False
+    corners = set(effect.corners()) & set(CORNERS)
+    return not corners or place not in CORNERS or place in corners
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What a model leaves, compared with simulated runs of it.
+
+    Attributes
+    ----------
+    lack : lack of fit with the sensor sheet's tolerances in the model.
+    sheet : sensor tolerances that the runs need.
+    forces : row → RMS of what is left above the floor [N or N·m], and the row's own RMS variation.
+    unlisted : rows with a rest that matters, farthest above their floor first; `small` those whose rest is less than
+        the user's effect size, or than the laws found may be inexact.
+    """
+
+    lack: LackOfFit
+    sheet: ToleranceUse
+    forces: Mapping[Row, tuple[float, float]]
+    unlisted: tuple[Row, ...]
+    small: tuple[Row, ...]
+
+    @classmethod
+    def of(cls, space: ScoreTests, laws: Sequence[AddedLaw] = ()) -> Rest:
+        """The rest of the model of `space`, in which are these `laws`."""
+        lack = space.residual_beside([])
+        variation, sigma = space.linearisation.runs.row_variations(), space.floor.sigma
+        forces = {
+            row: (sigma[row] * float(np.sqrt(max(0.0, ratio**2 - 1.0))), variation.get(row, np.inf))
+            for row, ratio in lack.ratios.items()
+        }
+        standing = [row for row in lack.above if lack.p[row] <= SELECTION.level(space.draws)]
+        if standing and not excess_is_coloured(lack):  # louder sensors
+            standing = []
+        inexact = {row: sum(law.row_force.get(row, 0.0) for law in laws) for row in standing}
+        small = [
+            row for row in standing
+            if forces[row][0] < SELECTION.effect_size * forces[row][1]
+            or lack.squares[row] < SELECTION.law_inexactness**2 * inexact[row]
+        ]  # fmt: skip
+        unlisted = sorted((row for row in standing if row not in small), key=lambda row: -lack.ratios[row])
+        return cls(lack, space.tolerance_use(), forces, tuple(unlisted), tuple(small))
+
+    @property
+    def excess(self) -> float:
+        """Weighted squares above the floor in the unlisted rows."""
+        return self.lack.excess(self.unlisted)
