@@ -93,7 +93,15 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     assert looked["left"] == {}  # seven seconds are too short for cross-validation
     assert set(looked["phases"]) == {"held"}
     ranked = run("diagnose", folder)
-    assert {c["answer"] for c in ranked["candidates"]} <= {"missing", "undecided", "not needed", "not testable"}
+    assert {c["answer"] for c in ranked["candidates"]} <= {
+        "missing",
+        "undecided",
+        "stands in",
+        "implausible size",
+        "smaller than asked for",
+        "not needed",
+        "not testable",
+    }
     added = run("add", folder, "anti_roll_bar.front")
     assert added["held"]["after"] < added["held"]["before"]
 
