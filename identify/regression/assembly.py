@@ -10,6 +10,7 @@ from itertools import count, repeat
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.set_aside import ArraysOnDisk, DiskSpace
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
@@ -17,7 +18,6 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import ExpansionPoint, Input, Sensitivity, SlopesByInput
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
-from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace
 
 KEPT = 4 * 3600.0
 """Pieces of long runs are kept on disk, without their full-rate motion, until they are this long together [s].

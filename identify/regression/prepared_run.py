@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
+from lacet.daq.set_aside import DiskSpace, JoinedOnDisk
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
@@ -27,7 +28,6 @@ from lacet.identify.signals.decimation import comb, decimated
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.noise_draws import draw_noise
 from lacet.identify.signals.reconstruct import Recording, Signals, bring_together
-from lacet.identify.signals.set_aside import DiskSpace, JoinedOnDisk
 
 PIECE = 60.0
 """Longer runs are worked on in pieces of about this length [s]: memory does not grow with their full-rate motion."""

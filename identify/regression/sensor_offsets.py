@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lacet.daq.channels import CHANNELS
+from lacet.daq.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.body.payload import Payload
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
-from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 
 
 @dataclass(frozen=True)

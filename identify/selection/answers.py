@@ -33,10 +33,12 @@ def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Ca
         return replace(alone, answer=Answer.UNDECIDED, stands_for=tied)
     if not found or not joint.effects or alone.reason is Reason.CHANCE:
         return replace(alone, answer=Answer.UNDECIDED) if alone.answer is Answer.MISSING else alone
-    left = c if beside is None else judged(beside, first.effects[c.key], first.draws) if beside.tested else beside
-    if left.answer is Answer.MISSING:  # as little as the laws found may be inexact
+    beside_them = (
+        c if beside is None else judged(beside, first.effects[c.key], first.draws) if beside.tested else beside
+    )
+    if beside_them.answer is Answer.MISSING:  # as little as the laws found may be inexact
         return replace(alone, answer=Answer.SMALL, reason=Reason.INEXACT)
-    if left.reason is Reason.LITTLE and left.p <= SELECTION.level(first.draws):
+    if beside_them.reason is Reason.LITTLE and beside_them.p <= SELECTION.level(first.draws):
         return replace(alone, answer=Answer.SMALL, reason=Reason.LITTLE)
     like = max(found, key=lambda one: first.correlation(c.key, one.key)) if c.key in first.best_tests else found[0]
     return replace(alone, answer=Answer.STANDS_IN, reason=Reason.STANDS_IN, stands_for=like.key)

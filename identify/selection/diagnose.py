@@ -1,4 +1,4 @@
-"""Diagnosis of a fitted model: which effects are missing, and what is left that no candidate stands for.
+"""Diagnosis of a fitted model: which effects are missing, and what remains that no candidate stands for.
 
 Rows are weighted by the simulated noise floor. Parameters of the model, sensor zeros of each run and tolerances of the
 sensor sheet are nuisance, removed from every candidate first (partial regression). Candidates that pass the max-score
@@ -39,7 +39,7 @@ class Verdict(StrEnum):
     """Verdict of a diagnosis."""
 
     MISSING = "missing"
-    """Listed effects are missing; something unlisted may be left beside them."""
+    """Listed effects are missing; something unlisted may remain beside them."""
     NOTHING = "nothing missing"
     UNLISTED = "unlisted cause"
     """The model fails for a cause that no candidate stands for, and nothing listed is missing."""
@@ -52,7 +52,7 @@ class Grounds:
     Attributes
     ----------
     ratios : row → residual ÷ floor with the sensor sheet's tolerances in the model.
-    forces : row → RMS of what is left above the floor [N or N·m], and the row's own RMS variation.
+    forces : row → RMS of what remains above the floor [N or N·m], and the row's own RMS variation.
     tolerances : sensor tolerances that the runs need.
     tolerance_exceeded : whether the sheet would have to be wrong, and no other test makes a cause unlisted.
     not_constant : candidate → Chow test that rejects that its parameters are the same in all runs.
@@ -75,7 +75,7 @@ class Diagnosis:
     found : the effects that are missing, the largest first, with sizes of a fit with all of them.
     unlisted_rows : rows in which the model with those leaves more than chance, inexact laws and the user's effect size
         allow; `small_rows` those whose rest is less than that.
-    maybe : listed effects that these runs cannot test, and that may be the cause of what is left.
+    maybe : listed effects that these runs cannot test, and that may be the cause of what remains.
     candidates : all, best first; those that cannot be tested last.
     ratios : row → residual ÷ floor of the present model on the runs used.
     excess : weighted squares above the floor in the rows that fail and what is found acts on; `explained` the part that
@@ -116,7 +116,7 @@ class Diagnosis:
 
     @property
     def unlisted(self) -> bool:
-        """Whether something is left that no candidate stands for, alone or beside the effects found."""
+        """Whether something remains that no candidate stands for, alone or beside the effects found."""
         grounds = self.grounds
         return bool(self.unlisted_rows or grounds.not_constant) or grounds.tolerance_exceeded
 
@@ -305,7 +305,7 @@ def _not_constant(
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
     standing, first = list(found), joint.first
-    # Where more is left than a law may be inexact, the law may stand in for it: any change from run to run counts.
+    # Where more remains than a law may be inexact, the law may stand in for it: any change from run to run counts.
     doubted = {
         law.key
         for law in joint.laws
@@ -329,9 +329,9 @@ def _not_constant(
 def _maybe(
     joint: Joint, found: Sequence[Candidate], unlisted: Sequence[Row], candidates: Mapping[str, Effect]
 ) -> tuple[str, ...]:
-    """Listed effects that cannot be tested and may be the cause: of what is left, or in place of one found.
+    """Listed effects that cannot be tested and may be the cause: of what remains, or in place of one found.
 
-    Of what is left those that, with their plausible range as prior, explain as much of it as the best that can be
+    Of what remains those that, with their plausible range as prior, explain as much of it as the best that can be
     tested, and those that cannot be computed on these runs and act on its rows.
     """
     space = joint.space

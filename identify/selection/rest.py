@@ -97,7 +97,7 @@ class Rest:
     ----------
     lack : lack of fit with the sensor sheet's tolerances in the model.
     sheet : sensor tolerances that the runs need.
-    forces : row → RMS of what is left above the floor [N or N·m], and the row's own RMS variation.
+    forces : row → RMS of what remains above the floor [N or N·m], and the row's own RMS variation.
     unlisted : rows with a rest that matters, farthest above their floor first; `small` those whose rest is less than
         the user's effect size, or than the laws found may be inexact.
     """

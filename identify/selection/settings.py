@@ -39,8 +39,8 @@ class SelectionSettings:
     """Part of the weighted residual of the rows a candidate acts on, or of one of them, that it must take away [share].
     Source: method section 6, step 7; docs/decisions/ranking.md, "A gain of 1 %"."""
     effect_size: float = 0.01
-    """The user's effect size: RMS force of a rest ÷ RMS variation of the force in its row [share]. What is less is told
-    as small, and is no unlisted cause. Source: a choice of the user; docs/ranking.md."""
+    """The user's effect size: RMS force of a rest ÷ RMS variation of the force in its row [share]. What is less is
+    reported as small, and is no unlisted cause. Source: a choice of the user; docs/ranking.md."""
     least_coverage: float = 3.0
     """Effective number of blocks (Σe)²/Σe² in which a candidate must act [blocks]. Source: method section 6, step 3."""
     least_size: float = 8.0

@@ -143,7 +143,7 @@ class WienerSmoother:
 def motion_beyond(channels: Sequence[tuple[Array, float]], filters: Filters) -> float:
     """Mean square of the rate of motion that the pre-filter stops, the mean of some channels of the same kind.
 
-    The white noise's density is that above 80 % of half the sample rate, where a car does not move; what is left of the
+    The white noise's density is that above 80 % of half the sample rate, where a car does not move; what remains of the
     spectrum up to twice the cut-off is motion, shrunk by the part that may be chance (James and Stein, 1961).
 
     Parameters
@@ -203,7 +203,7 @@ def _intensity(power: Array, motion: Array, noise: Array, rate: float, ends: int
         intensity = np.maximum(_LEAST, found)
     parts = np.sum((intensity * motion / (intensity * motion + noise)) ** 2, axis=0)
     logarithm, inside = np.log(intensity), slice(ends, -ends)
-    # Of the median second: one without motion tells nothing of its intensity but that it is small.
+    # Of the median second: one without motion shows nothing of its intensity but that it is small.
     chance = float(np.median(2.0 / (_FREEDOM * _WINDOW * parts[inside])))
     scatter = float(np.var(logarithm[inside]))
     shrunk = np.exp(max(0.0, 1.0 - chance / scatter) * logarithm) if scatter > 0.0 else np.ones(n)

@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.wls import Fit
-from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace, JoinedOnDisk
 
 DEFAULT_DRAWS = 199
 """Simulated draws behind a ranking; the smallest possible p is 1 ÷ 200."""

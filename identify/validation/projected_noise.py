@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
+from lacet.daq.set_aside import DiskSpace, JoinedOnDisk
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Piece
 from lacet.identify.regression.wls import Fit
-from lacet.identify.signals.set_aside import DiskSpace, JoinedOnDisk
 from lacet.identify.validation.noise_floor import NoiseFloor
 
 Draws = tuple[Mapping[Row, Array], ...]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.set_aside import DiskSpace
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect
 from lacet.identify.multibody.vectors import Array
@@ -16,7 +17,6 @@ from lacet.identify.regression.qr_accumulation import triangle
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, joined_zeros, with_payload, zeros_of
 from lacet.identify.regression.wls import Fit, corrected_run
-from lacet.identify.signals.set_aside import DiskSpace
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, PiecesOfRun, simulate_floor
 from lacet.identify.validation.prediction_uncertainty import Knowledge, OpenParameters, place_of
 from lacet.identify.validation.whiteness import Colour, Whiteness, whiteness

@@ -224,7 +224,7 @@ def _variation(row: str, runs: Iterable[Mapping[str, Mapping[str, Any]]]) -> flo
         for scores in runs
         if (score := scores.get(row)) is not None
     ]  # fmt: skip
-    return float(np.sqrt(np.mean([rms / left for rms, left in squares if left > 0.0])))
+    return float(np.sqrt(np.mean([rms / share for rms, share in squares if share > 0.0])))
 
 
 def diagnose_campaign(cluster: Cluster, found: CampaignFit, draws: int = DEFAULT_DRAWS) -> Diagnosis:

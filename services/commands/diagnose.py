@@ -26,8 +26,8 @@ Every effect of the catalogue, and every sensor fault, is tried on top of the st
 much of the error it takes away from parts of the runs it was not fitted to. All that are missing are searched
 together: one is named only when simulated runs that lack it never look like that. Each effect gets one answer:
 missing, stands in for one that is, implausible size, smaller than asked for, not needed, or not testable with these
-runs (undecided: it could be in the place of one found). What is left beside the names, and is not listed, is told with
-its rows. Held-out runs are not looked at.
+runs (undecided: it could be in the place of one found). What remains beside the names, and is not listed, is reported
+with its rows. Held-out runs are not looked at.
 
   lacet diagnose DIR             rank once
   lacet diagnose DIR --auto      add all that is found, until nothing is missing

@@ -22,7 +22,7 @@ def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
-        return f"{text}{_left(d)}{_small(d)}{_maybe(d)}"
+        return f"{text}{_remaining(d)}{_small(d)}{_maybe(d)}"
     return f"{_unlisted(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
 
 
@@ -181,8 +181,8 @@ def _several(d: Diagnosis) -> str:
     )
 
 
-def _left(d: Diagnosis) -> str:
-    """What is left beside the effects found; empty where nothing is."""
+def _remaining(d: Diagnosis) -> str:
+    """What remains beside the effects found; empty where nothing is."""
     grounds, out = d.grounds, ""
     for key, runs in grounds.not_constant.items():
         out += f" {_not_constant(d, key, runs)}"
@@ -192,7 +192,7 @@ def _left(d: Diagnosis) -> str:
         rows = ", ".join(f"{row} at {grounds.ratios[row]:.2f}" for row in d.unlisted_rows[: SELECTION.most_reported])
         more = len(d.unlisted_rows) - SELECTION.most_reported
         out += (
-            f" And something that is not listed is left in {rows}{f' and {more} more rows' if more > 0 else ''} "
+            f" And something that is not listed remains in {rows}{f' and {more} more rows' if more > 0 else ''} "
             f"(÷ floor, with all these in the model)."
         )
     return out
@@ -205,7 +205,7 @@ def _small(d: Diagnosis) -> str:
     forces = d.grounds.forces
     rows = ", ".join(f"{row} {forces[row][0]:.2g} {row.unit} RMS" for row in d.small_rows[: SELECTION.most_reported])
     return (
-        f" What is left above the floor is small: {rows}, less than {100 * SELECTION.effect_size:g} % of the row, or "
+        f" What remains above the floor is small: {rows}, less than {100 * SELECTION.effect_size:g} % of the row, or "
         f"than the laws found may be inexact."
     )
 
@@ -218,7 +218,7 @@ def _maybe(d: Diagnosis) -> str:
         f"{key} ({d.effects[key].shown_by})" if key in d.effects else key for key in d.maybe[: SELECTION.most_reported]
     )
     return (
-        f" These runs cannot test {shown}: as far as they tell it may be the cause. What shows it tells "
+        f" These runs cannot test {shown}: as far as they show it may be the cause. What shows it says "
         f"(lacet diagnose --next {d.maybe[0]})."
     )
 

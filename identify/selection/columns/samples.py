@@ -8,11 +8,11 @@ from typing import Protocol, TypeVar
 
 import numpy as np
 
+from lacet.daq.set_aside import ArraysOnDisk, DiskSpace
 from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.selection.columns.weighted_columns import Block
-from lacet.identify.signals.set_aside import ArraysOnDisk, DiskSpace
 
 T = TypeVar("T")
 

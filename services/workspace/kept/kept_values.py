@@ -245,7 +245,7 @@ class KeptValues:
         found = diagnose(fitted, floor, list(candidates.values()), noise=noise, progress=self.runs.progress)
         self._keep(key, found)
         if found.after is not None:
-            # What is left beside all of them was tested already: no second ranking of the model with them.
+            # What remains beside all of them was tested already: no second ranking of the model with them.
             added = {c.key: dict(c.shape) for c in found.found}
             self._keep(self._key("ranking", replace(version, effects={**version.effects, **added})), found.after)
         return found

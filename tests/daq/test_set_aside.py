@@ -7,8 +7,8 @@ import pickle
 import numpy as np
 import pytest
 
+from lacet.daq.set_aside import DiskSpace, JoinedOnDisk
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.signals.set_aside import DiskSpace, JoinedOnDisk
 
 RNG = np.random.default_rng(4)
 FIRST = {"a": RNG.standard_normal((3, 5)), "none": np.zeros((0, 4)), "one": np.array(2.5)}

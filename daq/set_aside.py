@@ -8,9 +8,9 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from lacet.identify.multibody.vectors import Array
-
+Array = NDArray[np.float64]
 K = TypeVar("K", bound=Hashable)
 
 
