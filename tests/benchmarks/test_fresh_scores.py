@@ -196,9 +196,10 @@ def test_what_lacet_wrote_is_read(tmp_path: Path) -> None:
     version(2, {"coulomb.front": {"v0": 0.01}}, 1.5)
     ties = [{"effect": "damper_saturation.front"}]
     steps = [
-        {"verdict": "missing", "best": "coulomb.front", "explained": 0.9, "failing": [],
+        {"verdict": "missing", "found": ["coulomb.front"], "best": "coulomb.front", "explained": 0.9, "failing": [],
          "candidates": [{"effect": "coulomb.front", "ties": ties}, {"effect": "aero_drag", "ties": []}]},
-        {"verdict": "unlisted cause", "best": None, "explained": 0.1, "failing": ["tyre.fl"], "candidates": []},
+        {"verdict": "unlisted cause", "found": [], "best": None, "explained": 0.1, "unlisted": True,
+         "unlisted_rows": ["tyre.fl"], "candidates": []},
     ]  # fmt: skip
     found = read(tmp_path, {**steps[-1], "steps": steps})
     assert found.effects == {"coulomb.front": {"v0": 0.01}}

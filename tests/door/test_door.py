@@ -110,7 +110,7 @@ def test_the_readmes_ten_lines_run(checkout: Path, monkeypatch: pytest.MonkeyPat
     exec(compile(block, "README.md", "exec"), known)  # what a reader would type
     printed = capsys.readouterr().out
     assert "spring.fl.k" in printed
-    assert "anti_roll_bar.front is missing" in printed
+    assert "anti_roll_bar.front and anti_roll_bar.rear are missing" in printed
 
 
 def test_nothing_proposed_is_no_effect_to_add(fitted: lacet.Fit) -> None:

@@ -163,7 +163,7 @@ def test_sensor_faults_touch_their_channels_alone(text: str) -> None:
     motion, rig, fault = drive("sinus"), make_rig(), Hidden.parse(text)
     good, bad = (measure(motion, rig, 3, timing=IDEAL, sheet=QUIET, noise=False, faults=f) for f in ([], [fault]))
     changed = set()
-    for name in CHANNELS:
+    for name in good:
         common = np.isin(good[name].t_ns, bad[name].t_ns)  # a late sensor has nothing to deliver at first
         late = len(bad[name]) - np.count_nonzero(common)
         assert late == 0

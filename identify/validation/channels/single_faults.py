@@ -41,7 +41,8 @@ _GROSS: Final = 30.0
 _SUSPECTS: Final = 4
 """Largest number of columns named."""
 _PART: Final = 0.02
-"""Least part of all excess over the floor that a wrong sign takes away: what else is wrong may take the rest."""
+"""Least part of all excess over the floor that a wrong sign, or another place of the inertial unit, takes away: what
+else is wrong may take the rest. A law that the model lacks moves the unit too, and explains nearly nothing by it."""
 _EXPLAINS: Final = 0.8
 """Least part of all excess over the floor that another unit takes away, or a delay."""
 _MUCH: Final = 3.0
@@ -170,7 +171,8 @@ def _misplaced(
     if found is None:
         return None
     late = max((one.delay_fall for one in products.estimates() if one.column.startswith("imu.accel")), default=0.0)
-    if late > found.fall:  # one of its columns is late rather
+    misfit = products.misfit
+    if late > found.fall or found.fall < _PART * (misfit - 1.0):  # one of its columns is late, or the model lacks a law
         return None
     reach = _reach(products.block_count)
     least = max(_ELSEWHERE, 3.0 * run.recording.rig.tolerance("imu.accel", "position"))
@@ -179,7 +181,6 @@ def _misplaced(
     for axis, value, spread in zip("xyz", found.value.tolist(), found.spread.tolist(), strict=True):
         if abs(value) - reach * spread > least:
             off[axis], half[axis] = value, _USUAL * spread
-    misfit = products.misfit
     return Misplaced(off, half, misfit**0.5, max(0.0, misfit - found.fall) ** 0.5, seconds) if off else None
 
 

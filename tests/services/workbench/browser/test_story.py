@@ -205,9 +205,9 @@ def _take_away(watch: Watch, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "study.json").read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("name", ["../outside.mcap", "notes.txt"])
+@pytest.mark.parametrize("name", ["../outside.mcap", "notes.pdf"])
 def test_a_file_that_is_no_run_is_refused_in_words(browser: Any, tmp_path: Path, name: str) -> None:
-    (tmp_path / "notes.txt").write_text("hello", encoding="utf-8")
+    (tmp_path / "notes.pdf").write_text("hello", encoding="utf-8")
     with serving(tmp_path / "study", tmp_path) as bench, opening(browser, bench.address) as opened:
         watch = opened()
         watch.go("runs")
@@ -215,7 +215,7 @@ def test_a_file_that_is_no_run_is_refused_in_words(browser: Any, tmp_path: Path,
             "(n) => fetch(`api/runs/${encodeURIComponent(n)}`, {method: 'PUT', body: 'x'}).then((a) => a.status)", name
         )
         assert 400 <= status < 500
-        watch.drop("drop-zone", tmp_path / "notes.txt")
+        watch.drop("drop-zone", tmp_path / "notes.pdf")
         watch.expect(watch.page.locator(".sent")).to_contain_text("is no run")
         watch.errors[:] = [e for e in watch.errors if "status of 400" not in e]
         assert not list(tmp_path.rglob("outside.mcap"))
