@@ -9,6 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+EXTENDED = 1 << 31
+"""Bit of a CAN identifier of 29 bits. In `Frames` it is set only where the number does not show it, up to 0x7FF."""
+STANDARD = 0x7FF
+"""The largest CAN identifier of 11 bits."""
+
 
 class Frame(NamedTuple):
     """One received frame.
@@ -32,7 +37,7 @@ class Frames:
     ----------
     source : bus name as in the rig file.
     t_ns : (N,) int64, receipt stamps [ns].
-    ident : (N,) uint32, CAN arbitration ids, 0 elsewhere.
+    ident : (N,) uint32, CAN arbitration ids, see `EXTENDED`; 0 elsewhere.
     offset : (N + 1,) int64; frame i is ``data[offset[i]:offset[i + 1]]``.
     data : (B,) uint8, all payloads end to end.
     """
@@ -105,3 +110,14 @@ class Frames:
 
     def __iter__(self):
         return (self.frame(i) for i in range(len(self)))
+
+
+def wire_idents(ident: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """(N,) identifiers as `Frames` have them, of those with `EXTENDED` at every one of 29 bits."""
+    bare = ident & np.uint32(EXTENDED - 1)
+    return np.where(bare > STANDARD, bare, ident)
+
+
+def full_idents(ident: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """(N,) identifiers with `EXTENDED` at every one of 29 bits, of those that `Frames` have."""
+    return np.where(ident > STANDARD, ident | np.uint32(EXTENDED), ident)

@@ -6,15 +6,15 @@ The file format is documented in ``docs/rig.md``; a new sensor of a known kind i
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lacet.daq.channels import AXES, CHANNELS, CORNERS, FAMILIES
+from lacet.daq.channels import AXES, CHANNELS, COLUMNS, CORNERS, FAMILIES
 from lacet.daq.errors import RigError, nearest
-from lacet.daq.shipped import find_shipped
-from lacet.daq.toml_reader import Reader
+from lacet.daq.shipped import DRIVERS, driver_files, find_shipped
+from lacet.daq.toml_reader import Reader, dotted
 
 FORMAT = "lacet-rig 1"
 WHEEL_REFERENCES = ("contact", "hub")
@@ -127,7 +127,8 @@ class Rig:
     """The sensors of a car, with mounting, wires, latencies, noise and tolerances.
 
     `wheel_reference` is ``contact`` (road on tyre, reduced to the wheel centre) or ``hub`` (wheel on hub, rim and tyre
-    outboard). `text` is the file's full text, as stored in every log; `folder` is the file's folder.
+    outboard). `text` is the file's full text, as stored in every log; `folder` is the file's folder, `path` the file as
+    it was named, for messages.
 
     Examples
     --------
@@ -142,16 +143,23 @@ class Rig:
     sensors: tuple[Sensor, ...]
     text: str
     folder: Path | None = None
+    path: str = "rig"
 
     @classmethod
-    def load(cls, path: str | Path) -> Rig:
-        """The rig of a file, or a shipped one by its name. Raises RigError with every fault at once."""
+    def load(cls, path: str | Path, kept: bool = False) -> Rig:
+        """The rig of a file, or a shipped one by its name. Raises RigError with every fault at once.
+
+        `kept` : it is a copy, in a study or an upload, whose drivers need not be at hand.
+        """
         found = find_shipped(path, "rigs", RigError)
-        return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path), found.parent)
+        known = None if kept else {*driver_files(DRIVERS), *driver_files(found.parent / "drivers")}
+        return cls.parse(found.read_text(encoding="utf-8", errors="replace"), str(path), found.parent, known)
 
     @classmethod
-    def parse(cls, text: str, name: str = "rig", folder: Path | None = None) -> Rig:
-        """The rig that a text describes. Raises RigError with every fault at once."""
+    def parse(
+        cls, text: str, name: str = "rig", folder: Path | None = None, drivers: Collection[str] | None = None
+    ) -> Rig:
+        """The rig of a text, with any drivers, or only with `drivers`. Raises RigError with every fault at once."""
         reader = Reader(text, name, RigError, FORMAT)
         root = reader.root
         reader.known(root, ("format", "name", "description", "wheel_reference", "bus", "sensor"), "")
@@ -165,6 +173,8 @@ class Rig:
                 reader.fault(f"sensor #{i + 1}", f"must be a [[sensor]] row, found {row!r}")
         sensors = tuple(_sensor(reader, i, row, buses) for i, row in enumerate(rows) if isinstance(row, dict))
         _check_unique(reader, sensors)
+        if drivers is not None:
+            _check_drivers(reader, sensors, drivers)
         rig = cls(
             reader.text(root, "name", ""),
             reader.choice(root, "wheel_reference", "", WHEEL_REFERENCES, "contact"),
@@ -172,6 +182,7 @@ class Rig:
             sensors,
             text,
             folder,
+            name,
         )
         reader.finish()
         return rig
@@ -229,14 +240,26 @@ _SENSOR_KEYS = (
     "name", "driver", "bus", "channels", "axes", "latency", "clock", "noise", "tolerance", "position",
     "position_from_wheel_centre", "orientation", "options", "description",
 )  # fmt: skip
+_DBC_KEYS = ("dbc", "signals", "sources", "counter", "checksum", "status")
+"""Further keys of a row whose driver is ``dbc``: they are its options."""
 
 
 def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str, Bus]) -> Sensor:
     name = row.get("name") if isinstance(row.get("name"), str) else f"#{index + 1}"
     place = f"sensor {name}"
-    reader.known(row, _SENSOR_KEYS, place)
+    by_dbc = row.get("driver") == "dbc"
+    if not by_dbc and (those := [key for key in _DBC_KEYS if key in row]):
+        reader.fault(f"{place}.{those[0]}", 'is for driver = "dbc", a bus by the DBC of its owner')
+    reader.known(row, (*_SENSOR_KEYS, *_DBC_KEYS), place)
     reader.text(row, "name", place)
-    channels = _channels(reader, row.get("channels"), place)
+    options = dict(reader.table(row, "options", place))
+    if by_dbc:
+        options |= {key: row[key] for key in _DBC_KEYS if key in row}
+    patterns = row.get("channels")
+    if by_dbc and patterns is None:
+        channels = _of_signals(reader, options.get("signals"), place)
+    else:
+        channels = _channels(reader, patterns, place)
     bus = row.get("bus")
     if bus is not None and bus not in buses:
         reader.fault(f"{place}.bus", f"there is no [bus.{bus}]{nearest(str(bus), buses)}")
@@ -264,7 +287,7 @@ def _sensor(reader: Reader, index: int, row: dict[str, Any], buses: Mapping[str,
         if from_centre is None
         else reader.vector(from_centre, f"{place}.position_from_wheel_centre"),
         orientation=reader.vector(orientation, f"{place}.orientation"),
-        options=reader.table(row, "options", place),
+        options=options,
     )  # fmt: skip
 
 
@@ -279,6 +302,37 @@ def _channels(reader: Reader, patterns: Any, place: str) -> tuple[str, ...]:
             reader.fault(f"{place}.channels", f"no channel is called {pattern!r}{nearest(str(pattern), CHANNELS)}")
         out.update(dict.fromkeys(matches))
     return tuple(out)
+
+
+def _of_signals(reader: Reader, signals: Any, place: str) -> tuple[str, ...]:
+    """The channels whose components ``signals`` gives, whole ones only."""
+    if not isinstance(signals, dict) or not signals:
+        reader.fault(f"{place}.signals", 'must say where channels come from: signals = { "imu.accel.y" = "LatAcc" }')
+        return ()
+    columns = dotted(signals, COLUMNS)
+    out: dict[str, None] = {}
+    for column in columns:
+        if column in COLUMNS:
+            out[COLUMNS[column][0].name] = None
+        elif column in CHANNELS:
+            reader.fault(f"{place}.signals.{column}", f"has components: write {', '.join(CHANNELS[column].columns)}")
+        else:
+            hint = f"{nearest(column, COLUMNS)} (lacet info --channels lists them)"
+            reader.fault(f"{place}.signals.{column}", f"is not a channel{hint}")
+    for name in out:
+        if missing := [column for column in CHANNELS[name].columns if column not in columns]:
+            reader.fault(f"{place}.signals", f"{name} needs all its components: {', '.join(missing)} is missing")
+    return tuple(out)
+
+
+def _check_drivers(reader: Reader, sensors: tuple[Sensor, ...], drivers: Collection[str]) -> None:
+    for sensor in sensors:
+        if sensor.driver is not None and sensor.driver not in drivers:
+            reader.fault(
+                f"sensor {sensor.name}.driver",
+                f"no driver is called {sensor.driver!r}{nearest(str(sensor.driver), drivers)} (there are: "
+                f"{', '.join(sorted(drivers))}; one of your own is drivers/{sensor.driver}.py beside the rig file)",
+            )
 
 
 def _sheet(reader: Reader, row: dict[str, Any], key: str, place: str, allowed: set[str]) -> dict[str, float]:

@@ -6,6 +6,14 @@ from pathlib import Path
 
 from lacet.daq.errors import FileFault, nearest
 
+DRIVERS = Path(__file__).resolve().parents[1] / "drivers"
+"""Folder of the drivers shipped with lacet. Only the names of its files are looked at here."""
+
+
+def driver_files(folder: Path) -> tuple[str, ...]:
+    """Names of the drivers in a folder, those of its Python files."""
+    return tuple(sorted(file.stem for file in folder.glob("*.py") if not file.stem.startswith("_")))
+
 
 def find_shipped(path: str | Path, folder: str, error: type[FileFault]) -> Path:
     """Path of a file, or of one shipped in ``daq/<folder>`` by its bare name. Raises `error` with the choices."""

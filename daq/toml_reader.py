@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,6 +40,13 @@ class Reader:
             raise error(name, [f"not valid TOML: {cause}"]) from None
         if self.root.get("format") != expected:
             self.fault("format", f'must be "{expected}", found {self.root.get("format")!r}')
+
+    @classmethod
+    def of(cls, root: Mapping[str, Any], name: str, error: type[FileFault]) -> Reader:
+        """A reader of tables that are parsed already, a part of another file."""
+        out = cls.__new__(cls)
+        out.name, out.error, out.faults, out.root = name, error, [], dict(root)
+        return out
 
     def fault(self, place: str, message: str) -> None:
         """Add one fault."""
@@ -168,3 +175,18 @@ class Reader:
     @staticmethod
     def _least(low: float) -> str:
         return "" if low == -math.inf else f" of at least {low:g}"
+
+
+def dotted(table: Mapping[str, Any], known: Container[str], before: str = "") -> dict[str, Any]:
+    """A table of tables with dotted keys: ``wheel.fl.force.x`` without quotes is nested in TOML.
+
+    A table that has ``from``, or whose key is `known`, is an entry.
+    """
+    out: dict[str, Any] = {}
+    for key, entry in table.items():
+        full = f"{before}{key}"
+        if isinstance(entry, dict) and "from" not in entry and full not in known:
+            out |= dotted(entry, known, f"{full}.")
+        else:
+            out[full] = entry
+    return out

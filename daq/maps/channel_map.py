@@ -23,7 +23,7 @@ from lacet.daq.maps.names import Written, marked, read_names
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS
 from lacet.daq.sources.source import Reading
-from lacet.daq.toml_reader import Reader
+from lacet.daq.toml_reader import Reader, dotted
 from lacet.daq.units import Unit, UnitFault, read_unit
 
 FORMAT = "lacet-map 1"
@@ -142,6 +142,20 @@ class ChannelMap:
         reader.finish()
         return cls(name, channels, sources, reading, metadata, text)
 
+    @classmethod
+    def of_tables(
+        cls, tables: Mapping[str, Any], name: str, folder: Path | None = None, files: Mapping[str, bytes] | None = None
+    ) -> ChannelMap:
+        """The map of the tables ``signals`` and ``sources`` of another file, as `[channels]` and `[sources]` of a map.
+
+        `files` : contents of lookup tables that are kept elsewhere, by name. Raises MapError with every fault at once.
+        """
+        reader = Reader.of(tables, name, MapError)
+        sources = _sources(reader)
+        channels = _channels(reader, folder or Path(), sources, "signals", files)
+        reader.finish()
+        return cls(name, channels, sources)
+
     def said(self, name: str) -> Said:
         """What the map says of a name: by the name itself, else by the first pattern that fits."""
         if name in self.sources:
@@ -239,10 +253,13 @@ def _delay(reader: Reader, entry: dict[str, Any], place: str) -> float:
     return 0.0
 
 
-def _channels(reader: Reader, folder: Path, sources: Mapping[str, Said]) -> dict[str, Mapped]:
+def _channels(
+    reader: Reader, folder: Path, sources: Mapping[str, Said], key: str = "channels",
+    files: Mapping[str, bytes] | None = None,
+) -> dict[str, Mapped]:  # fmt: skip
     out: dict[str, Mapped] = {}
-    for column, entry in _flat(reader.table(reader.root, "channels", "", required=False)).items():
-        place = f"channels.{column}"
+    for column, entry in dotted(reader.table(reader.root, key, "", required=False), COLUMNS).items():
+        place = f"{key}.{column}"
         if column not in COLUMNS:
             if column in CHANNELS:
                 parts = ", ".join(CHANNELS[column].columns)
@@ -258,7 +275,7 @@ def _channels(reader: Reader, folder: Path, sources: Mapping[str, Said]) -> dict
         if not isinstance(entry, dict) or "from" not in entry:
             reader.fault(place, 'write "EXPRESSION" or { from = "EXPRESSION", table = "FILE.csv", delay = "12 ms" }')
             continue
-        found = _mapped(reader, folder, column, entry, place)
+        found = _mapped(reader, folder, column, entry, place, files or {})
         if found is None:
             continue
         out[column] = found
@@ -281,7 +298,9 @@ def _said_unit(mapped: Mapped, sources: Mapping[str, Said], name: str) -> Unit |
         return None  # reported where it stands
 
 
-def _mapped(reader: Reader, folder: Path, column: str, entry: dict[str, Any], place: str) -> Mapped | None:
+def _mapped(
+    reader: Reader, folder: Path, column: str, entry: dict[str, Any], place: str, files: Mapping[str, bytes]
+) -> Mapped | None:
     reader.known(entry, CHANNEL_KEYS, place)
     text = reader.text(entry, "from", place)
     try:
@@ -297,7 +316,8 @@ def _mapped(reader: Reader, folder: Path, column: str, entry: dict[str, Any], pl
     lookup = None
     if "table" in entry:
         try:
-            lookup = read_lookup(folder / reader.text(entry, "table", place), column)
+            file = reader.text(entry, "table", place)
+            lookup = read_lookup(folder / file, column, files.get(file))
             wanted = COLUMNS[column][0].unit
             if not lookup.y_unit.fits(wanted):
                 reader.fault(f"{place}.table", f"its values are in {lookup.y_unit.text}, and {column} is in {wanted}")
@@ -307,15 +327,3 @@ def _mapped(reader: Reader, folder: Path, column: str, entry: dict[str, Any], pl
             reader.fault(f"{place}.table", f"{cause.path}: {'; '.join(cause.faults)}{hint}")
             return None
     return Mapped(column, written, unit, lookup, _delay(reader, entry, place))
-
-
-def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
-    """A table of tables with dotted keys: ``wheel.fl.force.x`` without quotes is nested in TOML."""
-    out: dict[str, Any] = {}
-    for key, entry in table.items():
-        full = f"{before}{key}"
-        if isinstance(entry, dict) and "from" not in entry and full not in COLUMNS:
-            out |= _flat(entry, f"{full}.")
-        else:
-            out[full] = entry
-    return out

@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.channels import CHANNELS, COLUMNS
 from lacet.daq.errors import RunError
-from lacet.daq.expressions.expression import ExpressionFault
-from lacet.daq.maps.assembly import Assembly, ChannelPiece, Key
-from lacet.daq.maps.channel_map import ChannelMap, Mapped, Said
-from lacet.daq.maps.names import marked
+from lacet.daq.maps.assembly import Assembly, ChannelPiece
+from lacet.daq.maps.channel_map import ChannelMap, Said
+from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.sources.open_source import open_source
 from lacet.daq.sources.source import Array, Series, Source, resolve
-from lacet.daq.units import Unit, UnitFault, read_unit
+from lacet.daq.units import read_unit
 
 
 @dataclass
@@ -111,7 +109,7 @@ class Conversion:
         name = self._places[key.name][1]
         if name not in piece:
             return None
-        stamps, values = piece[name]
+        stamps, values, flags = piece[name]
         if time:
             if time not in piece or len(piece[time].values) != len(values):
                 raise RunError(
@@ -131,12 +129,11 @@ class Conversion:
             shared[place] = (t if keep.all() else t[keep], None if keep.all() else keep)
         t, kept = shared[place]
         values = values if kept is None else values[kept]
-        unit_ = read_unit(key.unit) if key.unit else None
-        if unit_ is not None and (unit_.factor != 1.0 or unit_.offset):
-            values = unit_.factor * values + unit_.offset
+        flags = flags if kept is None or flags is None else flags[kept]
+        values = in_si(values, key.unit)
         if len(t):
             self._ending[(at, time or name)] = float(t[-1]) + key.delay
-        return Series(t, values)
+        return Series(t, values, flags)
 
     def _ends(self, piece: Mapping[str, Series]) -> None:
         for place, end in self._ending.items():
@@ -184,69 +181,15 @@ class Conversion:
             for name in source.listed:
                 own = name if several[name] == 1 else f"{source.path.stem}.{name}"
                 self._places[own] = (at, name)
-        lacking: list[str] = []
-        columns: dict[str, dict[int, Mapped]] = {}
-        for column, mapped in self.map.channels.items():
-            channel, component = COLUMNS[column]
-            columns.setdefault(channel.name, {})[component] = mapped
-        without_unit: list[str] = []
-        for name, parts in columns.items():
-            channel = CHANNELS[name]
-            if missing := [channel.columns[i] for i in range(channel.width) if i not in parts]:
-                alone = ALONE.get(next(m.column for m in parts.values()), "")
-                hint = f" (map it to {alone}, which is one component alone)" if alone else ""
-                lacking.append(f"{name} was left out: the map does not have {', '.join(missing)}{hint}")
-                continue
-            try:
-                mapped = [parts[i] for i in range(channel.width)]
-                keys = [self._keys(one, without_unit) for one in mapped]
-                if not any(keys):
-                    raise ValueError("constants only: no name of the log is in it")
-                self.assemblies.append(Assembly(channel, mapped, keys))
-            except ValueError as cause:
-                lacking.append(f"{name} was left out: {cause}")
+        units = {own: self.sources[at].listed[name].unit for own, (at, name) in self._places.items()}
+        found = resolved(self.map, units)
+        lacking = [f"{name} was left out: {why}" for name, why in found.lacking.items()]
+        self.assemblies = [Assembly(*one) for one in found.recipes]
         self.notes += lacking
-        if without_unit:
-            names = ", ".join(dict.fromkeys(without_unit))
+        if found.without_unit:
+            names = ", ".join(found.without_unit)
             self.notes.append(f"without a unit in file and map, taken as SI: {names}")
         if not self.assemblies:
             path = ", ".join(str(source.path) for source in self.sources)
             remedy = f"correct {self.map.name}, or let lacet propose one: lacet map --guess {self.sources[0].path}"
             raise RunError(path, [*lacking, remedy])
-
-    def _keys(self, mapped: Mapped, without_unit: list[str]) -> dict[str, Key]:
-        """The series of a column's expression. Raises ValueError in words."""
-        out: dict[str, Key] = {}
-        units: dict[str, Unit | None] = {}
-        for name, source in mapped.written.names.items():
-            said = self._said(source)
-            try:
-                found = resolve(said.name or source, self._places)
-            except KeyError as cause:
-                raise ValueError(f"{mapped.column}: {cause.args[0]}") from None
-            at, own = self._places[found]
-            unit = mapped.unit or said.unit or self._said(found).unit or self.sources[at].listed[own].unit
-            if not unit:
-                without_unit.append(found)
-            try:
-                units[source] = read_unit(unit) if unit else None
-            except UnitFault as cause:
-                remedy = f'say the right one in the map: [sources] "{source}" = "…"'
-                raise ValueError(f"{mapped.column}: '{found}': {cause}; {remedy}") from None
-            said_delay = said.delay or self._said(found).delay
-            out[name] = Key(found, unit, mapped.delay + said_delay)
-        try:
-            mapped.check(units)
-        except ExpressionFault as cause:
-            raise ValueError(f"{mapped.column}: {marked(mapped.written.text, cause)}") from None
-        except ValueError as cause:
-            named = ", ".join(f"'{n}' is in {u.text}" for n, u in units.items() if u is not None)
-            raise ValueError(f"{mapped.column}: {cause}{f' ({named})' if named else ''}") from None
-        return out
-
-
-ALONE = {
-    "imu.accel.x": "car.longitudinal_accel", "imu.accel.y": "car.lateral_accel", "imu.accel.z": "car.vertical_accel",
-    "imu.rate.x": "car.roll_rate", "imu.rate.y": "car.pitch_rate", "imu.rate.z": "car.yaw_rate",
-}  # fmt: skip
-"""Component → the channel that is this component alone."""

@@ -17,7 +17,7 @@ from lacet.daq.channels import COLUMNS
 from lacet.daq.expressions.functions import FUNCTIONS
 from lacet.daq.maps.behaviour import RATE, Car, on_grid
 from lacet.daq.maps.channel_map import FORMAT
-from lacet.daq.maps.conversion import ALONE
+from lacet.daq.maps.resolution import ALONE
 from lacet.daq.maps.words import Meaning, meanings
 from lacet.daq.sources.source import Array, Series, Source
 from lacet.daq.units import UnitFault, read_unit
@@ -186,7 +186,7 @@ def _signed(
     for column, (one, _) in chosen.items():
         unit = read_unit(one.said_unit or one.unit) if one.said_unit or one.unit else None
         factor = unit.factor if unit else 1.0
-        columns[column] = factor * on_grid(*series[one.name], grid)
+        columns[column] = factor * on_grid(series[one.name].t, series[one.name].values, grid)
     car = Car(columns)
     if len(grid) > 3:
         car.find_signs()

@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.errors import RunError
 from lacet.daq.sources.csv_table import read_cells
-from lacet.daq.sources.source import Array, Reading
+from lacet.daq.sources.source import Array
 from lacet.daq.units import Unit, UnitFault, read_unit
 
 
@@ -31,12 +31,13 @@ class Lookup:
         return np.interp(values, self.x, self.y, left=np.nan, right=np.nan)
 
 
-def read_lookup(path: Path, column: str) -> Lookup:
+def read_lookup(path: Path, column: str, content: bytes | None = None) -> Lookup:
     """The table in a file whose first column is looked up and whose column `column`, or only other one, is found.
 
-    Raises RunError with the file, the line or column, and what to do.
+    `content` is the file's where it is kept elsewhere, in a run's log. Raises RunError with the file, the line or
+    column, and what to do.
     """
-    names, units, rows, first = read_cells(path, Reading())
+    names, units, rows, first = read_cells(path, content)
     if len(names) < 2:
         raise RunError(path, [f"a lookup table has two columns with units, as in 'SWA [deg], {column} [deg]'"])
     if len(names) > 2 and column not in names:

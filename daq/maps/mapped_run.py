@@ -46,6 +46,7 @@ def mapped_run(paths: Sequence[str | Path], map_: ChannelMap) -> Run:
         key = tuple(id(piece.t) for piece in pieces)
         if key not in bases:
             bases[key] = np.concatenate([piece.t for piece in pieces]) - start
-        signals[name] = signal_of(name, bases[key], np.concatenate([piece.values for piece in pieces]))
+        values, flags = (np.concatenate([getattr(piece, what) for piece in pieces]) for what in ("values", "flags"))
+        signals[name] = signal_of(name, bases[key], values, flags)
     metadata = dict(map_.metadata)
     return Run(name=Path(paths[0]).stem, signals=signals, problems=tuple(conversion.notes), **metadata)

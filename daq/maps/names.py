@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from lacet.daq.dimension import Dimension
 from lacet.daq.expressions.expression import CONSTANTS, Expression, ExpressionFault
@@ -36,7 +37,7 @@ class Written:
         return re.fullmatch(r"[-+\s(]*(`[^`]+`|[A-Za-z_][\w.]*)[\s)]*", self.text) is not None
 
 
-def read_names(text: str, functions: Mapping[str, object]) -> Written:
+def read_names(text: str, functions: Mapping[str, Callable[..., Any]]) -> Written:
     """The expression of a text. Raises ExpressionFault with the place in `text`."""
     stand_ins: dict[str, str] = {}
     for_name: dict[str, str] = {}
@@ -53,7 +54,7 @@ def read_names(text: str, functions: Mapping[str, object]) -> Written:
         return known
 
     plain = _QUOTED.sub(stand_in, text)
-    expression, numbers = read_expression(plain, functions)  # type: ignore[arg-type]
+    expression, numbers = read_expression(plain, functions)
     names = {name: stand_ins.get(name, name) for name in sorted(expression.symbols) if name not in CONSTANTS}
     return Written(text, expression, numbers, names)
 

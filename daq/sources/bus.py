@@ -1,56 +1,17 @@
-"""Raw bus logs with the owner's DBC: every signal is a name ``Message.Signal``, decoded from all frames at once.
-
-No counter, checksum or status is asked of the bus. Multiplexed and floating-point signals, CAN FD and J1939 (frames
-distinguished by their parameter group) are read.
-"""
+"""Raw bus logs with the owner's DBC: every signal is a name ``Message.Signal``, decoded from all frames at once."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.daq.can_signal import Signal
-from lacet.daq.errors import DbcError
-from lacet.daq.sources.frames import EXTENDED, BusFrames
-from lacet.daq.sources.source import Array, Listed, Piece, Series, Source, fault
-
-_NO_VALUE = re.compile(r"\b(sna|invalid|not[ _]?avail\w*|no[ _]?value|error|fault|undefined|init)\b", re.IGNORECASE)
-"""Names of raw values that mean that there is none."""
-_PGN, _PGN_TO_ALL = np.uint32(0x03FFFF00), np.uint32(0x03FF0000)
-"""Bits of a J1939 identifier that are the parameter group: of a broadcast, and of a message to one receiver."""
-
-
-@dataclass(frozen=True)
-class _Decoded:
-    """A signal of a DBC: its place, and the values of its multiplexers with which it is sent."""
-
-    name: str
-    signal: Signal
-    is_float: bool
-    needs: tuple[tuple[Signal, tuple[int, ...]], ...]
-    without_value: tuple[int, ...]
-    bytes_needed: int
-
-
-@dataclass(frozen=True)
-class _Message:
-    name: str
-    ident: int
-    j1939: bool
-    signals: tuple[_Decoded, ...]
-
-    def of(self, ident: NDArray[np.uint32]) -> NDArray[np.bool_]:
-        """(N,) which frames are this message."""
-        if not self.j1939:
-            return ident == np.uint32(self.ident)
-        mask = _PGN if (self.ident >> 16) & 0xFF >= 0xF0 else _PGN_TO_ALL
-        return (ident & mask) == (np.uint32(self.ident) & mask)
+from lacet.daq.frames import EXTENDED
+from lacet.daq.sources.dbc_messages import BusMessage, read_dbc
+from lacet.daq.sources.frames import BusFrames
+from lacet.daq.sources.source import Listed, Piece, Series, Source, fault
 
 
 class BusSource(Source):
@@ -115,100 +76,26 @@ class BusSource(Source):
                     continue
                 for before, mine in self._by_bus(message, frames, rows):
                     t = frames.t[mine] - self._origin
-                    payload, lengths = np.ascontiguousarray(frames.rows[mine]), frames.lengths[mine]
+                    payload, lengths = message.fitted(frames.rows[mine]), frames.lengths[mine]
                     for one in message.signals:
                         name = f"{before}{message.name}.{one.name}"
                         if name in asked:
-                            piece[name] = _series(one, t, payload, lengths)
+                            found = one.values(payload, lengths)
+                            own = t if len(found.rows) == len(t) else t[found.rows]
+                            piece[name] = Series(own, found.values, found.flags if found.flags.any() else None)
             self.done = min(0.99, self.done + len(frames.t) * 24 / self._size)
             if piece:
                 yield piece
         self.done = 1.0
 
     def _by_bus(
-        self, message: _Message, frames: BusFrames, rows: NDArray[np.int64]
+        self, message: BusMessage, frames: BusFrames, rows: NDArray[np.int64]
     ) -> Iterator[tuple[str, NDArray[np.int64]]]:
         if message.name not in self._twice:
             yield "", rows
             return
         for bus in np.unique(frames.bus[rows]):
             yield f"{frames.buses[bus]}.", rows[frames.bus[rows] == bus]
-
-
-def _series(one: _Decoded, t: Array, payload: NDArray[np.uint8], lengths: NDArray[np.int64]) -> Series:
-    sent = np.ones(len(t), bool)
-    for multiplexer, values in one.needs:
-        sent &= np.isin(multiplexer.raw(payload), values)
-    if not sent.all():
-        t, payload, lengths = t[sent], payload[sent], lengths[sent]
-    raw = one.signal.raw(payload)
-    if one.is_float:
-        kind = np.float32 if one.signal.length == 32 else np.float64
-        whole = np.uint32 if one.signal.length == 32 else np.uint64
-        values = one.signal.physical(np.asarray(raw).astype(whole).view(kind).astype(float))
-    else:
-        values = np.asarray(one.signal.physical(raw), float)
-    lacking = lengths < one.bytes_needed
-    if one.without_value:
-        lacking |= np.isin(raw, one.without_value)
-    if lacking.any():
-        values = np.where(lacking, np.nan, values)
-    return Series(t, values)
-
-
-def read_dbc(path: Path) -> list[_Message]:
-    """The messages of a DBC (or another file that cantools reads). Raises DbcError."""
-    import cantools.database
-
-    try:
-        text = path.read_text(encoding="cp1252", errors="replace")
-        database = cantools.database.load_string(text, path.suffix.lower().removeprefix(".") or "dbc", strict=False)
-    except OSError as cause:
-        raise DbcError(path, [f"cannot be read: {cause.strerror}"]) from None
-    except Exception as cause:  # cantools raises exceptions of many types, its parser's among them
-        raise DbcError(path, [f"not a DBC file: {cause}"]) from None
-    if not isinstance(database, cantools.database.Database):
-        raise DbcError(path, ["describes diagnostics, not CAN messages"])
-    return [_message(entry) for entry in database.messages]
-
-
-def _message(entry: Any) -> _Message:
-    signals = {signal.name: _signal(signal) for signal in entry.signals}
-    out = [
-        _Decoded(
-            signal.name, signals[signal.name], bool(signal.is_float), _multiplexers(signal, entry, signals),
-            _without_value(signal), max(bit // 8 for bit in signals[signal.name].bits) + 1,
-        )
-        for signal in entry.signals
-        if signal.length <= 64
-    ]  # fmt: skip
-    ident = entry.frame_id | (EXTENDED if entry.is_extended_frame else 0)
-    return _Message(entry.name, ident, entry.protocol == "j1939", tuple(out))
-
-
-def _signal(signal: Any) -> Signal:
-    return Signal(
-        signal.name, signal.start, signal.length, signal.byte_order == "big_endian", bool(signal.is_signed),
-        float(signal.scale), float(signal.offset), signal.unit or "", 0, 0,
-    )  # fmt: skip
-
-
-def _multiplexers(signal: Any, entry: Any, signals: dict[str, Signal]) -> tuple[tuple[Signal, tuple[int, ...]], ...]:
-    """Multiplexers of a signal, each with the values that select it, outer ones too."""
-    by_name = {one.name: one for one in entry.signals}
-    out: list[tuple[Signal, tuple[int, ...]]] = []
-    while signal.multiplexer_ids and signal.multiplexer_signal in by_name:
-        out.append((signals[signal.multiplexer_signal], tuple(signal.multiplexer_ids)))
-        signal = by_name[signal.multiplexer_signal]
-    return tuple(out)
-
-
-def _without_value(signal: Any) -> tuple[int, ...]:
-    """Raw values that a DBC names as no value, for signals that are quantities and no states."""
-    choices = signal.choices or {}
-    if signal.length < 6:
-        return ()
-    return tuple(int(raw) for raw, text in choices.items() if _NO_VALUE.search(str(text)))
 
 
 def _some_ids(frames: Callable[[], Iterator[BusFrames]]) -> str:

@@ -162,13 +162,19 @@ class CsvTable(Source):
 def find_form(path: Path, reading: Reading) -> Form:
     """The form of a text table. Raises RunError in words where it is none."""
     try:
-        begin = path.open("rb").read(_HEAD)
+        with path.open("rb") as stream:
+            begin = stream.read(_HEAD)
     except OSError as cause:
         raise fault(path, f"cannot be read: {cause.strerror}") from None
+    return form_of(begin, path, reading)
+
+
+def form_of(begin: bytes, path: Path, reading: Reading) -> Form:
+    """The form of a text table by its beginning; `path` is for messages. Raises RunError in words where it is none."""
     encoding = reading.encoding or _encoding(begin)
     if b"\0" in begin and not encoding.startswith("utf-16"):
         raise fault(path, "this is no text table: it holds zero bytes")
-    lines = _decoded(path, encoding).splitlines()
+    lines = _text_of(begin, path, encoding).splitlines()
     if len(begin) == _HEAD:
         lines = lines[:-1]
     lines = lines[:_LINES]
@@ -267,9 +273,13 @@ def _encoding(begin: bytes) -> str:
 
 
 def _decoded(path: Path, encoding: str) -> str:
+    with path.open("rb") as stream:
+        return _text_of(stream.read(_HEAD), path, encoding)
+
+
+def _text_of(begin: bytes, path: Path, encoding: str) -> str:
     try:
-        with path.open("rb") as stream:
-            return io.TextIOWrapper(io.BytesIO(stream.read(_HEAD)), encoding, "replace", "").read()
+        return io.TextIOWrapper(io.BytesIO(begin), encoding, "replace", "").read()
     except LookupError:
         raise fault(path, f"there is no encoding {encoding!r}: utf-8, cp1252, utf-16 …") from None
 
@@ -299,13 +309,18 @@ def _said(cause: BaseException) -> str:
     return str(cause).replace("CSV conversion error to double", "not a number").replace("In CSV column", "column")
 
 
-def read_cells(path: Path, reading: Reading) -> tuple[list[str], list[str], Array, int]:
+def read_cells(path: Path, content: bytes | None = None) -> tuple[list[str], list[str], Array, int]:
     """Names, units, numbers (n, k) with NaN for the rest, and the first line of numbers [from 1], of a short table.
 
-    Raises RunError as `find_form`.
+    `content` is the file's where it is kept elsewhere. Raises RunError as `find_form`.
     """
-    form = find_form(path, reading)
-    lines = path.read_text(encoding=form.encoding).splitlines()[form.first :]
+    if content is None:
+        try:
+            content = path.read_bytes()
+        except OSError as cause:
+            raise fault(path, f"cannot be read: {cause.strerror}") from None
+    form = form_of(content[:_HEAD], path, Reading())
+    lines = content.decode(form.encoding, "replace").splitlines()[form.first :]
     rows = [row for row in csv.reader(lines, delimiter=form.separator) if any(cell.strip() for cell in row)]
     out = np.full((len(rows), len(form.names)), np.nan)
     for at, row in enumerate(rows):

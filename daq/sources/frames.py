@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.can_signal import row_width
+from lacet.daq.frames import EXTENDED
 from lacet.daq.sources.mdf import BUS_CHANNEL
 from lacet.daq.sources.source import fault
 
 FRAMES = 1 << 17
 """Frames that are read at a time."""
-EXTENDED = 1 << 31
-"""Bit of an identifier that has 29 bits."""
 _CANDUMP = re.compile(r"^\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#")
 SUFFIXES = {".blf": "BLF", ".asc": "ASC", ".trc": "TRC"}
 

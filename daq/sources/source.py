@@ -62,10 +62,14 @@ class Reading:
 
 
 class Series(NamedTuple):
-    """Consecutive samples of one name: times (N,) [s from the log's start] and values (N,) in the file's unit."""
+    """Consecutive samples of one name: times (N,) [s from the log's start] and values (N,) in the file's unit.
+
+    `flags` (N,) are `daq.blocks.Flag` bits where the log says why there is no value.
+    """
 
     t: Array
     values: Array
+    flags: NDArray[np.uint8] | None = None
 
 
 Piece = Mapping[str, Series]

@@ -84,6 +84,7 @@ class RowCrc:
 
 
 CRC8_J1850 = Crc("CRC-8/SAE-J1850", 8, 0x1D, 0xFF, False, 0xFF)
+CRC8_AUTOSAR = Crc("CRC-8/AUTOSAR", 8, 0x2F, 0xFF, False, 0xFF)
 CRC16_CCITT_FALSE = Crc("CRC-16/CCITT-FALSE", 16, 0x1021, 0xFFFF, False, 0x0000)
 CRC32 = Crc("CRC-32/ISO-HDLC", 32, 0x04C11DB7, 0xFFFFFFFF, True, 0xFFFFFFFF)
 """The CRC-32 of zlib and Ethernet."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from lacet.daq.blocks import Block
+from lacet.daq.errors import RigError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.wire import StopRecord
 from lacet.daq.frames import Frames
@@ -15,7 +16,17 @@ from lacet.drivers import open_driver
 from lacet.drivers.framework.base import Driver, State
 
 NO_LOSS = frozenset(
-    {"received", "samples", "saturated", "bad_status", "restarts", "skipped_bytes", "unknown_ident", "no_driver"}
+    {
+        "received",
+        "samples",
+        "saturated",
+        "bad_status",
+        "restarts",
+        "skipped_bytes",
+        "unknown_ident",
+        "no_driver",
+        "no_neighbour",
+    }
 )
 """Entries of a ledger that are no losses in transit of what a sensor sent."""
 
@@ -36,23 +47,31 @@ class Decoder:
     ----------
     rig : sensors without a driver or a bus are left out.
     documents : file name → text, recorded with a run; they take precedence over files on disk.
+    own : drivers of the user's own by name, which have been trusted.
 
     Raises
     ------
     LacetError : a driver is unknown, or its options or documents have faults.
     """
 
-    def __init__(self, rig: Rig, documents: Mapping[str, str] | None = None):
+    def __init__(self, rig: Rig, documents: Mapping[str, str] | None = None, own: Mapping[str, type] | None = None):
         self.rig = rig
         self._wired: list[_Wired] = []
+        faults: list[str] = []
         self.documents: dict[str, str] = {}
         """File name → full text of every file that the drivers use."""
         for sensor in rig.sensors:
             if sensor.driver is None or sensor.bus is None:
                 continue
-            driver = open_driver(sensor.driver, sensor.bus, sensor.options, rig.folder, documents)
+            try:
+                driver = open_driver(sensor.driver, sensor.bus, sensor.options, rig.folder, documents, own)
+            except RigError as cause:  # whose place is the driver: say which row of which file
+                faults += [f"sensor {sensor.name}.{fault}" for fault in cause.faults]
+                continue
             self._wired.append(_Wired(sensor, driver, driver.start()))
             self.documents |= driver.documents
+        if faults:
+            raise RigError(rig.path, faults)
         self._received: dict[str, int] = defaultdict(int)
 
     @property

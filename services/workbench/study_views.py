@@ -37,7 +37,7 @@ def study_payload(cache: SessionCache, busy: dict[str, Any] | None) -> dict[str,
     vehicle, rig = folder / "vehicle.toml", folder / "rig.toml"
     head |= {"fails_above": FAILS, "row_labels": {row: row_label(row) for row in ROWS}}
     head["vehicle"] = Vehicle.load(vehicle).name if vehicle.is_file() else None
-    sensors = Rig.load(rig) if rig.is_file() else None
+    sensors = Rig.load(rig, kept=True) if rig.is_file() else None
     head |= {"rig": sensors.name if sensors else None, "reference": sensors.wheel_reference if sensors else None}
     if not cache.exists:
         none: dict[str, Any] = {"used": [], "held": [], "current": 0, "draws": None, "versions": [], "diagnosis": None}

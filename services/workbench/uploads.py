@@ -22,7 +22,7 @@ from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.mf4 import FORMAT, read_map
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.rig import Rig
-from lacet.daq.sources.bus import read_dbc
+from lacet.daq.sources.dbc_messages import read_dbc
 from lacet.daq.vehicle import Vehicle
 from lacet.services.workbench.refusals import DiskFull, InTheWay, TooLarge
 from lacet.services.workbench.run_files import FOLDER, KINDS, RAW
@@ -34,7 +34,10 @@ SPARE = 50_000_000
 """Space that an upload leaves free on the disk, for the study itself [bytes]."""
 _PIECE = 1 << 20
 _DAY = 86400.0
-_TOML = {"rig.toml": Rig.load, "vehicle.toml": Vehicle.load}
+_TOML: dict[str, Callable[[Path], Any]] = {
+    "rig.toml": lambda file: Rig.load(file, kept=True),  # whose drivers are never looked for beside an upload
+    "vehicle.toml": Vehicle.load,
+}
 _BESIDE = (".toml", ".json", ".dbc")
 """Suffixes of a channel map, of the metadata of a CSV table, and of the description of a bus."""
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from lacet.daq.blocks import Block, Flag
+from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError
 from lacet.daq.formats import exchange
 from lacet.daq.formats.log import LogWriter
@@ -126,8 +126,7 @@ def _start(
 
 def _block(piece: ChannelPiece, start_ns: int) -> Block:
     t_ns = start_ns + np.round(piece.t * 1e9).astype(np.int64)
-    bad = ~np.all(np.isfinite(piece.values), axis=1)
-    return Block(piece.channel, t_ns, piece.values, np.where(bad, np.uint8(Flag.MISSING), np.uint8(0)))
+    return Block(piece.channel, t_ns, piece.values, piece.flags)
 
 
 def _as_table(paths: Sequence[Path], map_: ChannelMap, output: Path, named: dict[str, str]) -> dict[str, Any]:

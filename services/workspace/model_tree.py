@@ -61,7 +61,7 @@ def find_model(
             raise UsageError(f"two vehicles: {first} and --vehicle {vehicle}")
         car = first
     if not runs:
-        sensors = None if rig is None else Rig.load(rig)
+        sensors = None if rig is None else Rig.load(rig, kept=True)
         found = Vehicle.load(car or first)
         seen = reference or (sensors.wheel_reference if sensors else "contact")
         return Asked(found, seen, Model.of(base_model(found, seen)), None, sensors)

@@ -139,7 +139,7 @@ class Study:
     @property
     def rig(self) -> Rig:
         """The study's rig."""
-        return Rig.load(self.folder / "rig.toml")
+        return Rig.load(self.folder / "rig.toml", kept=True)
 
     @property
     def vehicle(self) -> Vehicle:

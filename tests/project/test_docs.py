@@ -102,6 +102,19 @@ def test_keys_of_the_readers_are_all_documented():
     assert series == {"travel", *vehicle._TABLE_UNITS}
 
 
+def test_the_rig_with_a_dbc_loads_and_its_keys_are_documented():
+    from lacet.daq import rig
+    from lacet.drivers.framework.message_checks import CHECKSUMS
+    from lacet.services.acquisition.stream_decoder import Decoder
+
+    (example,) = blocks("docs/rig.md", "toml dbc")
+    assert len(Decoder(Rig.parse(example, "docs/rig.md", HOME / "tests/data/can")).channels) == 5
+    rows = tables("docs/rig.md")["A bus by its owner's DBC: key"]
+    assert {names(row[0])[0] for row in rows} == set(rig._DBC_KEYS)
+    kinds = next(row[1] for row in rows if row[0] == "`checksum`")
+    assert set(CHECKSUMS) <= set(names(kinds))
+
+
 def test_the_sensor_sheet_is_the_code_s():
     rows = tables("docs/rig.md")["The sensor sheet: key"]
     assert {names(key)[0]: float(value) for key, value in rows} == DEFAULT_TOLERANCE

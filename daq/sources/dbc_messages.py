@@ -1,0 +1,166 @@
+"""Messages and signals of a bus that a DBC describes: which frames are which message, and their values, all at once.
+
+No counter, checksum or status is asked for. Multiplexed and floating-point signals, CAN FD and J1939 (frames
+distinguished by their parameter group) are decoded.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.daq.blocks import Flag
+from lacet.daq.can_signal import Signal, row_width
+from lacet.daq.errors import DbcError
+from lacet.daq.frames import EXTENDED
+
+_NO_VALUE = re.compile(r"\b(sna|invalid|not[ _]?avail\w*|no[ _]?value|error|fault|undefined|init)\b", re.IGNORECASE)
+"""Names of raw values that mean that there is none."""
+_PGN, _PGN_TO_ALL = np.uint32(EXTENDED | 0x03FFFF00), np.uint32(EXTENDED | 0x03FF0000)
+"""Bits of a J1939 identifier that are the parameter group: of a broadcast, and of a message to one receiver."""
+_FLOATS: dict[int, tuple[type, type]] = {
+    16: (np.uint16, np.float16), 32: (np.uint32, np.float32), 64: (np.uint64, np.float64),
+}  # fmt: skip
+
+
+class Values(NamedTuple):
+    """Values of a signal in frames of its message.
+
+    `rows` (M,) which of the frames have it, in order; `values` (M,) in the DBC's unit, NaN where there is none; `flags`
+    (M,) why: ``STATUS``, the DBC names this raw value as none; ``INCOMPLETE``, the frame ends before it.
+    """
+
+    rows: NDArray[np.int64]
+    values: NDArray[np.float64]
+    flags: NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class BusSignal:
+    """A signal of a DBC: its place, and the values of its multiplexers with which it is sent."""
+
+    name: str
+    signal: Signal
+    is_float: bool
+    needs: tuple[tuple[Signal, tuple[int, ...]], ...]
+    without_value: tuple[int, ...]
+    bytes_needed: int
+
+    def values(self, payload: NDArray[np.uint8], lengths: NDArray[np.int64]) -> Values:
+        """The signal's values in frames of its message: `payload` (N, `BusMessage.width`), `lengths` (N,) [byte]."""
+        sent = np.ones(len(lengths), bool)
+        for multiplexer, selecting in self.needs:
+            sent &= np.isin(multiplexer.raw(payload), selecting)
+        rows = np.flatnonzero(sent)
+        if len(rows) < len(sent):
+            payload, lengths = payload[rows], lengths[rows]
+        raw = self.signal.raw(payload)
+        if self.is_float:
+            whole, kind = _FLOATS[self.signal.length]
+            values = self.signal.physical(np.asarray(raw).astype(whole).view(kind).astype(float))
+        else:
+            values = np.asarray(self.signal.physical(raw), float)
+        flags = np.where(lengths < self.bytes_needed, np.uint8(Flag.INCOMPLETE), np.uint8(0))
+        if self.without_value:
+            flags[np.isin(raw, self.without_value) & (flags == 0)] = np.uint8(Flag.STATUS)
+        if flags.any():
+            values = np.where(flags != 0, np.nan, values)
+        return Values(rows, values, flags)
+
+
+@dataclass(frozen=True)
+class BusMessage:
+    """A message of a DBC: its identifier, with `EXTENDED`, its length [byte] and its signals."""
+
+    name: str
+    ident: int
+    length: int
+    j1939: bool
+    signals: tuple[BusSignal, ...]
+
+    def of(self, ident: NDArray[np.uint32]) -> NDArray[np.bool_]:
+        """(N,) which frames are this message, by identifiers with `EXTENDED`."""
+        if not self.j1939:
+            return ident == np.uint32(self.ident)
+        mask = _PGN if (self.ident >> 16) & 0xFF >= 0xF0 else _PGN_TO_ALL
+        return (ident & mask) == (np.uint32(self.ident) & mask)
+
+    @cached_property
+    def width(self) -> int:
+        """Length of the rows of payload that its signals are taken from [byte]."""
+        return row_width(max((one.bytes_needed for one in self.signals), default=1))
+
+    def fitted(self, rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Rows of payload (N, W), filled with zeros or cut to `width`, contiguous."""
+        have = rows.shape[1]
+        if have >= self.width:
+            return np.ascontiguousarray(rows[:, : self.width])
+        return np.concatenate([rows, np.zeros((len(rows), self.width - have), np.uint8)], axis=1)
+
+
+def read_dbc(path: Path) -> list[BusMessage]:
+    """The messages of a DBC (or another file that cantools reads). Raises DbcError."""
+    try:
+        text = path.read_text(encoding="cp1252", errors="replace")
+    except OSError as cause:
+        raise DbcError(path, [f"cannot be read: {cause.strerror}"]) from None
+    return parse_dbc(text, str(path))
+
+
+def parse_dbc(text: str, name: str) -> list[BusMessage]:
+    """The messages of a DBC's text; `name` is the file's, whose suffix says the format. Raises DbcError."""
+    import cantools.database
+
+    try:
+        kind = Path(name).suffix.lower().removeprefix(".") or "dbc"
+        database = cantools.database.load_string(text, kind, strict=False)
+    except Exception as cause:  # cantools raises exceptions of many types, its parser's among them
+        raise DbcError(name, [f"not a DBC file: {cause}"]) from None
+    if not isinstance(database, cantools.database.Database):
+        raise DbcError(name, ["describes diagnostics, not CAN messages"])
+    return [_message(entry) for entry in database.messages]
+
+
+def _message(entry: Any) -> BusMessage:
+    signals = {signal.name: _signal(signal) for signal in entry.signals}
+    out = [
+        BusSignal(
+            signal.name, signals[signal.name], bool(signal.is_float), _multiplexers(signal, entry, signals),
+            _without_value(signal), max(bit // 8 for bit in signals[signal.name].bits) + 1,
+        )
+        for signal in entry.signals
+        if signal.length <= 64
+    ]  # fmt: skip
+    ident = entry.frame_id | (EXTENDED if entry.is_extended_frame else 0)
+    return BusMessage(entry.name, ident, entry.length, entry.protocol == "j1939", tuple(out))
+
+
+def _signal(signal: Any) -> Signal:
+    return Signal(
+        signal.name, signal.start, signal.length, signal.byte_order == "big_endian", bool(signal.is_signed),
+        float(signal.scale), float(signal.offset), signal.unit or "", 0, 0,
+    )  # fmt: skip
+
+
+def _multiplexers(signal: Any, entry: Any, signals: dict[str, Signal]) -> tuple[tuple[Signal, tuple[int, ...]], ...]:
+    """Multiplexers of a signal, each with the values that select it, outer ones too."""
+    by_name = {one.name: one for one in entry.signals}
+    out: list[tuple[Signal, tuple[int, ...]]] = []
+    while signal.multiplexer_ids and signal.multiplexer_signal in by_name:
+        out.append((signals[signal.multiplexer_signal], tuple(signal.multiplexer_ids)))
+        signal = by_name[signal.multiplexer_signal]
+    return tuple(out)
+
+
+def _without_value(signal: Any) -> tuple[int, ...]:
+    """Raw values that a DBC names as no value, for signals that are quantities and no states."""
+    choices = signal.choices or {}
+    if signal.length < 6:
+        return ()
+    return tuple(int(raw) for raw, text in choices.items() if _NO_VALUE.search(str(text)))
