@@ -130,6 +130,19 @@ def measured_noise(runs: Sequence[Run], rig: Rig) -> list[NoiseLevel]:
     return out
 
 
+def quietest(runs: Sequence[Sequence[NoiseLevel]]) -> tuple[NoiseLevel, ...]:
+    """Noise of each family in the run where it is smallest.
+
+    An instrument's noise is the same in all runs; what a rough road adds to it is not.
+    """
+    least: dict[tuple[str, str], NoiseLevel] = {}
+    for level in (level for levels in runs for level in levels if level.sigma is not None):
+        here = least.setdefault((level.sensor, level.family), level)
+        if level.sigma < here.sigma:
+            least[level.sensor, level.family] = level
+    return tuple(least.values())
+
+
 def as_measured(rig: Rig, levels: Sequence[NoiseLevel]) -> Rig:
     """The rig with the noise that was measured where it differs from the sheet's; tolerances stay as they are."""
     used = {(level.sensor, level.family): level.used for level in levels if level.corrects}

@@ -143,6 +143,7 @@ def read_run(reference: RunReference, settings: Settings) -> ReadRun:
     rig = Rig.parse(settings.rig) if settings.rig else find_rig(run, None)
     vehicle = settings.car if settings.vehicle else find_vehicle(run, None)
     ready = prepare_run(run, vehicle, rig, settings.filters, warnings)
+    ready = ready.with_noise(ready.noise)  # of this run alone: a task sees no other
     return ReadRun(replace(reference, digest=digest), rig, vehicle, ready.prepared, tuple(warnings))
 
 

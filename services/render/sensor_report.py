@@ -46,18 +46,14 @@ def noise_table(levels: Sequence[Mapping[str, Any]]) -> str:
     return text + ("\nUnlike their kind:\n" + "\n".join(odd) if odd else "")
 
 
-def sheet_noise(runs: Sequence[Sequence[NoiseLevel]]) -> list[str]:
-    """What the runs' measured noise says against the sensor sheet, one sentence a family of channels."""
-    found: dict[tuple[str, str], list[NoiseLevel]] = {}
-    for level in (level for levels in runs for level in levels if level.corrects):
-        found.setdefault((level.sensor, level.family), []).append(level)
+def sheet_noise(levels: Sequence[NoiseLevel]) -> list[str]:
+    """What measured noise says against the sensor sheet, one sentence a family of channels."""
     lines: list[str] = []
-    for (sensor, family), levels in found.items():
-        sigma, sheet = statistics.median(level.sigma or 0.0 for level in levels), levels[0].sheet
-        says = "too large" if sigma < sheet else "too small"
+    for level in (level for level in levels if level.corrects):
+        says = "too large" if level.used < level.sheet else "too small"
         lines.append(
-            f"noise of {family} ({sensor}): your sheet is {says} here. It states {sheet:.3g}, measured {sigma:.3g} "
-            f"{unit_of(family)} in {len(levels)} of {len(runs)} run{'s' if len(runs) > 1 else ''}. Floor and weights "
+            f"noise of {level.family} ({level.sensor}): your sheet is {says} here. It states {level.sheet:.3g}, "
+            f"measured {level.sigma:.3g} {unit_of(level.family)} in the quietest run. Floor and weights "
             "use what was measured, tolerances stay. Only white noise is measured: coloured noise in the fit's band is "
             "not seen"
         )

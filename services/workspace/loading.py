@@ -19,7 +19,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.for_equations import for_equations
-from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured_noise
+from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured_noise, quietest
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
@@ -60,6 +60,14 @@ class ReadyRun:
     prepared: PreparedRun
     sound: bool
     noise: tuple[NoiseLevel, ...]
+
+    def with_noise(self, levels: Sequence[NoiseLevel]) -> ReadyRun:
+        """The run whose equations use measured noise in place of the sheet's, as far as it `corrects` that."""
+        recording = self.prepared.recording
+        used = as_measured(recording.rig, levels)
+        if used is recording.rig:
+            return self
+        return replace(self, prepared=PreparedRun(replace(recording, rig=used).smoothed()))
 
 
 def find_rig(run: Run, given: str | Path | None) -> Rig:
@@ -156,19 +164,21 @@ def load(
             warnings.append(f"left out: {error}")
     if not ready or car is None or sensors is None:
         raise failed[0]
+    levels = quietest([one.noise for one in ready])
+    ready = [one.with_noise(levels) for one in ready]
     drives = tuple(one.prepared for one in ready)
     references = {drive.recording.reference for drive in drives}
     if len(references) > 1:
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
     warnings += map(channels.from_equations, column_faults([one.prepared for one in ready if one.sound]))
-    wrong = tuple(sensor_report.sheet_noise([one.noise for one in ready]))
+    wrong = tuple(sensor_report.sheet_noise(levels))
     return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready), wrong)
 
 
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
     """A run without wheels that seem exchanged, and prepared for fitting; what is doubtful is added to `warnings`.
 
-    Where the noise in its channels is not that of the rig's sheet, the equations use the measured one.
+    Its equations use the noise of the rig's sheet; `ReadyRun.with_noise` puts the measured one in its place.
 
     Raises RunError when it is too short, NotIdentifiable when no row of the equations can be formed.
     """
@@ -196,11 +206,7 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
         found = sorted({row_absence(why) for why in drive.measured_rows.left_out.values()})
         reasons = "; ".join(found) or "no usable sample outside flagged intervals"
         raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
-    noise = _noise_in_rows(run, drive)
-    used = as_measured(rig, noise)
-    if used is not rig:
-        drive = PreparedRun(replace(drive.recording, rig=used).smoothed())
-    return ReadyRun(run, drive, not (recorded or doubts or moved), noise)
+    return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
 
 
 def _noise_in_rows(run: Run, drive: PreparedRun) -> tuple[NoiseLevel, ...]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from lacet.daq.channels import CHANNELS
@@ -60,3 +62,20 @@ def test_a_right_sheet_stays_to_the_last_digit(tmp_path: Path) -> None:
     found = loaded(1.0, FAMILIES, tmp_path)
     assert all(run.recording.rig is found.rig for run in found.prepared)
     assert not found.sheet
+
+
+def test_what_a_road_adds_in_one_run_is_not_the_instruments(tmp_path: Path) -> None:
+    """Wheel forces of one run that move up to the highest frequencies: the sheet stays, as the other run shows."""
+    rng = np.random.default_rng(5)
+    table = pq.read_table(FILES[1])
+    for place, name in enumerate(table.column_names):
+        if name.startswith("wheel.") and ".force." in name:
+            loud = table[name].to_numpy() + rng.normal(0.0, 2.0 * stated(RIG, "wheel.force"), len(table))
+            table = table.set_column(place, name, [loud])
+    pq.write_table(table, tmp_path / "rough.parquet")
+    rig, vehicle = cars.CAR / "rig.toml", cars.CAR / "vehicle.toml"
+    both = load([FILES[0], tmp_path / "rough.parquet"], rig, vehicle)
+    assert all(run.recording.rig is both.rig for run in both.prepared)
+    assert not both.sheet
+    alone = load([tmp_path / "rough.parquet"], rig, vehicle)
+    assert any("too small" in line for line in alone.sheet)
