@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.rig import Rig
+from lacet.daq.sources.bus_log import KINDS, is_raw_log
+from lacet.services.acquisition.other_logs import OPTION, capture_of
 from lacet.services.commands.progress import Line
 from lacet.services.progress import planned
 from lacet.services.workspace.decode import decode_log, decoding_plan
@@ -23,14 +28,22 @@ are those recorded in the log, unless others are given. The same input gives the
   lacet decode run.mcap -o again.mcap --rig mended.toml
   lacet decode run.mcap -o again.mcap --dbc mended/igel.dbc
 
+A bus log of another tool (candump, BLF, ASC, TRC, or an MDF bus log) is decoded by a rig, with the log's stamps:
+
+  lacet decode drive.log -o run.mcap --rig rig.toml
+
 Exit code 3 when samples were lost, a channel of the rig never came, or the input is damaged."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("raw", metavar="RAW", type=Path, help="log or capture with raw frames (.mcap)")
+    parser.add_argument("raw", metavar="RAW", type=Path, help="log or capture with raw frames (.mcap), or a bus log")
     parser.add_argument("-o", "--output", metavar="LOG", type=Path, required=True, help="log to write (.mcap)")
     parser.add_argument("--rig", metavar="FILE", help="rig file to use instead of the one recorded")
+    parser.add_argument(
+        OPTION, metavar="LOGBUS=BUS", dest="buses", action="append", default=[],
+        help="which bus of the rig a bus of the bus log is; may be repeated, others are not decoded",
+    )  # fmt: skip
     parser.add_argument(
         "--dbc",
         metavar="FILE",
@@ -48,10 +61,31 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
     with Line("decode") as line:
         line.progress(planned(decoding_plan()))
-        found = decode_log(args.raw, args.output, args.rig, args.dbc, line.progress)
+        with _capture(args) as raw:
+            found = decode_log(raw, args.output, args.rig, args.dbc, line.progress)
     _report(found)
     write_result(args.json, "decode", found)
     return WITH_LOSSES if found["losses"] or found["absent"] or found["damage"] else DONE
+
+
+@contextmanager
+def _capture(args: argparse.Namespace) -> Iterator[Path]:
+    """The capture to decode: the file itself, or what is made of a bus log and removed afterwards."""
+    if not is_raw_log(args.raw):
+        if args.buses:
+            raise UsageError(
+                f"{OPTION} {args.buses[0]}: is for bus logs ({KINDS}); a capture of lacet's knows its buses"
+            )
+        yield args.raw
+        return
+    if args.rig is None:
+        raise UsageError(f"{args.raw}: a bus log says nothing of sensors; give the rig that describes them: --rig FILE")
+    made = args.output.with_name(args.output.name + ".capture")
+    try:
+        capture_of(args.raw, Rig.load(args.rig), made, args.buses)
+        yield made
+    finally:
+        made.unlink(missing_ok=True)
 
 
 def _report(found: dict[str, Any]) -> None:

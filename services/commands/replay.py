@@ -10,10 +10,13 @@ import time
 from pathlib import Path
 from threading import Event
 
-from lacet.daq.errors import UsageError
+from lacet.daq.errors import UsageError, nearest
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
+from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig
+from lacet.daq.sources.bus_log import KINDS, is_raw_log, read_bus_log
+from lacet.services.acquisition.other_logs import OPTION, frames_for
 from lacet.services.acquisition.player import Progress, replay
 from lacet.services.acquisition.transports.base import Sender
 from lacet.services.acquisition.transports.endpoints import (
@@ -26,7 +29,7 @@ from lacet.services.acquisition.transports.endpoints import (
 from lacet.services.acquisition.transports.serial import PtySender
 from lacet.services.commands.progress import Line
 
-HELP = "play a recorded run's raw frames onto the wires"
+HELP = "play the raw frames of a run, or of another tool's bus log, onto the wires"
 DESCRIPTION = """\
 Play the raw frames of a capture (or of any log) onto the wires, so that `lacet record` or any other program receives
 them as if the car were there: CAN on vcan where there is one, otherwise as python-can's udp_multicast on this machine;
@@ -39,7 +42,13 @@ are arrival times. (To keep the stamps, decode the capture instead: lacet decode
   lacet replay run.mcap --speed 4                 four times as fast
   lacet replay run.mcap --speed max               as fast as receivers on this machine read
   lacet replay run.mcap --to can0=socketcan:can0  on a real bus
-  lacet replay run.mcap --loop                    again and again, until Ctrl-C"""
+  lacet replay run.mcap --loop                    again and again, until Ctrl-C
+
+A bus log of another tool (candump, BLF, ASC, TRC, or an MDF bus log) is played in the same way onto the CAN buses of
+a rig:
+
+  lacet replay drive.log --rig rig.toml                     buses of the same name, or the only one
+  lacet replay drive.mf4 --rig rig.toml --as 2=can0         the log's second bus is the rig's can0"""
 
 
 _LINGER = 10.0  # s; longest time that the wires stay open after the last frame, for a recorder that waits for silence
@@ -47,7 +56,17 @@ _LINGER = 10.0  # s; longest time that the wires stay open after the last frame,
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("capture", metavar="CAPTURE", help="log with raw frames (.mcap)")
+    parser.add_argument(
+        "capture", metavar="CAPTURE", type=Path,
+        help="log with raw frames (.mcap), or a bus log (candump, .blf, .asc, .trc, .mf4)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rig", metavar="RIG", help="rig whose wires a bus log is played onto (default: the capture's)"
+    )
+    parser.add_argument(
+        OPTION, metavar="LOGBUS=BUS", dest="buses", action="append", default=[],
+        help="which bus of the rig a bus of the bus log is; may be repeated, others are not played",
+    )  # fmt: skip
     parser.add_argument(
         "--to",
         metavar="BUS=ENDPOINT",
@@ -74,22 +93,13 @@ def run(args: argparse.Namespace) -> int:
     speed = _speed(args.speed)
     if args.wait and args.endpoints is None:
         raise UsageError("--wait waits for a recorder that was given the same --endpoints FILE: give that as well")
-    log = LogReader(args.capture)
-    if not log.sources():
-        raise UsageError(f"{args.capture}: no raw frames in it, only decoded samples; a capture is needed")
-    rig = Rig.parse(log.start.rig_text, f"{args.capture} (rig in its start record)")
-    chosen = args.bus or log.sources()
-    if unknown := sorted(set(chosen) - set(log.sources())):
-        raise UsageError(f"--bus {unknown[0]}: the capture has {', '.join(log.sources())}")
-    if foreign := sorted(set(chosen) - set(rig.buses)):
-        raise UsageError(f"{args.capture}: frames of '{foreign[0]}', which is not a bus of its rig; choose with --bus")
+    rig, frames = _frames(args)
     to = parse_assignments(args.to, rig.buses, "--to")
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    frames = {source: log.frames(source) for source in chosen}
     with contextlib.ExitStack() as stack:
-        senders = {name: _open(rig, name, to, stack) for name in chosen}
+        senders = {name: _open(rig, name, to, stack) for name in frames}
         endpoints = {name: sender.endpoint for name, sender in senders.items()}
         print("\n".join(f"{name}: {endpoint}" for name, endpoint in endpoints.items()), file=sys.stderr)
         if args.endpoints is not None:
@@ -117,6 +127,36 @@ def run(args: argparse.Namespace) -> int:
         },
     )
     return DONE if done and not unsent else WITH_LOSSES
+
+
+def _frames(args: argparse.Namespace) -> tuple[Rig, dict[str, Frames]]:
+    """The rig, and the frames to be sent by its buses."""
+    if is_raw_log(args.capture):
+        if args.rig is None:
+            raise UsageError(f"{args.capture}: a bus log says nothing of wires; give the rig they are in: --rig FILE")
+        rig = Rig.load(args.rig)
+        frames = frames_for(args.capture, rig, args.buses)
+        if unknown := sorted(set(args.bus or ()) - set(frames)):
+            raise UsageError(f"--bus {unknown[0]}: played are {', '.join(frames)}{nearest(unknown[0], frames)}")
+        return rig, {name: batch for name, batch in frames.items() if name in (args.bus or frames)}
+    if args.buses:
+        raise UsageError(f"{OPTION} {args.buses[0]}: is for bus logs ({KINDS}); a capture of lacet's knows its buses")
+    if args.capture.is_file() and args.capture.suffix.lower() != ".mcap":
+        read_bus_log(args.capture)  # raises with what can be played
+    log = LogReader(args.capture)
+    if not log.sources():
+        raise UsageError(f"{args.capture}: no raw frames in it, only decoded samples; a capture is needed")
+    if args.rig is not None:
+        rig = Rig.load(args.rig)
+    else:
+        rig = Rig.parse(log.start.rig_text, f"{args.capture} (rig in its start record)")
+    chosen = args.bus or log.sources()
+    if unknown := sorted(set(chosen) - set(log.sources())):
+        known = log.sources()
+        raise UsageError(f"--bus {unknown[0]}: the capture has {', '.join(known)}{nearest(unknown[0], known)}")
+    if foreign := sorted(set(chosen) - set(rig.buses)):
+        raise UsageError(f"{args.capture}: frames of '{foreign[0]}', which is not a bus of its rig; choose with --bus")
+    return rig, {source: log.frames(source) for source in chosen}
 
 
 def _speed(word: str) -> float | None:

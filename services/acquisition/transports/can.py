@@ -6,6 +6,7 @@ cost 8 µs a frame instead of 35. The bytes on the wire are the same, so that py
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import socket
 import struct
@@ -14,13 +15,15 @@ from functools import partial
 
 import msgpack
 
-from lacet.daq.frames import Frames
+from lacet.daq.frames import EXTENDED, STANDARD, Frames
 from lacet.services.acquisition.transports.sockets import SocketReceiver, waiting_bytes
 
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame: id and flags, length, padding, data
-_EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000  # linux/can.h: CAN_{EFF,RTR,ERR}_FLAG
+_FD_FRAME = struct.Struct("=IBB2x64s")  # struct canfd_frame: id and flags, length, FD flags, reserved, data
+_FD = 0x04  # CANFD_FDF
+_SOL_CAN_RAW, _FD_FRAMES = 101, 5  # linux/can/raw.h: a socket without the option sees no FD frame
+_REMOTE, _ERROR = 0x4000_0000, 0x2000_0000  # linux/can.h: CAN_{RTR,ERR}_FLAG; CAN_EFF_FLAG is EXTENDED
 _ID = 0x1FFF_FFFF
-_STANDARD = 0x7FF  # the largest 11-bit id; above it a frame is sent as extended
 _CAN_RAW = 1
 _ROOM = 256 << 10  # bytes waiting at a receiver up to which a sender at full speed continues
 
@@ -42,13 +45,29 @@ def has_socketcan(interface: str) -> bool:
 
 
 def unpack_socketcan(data: bytes) -> tuple[int, bytes] | None:
-    """One ``struct can_frame`` → (id, payload); None for error and remote frames."""
-    if len(data) != _FRAME.size:
-        raise ValueError("not a classic CAN frame")
-    ident, length, payload = _FRAME.unpack(data)
+    """One ``struct can_frame`` or ``canfd_frame`` → (id, payload); None for error and remote frames."""
+    if len(data) == _FRAME.size:
+        ident, length, payload = _FRAME.unpack(data)
+    elif len(data) == _FD_FRAME.size:
+        ident, length, _, payload = _FD_FRAME.unpack(data)
+    else:
+        raise ValueError("not a CAN frame")
     if ident & (_REMOTE | _ERROR):
         return None
-    return ident & _ID, payload[:length]
+    return _kept(ident & _ID, bool(ident & EXTENDED)), payload[:length]
+
+
+def pack_socketcan(ident: int, payload: bytes) -> bytes:
+    """One ``struct can_frame``, or ``canfd_frame`` where the payload has more than 8 bytes."""
+    word = ident | EXTENDED if ident > STANDARD else ident
+    if len(payload) <= 8:
+        return _FRAME.pack(word, len(payload), payload)
+    return _FD_FRAME.pack(word, len(payload), _FD, payload)
+
+
+def _kept(ident: int, extended: bool) -> int:
+    """An identifier as `Frames` have it."""
+    return ident | EXTENDED if extended and ident <= STANDARD else ident
 
 
 def unpack_multicast(data: bytes) -> tuple[int, bytes] | None:
@@ -60,6 +79,7 @@ def unpack_multicast(data: bytes) -> tuple[int, bytes] | None:
         ident, payload = fields["arbitration_id"], fields["data"]
         if not (isinstance(ident, int) and 0 <= ident <= _ID and isinstance(payload, bytes) and len(payload) <= 64):
             raise ValueError
+        ident = _kept(ident, fields["is_extended_id"] is True)
     except (ValueError, TypeError, LookupError, msgpack.exceptions.UnpackException) as error:
         raise ValueError("not a frame of python-can's udp_multicast") from error
     return ident, payload
@@ -70,8 +90,8 @@ def pack_multicast(ident: int, payload: bytes) -> bytes:
     data = msgpack.packb(
         {
             "timestamp": 0.0,
-            "arbitration_id": ident,
-            "is_extended_id": ident > _STANDARD,
+            "arbitration_id": ident & _ID,
+            "is_extended_id": ident > STANDARD,
             "is_remote_frame": False,
             "is_error_frame": False,
             "channel": None,
@@ -88,6 +108,8 @@ def pack_multicast(ident: int, payload: bytes) -> bytes:
 
 def _open_socketcan(interface: str) -> socket.socket:
     sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, _CAN_RAW)
+    with contextlib.suppress(OSError):  # kernels before 3.6
+        sock.setsockopt(_SOL_CAN_RAW, _FD_FRAMES, 1)
     try:
         sock.bind((interface,))
     except OSError:
@@ -134,7 +156,8 @@ def multicast_receiver(source: str, group: str, port: int) -> SocketReceiver:
 
 
 class SocketCanSender:
-    """Sender on a SocketCAN interface; frames that the interface refuses for a second count as `unsent`."""
+    """Sender on a SocketCAN interface; frames that it refuses for a second (those of CAN FD where it has
+    none, at once) count as `unsent`."""
 
     def __init__(self, source: str, interface: str):
         self.source = source
@@ -153,8 +176,7 @@ class SocketCanSender:
         """Send frames on the bus, in order, waiting for a full transmit queue."""
         assert self._socket is not None
         for ident, payload in _pairs(frames):
-            word = ident | _EXTENDED if ident > _STANDARD else ident
-            self._send_one(self._socket, _FRAME.pack(word, len(payload), payload))
+            self._send_one(self._socket, pack_socketcan(ident, payload))
 
     def _send_one(self, sock: socket.socket, data: bytes) -> None:
         until = time.monotonic() + 1.0

@@ -45,8 +45,32 @@ def test_socketcan_frames_are_those_of_python_can(ident, payload):
     theirs = build_can_frame(can.Message(arbitration_id=ident, data=payload, is_extended_id=ident > 0x7FF))
     assert wire.unpack_socketcan(bytes(theirs)) == (ident, payload)
     word = ident | (0x8000_0000 if ident > 0x7FF else 0)
-    read_id, length, _, read = dissect_can_frame(wire._FRAME.pack(word, len(payload), payload))
+    read_id, length, _, read = dissect_can_frame(wire.pack_socketcan(ident, payload))
     assert (read_id, length, bytes(read)) == (word, len(payload), payload)
+
+
+@given(idents, st.sampled_from([12, 16, 24, 48, 64]))
+def test_can_fd_frames_are_those_of_python_can(ident, length):
+    payload = bytes(range(length))
+    theirs = can.Message(arbitration_id=ident, data=payload, is_extended_id=ident > 0x7FF, is_fd=True)
+    assert wire.unpack_socketcan(bytes(build_can_frame(theirs))) == (ident, payload)
+    assert wire.unpack_multicast(pack_message(theirs)) == (ident, payload)
+    read_id, read_length, flags, read = dissect_can_frame(wire.pack_socketcan(ident, payload))
+    assert (read_id & 0x1FFF_FFFF, read_length, bytes(read), flags) == (ident, length, payload, 4)
+    message = unpack_message(wire.pack_multicast(ident, payload), check=True)
+    assert (message.is_fd, bytes(message.data)) == (True, payload)
+
+
+def test_a_29_bit_identifier_that_is_a_small_number_stays_one():
+    theirs = can.Message(arbitration_id=5, data=b"a", is_extended_id=True)
+    for unpack, packed in (
+        (wire.unpack_socketcan, bytes(build_can_frame(theirs))),
+        (wire.unpack_multicast, pack_message(theirs)),
+    ):
+        ident, payload = unpack(packed)
+        assert (ident, payload) == (5 | 0x8000_0000, b"a")
+    assert unpack_message(wire.pack_multicast(ident, b"a"), check=True).is_extended_id
+    assert dissect_can_frame(wire.pack_socketcan(ident, b"a"))[0] == 5 | 0x8000_0000
 
 
 def test_error_and_remote_frames_are_no_data():
@@ -62,7 +86,7 @@ def test_bytes_that_are_no_frame_are_refused_and_nothing_else_happens(data):
             content = unpack(data)
         except ValueError:
             continue
-        assert content is None or (0 <= content[0] <= 0x1FFF_FFFF and len(content[1]) <= 64)
+        assert content is None or (0 <= content[0] & 0x7FFF_FFFF <= 0x1FFF_FFFF and len(content[1]) <= 64)
 
 
 def test_every_can_bus_has_a_port_of_its_own():

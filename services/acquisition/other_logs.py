@@ -1,0 +1,79 @@
+"""Bus logs of other tools (candump, BLF, ASC, TRC, MDF) as frames on the buses of a rig."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from lacet.daq.errors import UsageError, nearest
+from lacet.daq.formats.wire import StartRecord
+from lacet.daq.frames import EXTENDED, Frames
+from lacet.daq.rig import Rig
+from lacet.daq.sources.bus_log import read_bus_log
+from lacet.services.acquisition.capture import write_capture
+
+OPTION = "--as"
+
+
+def frames_for(path: Path, rig: Rig, words: Sequence[str] = ()) -> dict[str, Frames]:
+    """The frames of a bus log by the rig's buses; stamps are the log's.
+
+    Parameters
+    ----------
+    words : ``LOGBUS=BUS``, which bus of the rig a bus of the log is; then no other bus of the log is read. Without,
+        buses of the same name are meant, or the only CAN bus of the rig for the only bus of the log.
+
+    Raises
+    ------
+    RunError : the file is no bus log.
+    UsageError : which bus is meant is not clear, with what the log and the rig have.
+    """
+    can = [name for name, bus in rig.buses.items() if bus.kind == "can"]
+    if not can:
+        raise UsageError(f"{rig.path}: the rig has no CAN bus to play a bus log onto; write [bus.can0] in it")
+    logged = read_bus_log(path)
+    chosen: dict[str, str] = {}
+    for word in words:
+        name, mark, bus = word.rpartition("=")
+        if not mark or not name:
+            raise UsageError(f"{OPTION} {word}: write LOGBUS=BUS, e.g. {OPTION} {next(iter(logged))}={can[0]}")
+        if name not in logged:
+            raise UsageError(f"{OPTION} {word}: the log has no bus '{name}'{nearest(name, logged)}: {_listed(logged)}")
+        if bus not in can:
+            raise UsageError(f"{OPTION} {word}: no CAN bus '{bus}' in the rig{nearest(bus, can)} ({', '.join(can)})")
+        if bus in chosen.values():
+            raise UsageError(f"{OPTION} {word}: {bus} is given twice")
+        chosen[name] = bus
+    chosen = chosen or {name: name for name in logged if name in can}
+    if not chosen and len(logged) == len(can) == 1:
+        chosen = {next(iter(logged)): can[0]}
+    if not chosen:
+        raise UsageError(
+            f"{path}: which of its buses is which of the rig's ({', '.join(can)})? It has {_listed(logged)}. "
+            f"Say it: {OPTION} {next(iter(logged))}={can[0]}"
+        )
+    return {bus: replace(logged[name], source=bus) for name, bus in chosen.items()}
+
+
+def capture_of(path: Path, rig: Rig, target: Path, words: Sequence[str] = ()) -> None:
+    """Write a bus log as a capture of a rig, with the log's stamps. Raises LacetError as `frames_for`."""
+    frames = frames_for(path, rig, words)
+    first = min(int(batch.t_ns[0]) for batch in frames.values())
+    start = StartRecord(
+        run_id=f"{first}-{path.stem}", started_ns=first, vehicle_text="", rig_text=rig.text,
+        wheel_reference=rig.wheel_reference, software="lacet decode", extra={"files": path.name},
+    )  # fmt: skip
+    write_capture(target, frames, start, overwrite=True)
+
+
+def _listed(logged: dict[str, Frames]) -> str:
+    """What is on each bus of a log."""
+    parts: list[str] = []
+    for name, frames in logged.items():
+        idents = np.unique(frames.ident & np.uint32(EXTENDED - 1))
+        some = ", ".join(f"{ident:#05x}" for ident in idents[:3]) + (" …" if len(idents) > 3 else "")
+        parts.append(f"'{name}' ({len(frames):,} frames, identifiers {some})")
+    return ", ".join(parts)
