@@ -16,11 +16,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from lacet.daq.text_source import Source, text_of
 from lacet.identify.multibody.arguments import absent_names, all_parameters, joint_states, symbol_values, unused
 from lacet.identify.multibody.chain_notes import ChainNote
+from lacet.identify.multibody.coupling import Coupling, Follower
 from lacet.identify.multibody.rigid_body import FRICTION, PARAMETERS, STANDARD_GRAVITY, wrench, wrench_regressor
 from lacet.identify.multibody.symbolic_table import FIXED, GEOMETRY, SymbolicTable, refuse_missing
 from lacet.identify.multibody.symoro import read_par
+from lacet.identify.multibody.urdf.robot import ROUNDING, read_urdf
 from lacet.identify.multibody.vectors import Array, cross, rotation
 
 if TYPE_CHECKING:
@@ -75,6 +78,8 @@ class Chain:
     table : the same rows with symbols, whose values are `values`; with values missing only `base_parameters` works.
     given : values of parameters that the robot's file holds.
     notes : what was assumed, left out or not used when the chain was read, as values.
+    names : of the joints, one a row; by default ``joint 1`` and so on.
+    followers : joints that follow others (`coupling`).
 
     Raises ValueError when the table is no tree.
 
@@ -95,6 +100,8 @@ class Chain:
         values: Mapping[str, float] | None = None,
         given: Mapping[str, float] | None = None,
         notes: Sequence[ChainNote] = (),
+        names: Sequence[str] = (),
+        followers: Sequence[Follower] = (),
     ):
         self.joints = tuple(joints)
         self.gravity = np.asarray(gravity, float)
@@ -109,6 +116,11 @@ class Chain:
         self.given, self.notes = dict(given or {}), tuple(notes)
         if unknown := self.absent - {*self.parameter_names, *self.friction_names}:
             raise ValueError(f"absent names what is no parameter of this chain: {', '.join(sorted(unknown))}")
+        self.names = tuple(names) or tuple(f"joint {joint.j}" for joint in self.joints)
+        if len(self.names) != len(self.joints):
+            raise ValueError(f"{len(self.joints)} joints have {len(self.names)} names")
+        self.followers = tuple(followers)
+        self.coupling = Coupling.of(self.n, [k.j for k in self.joints if k.sigma == FIXED], self.followers)
         # Rz(γ) Rx(α) and the constant part of the origin are fixed per joint.
         self._turn = [rotation(2, k.gamma) @ rotation(0, k.alpha) for k in self.joints]
         self._step = [rotation(2, k.gamma) @ np.array([k.d, 0.0, k.b]) for k in self.joints]
@@ -162,15 +174,46 @@ class Chain:
         return cls._of(par.table, field, known, par.absent, par.rotors, given, notes)
 
     @classmethod
+    def from_urdf(
+        cls, path: Source, gravity: Sequence[float] = GRAVITY, rounding: float = ROUNDING, name: str = "URDF"
+    ) -> Chain:
+        """The tree of a URDF file: its moving joints in the order of the tree, its links as their bodies.
+
+        A body's parameters are given at the origin of the child link's frame, in its axes; where the joint's axis is
+        not ``0 0 1`` these are turned so that z is the axis. Links on fixed joints belong to the body that carries
+        them. The file's inertias and `<dynamics damping friction>` stand in `given`, the names of its joints in
+        `names`; mimic joints are `followers`, and `coupling` makes the states of all joints from those of the free.
+
+        Parameters
+        ----------
+        path : the file, or its text.
+        gravity : acceleration of gravity in the root link's axes [m/s²].
+        rounding : angles nearer to a quarter turn [rad] are taken as it: 1e-5 for a file that has ``1.5708``.
+        name : of the file, for messages about a text.
+
+        Raises UrdfError (a ValueError) with every fault of the file and its line, UsageError when there is no file.
+        """
+        robot = read_urdf(*text_of(path, "<", name), rounding)
+        table = SymbolicTable.read(robot.rows)
+        joints = [
+            Joint(row.j, row.ant, row.sigma, **numbers)
+            for row, numbers in zip(table.rows, table.numbers({}), strict=True)
+        ]
+        return cls(
+            joints, gravity, robot.absent, False, table, None, robot.given, robot.notes, robot.names, robot.followers
+        )
+
+    @classmethod
     def _of(
         cls, table: SymbolicTable, gravity: Sequence[float], values: Mapping[str, float], absent: Collection[str],
         rotors: bool = False, given: Mapping[str, float] | None = None, notes: Sequence[ChainNote] = (),
+        names: Sequence[str] = (), followers: Sequence[Follower] = (),
     ) -> Chain:  # fmt: skip
         # Symbols without a value get random ones, for the structure only: `missing` forbids numerical results.
         anything = table.any_values(np.random.default_rng(1))
         numbers = table.numbers({**anything, **values})
         joints = [Joint(row.j, row.ant, row.sigma, **n) for row, n in zip(table.rows, numbers, strict=True)]
-        return cls(joints, gravity, absent, rotors, table, values, given, notes)
+        return cls(joints, gravity, absent, rotors, table, values, given, notes, names, followers)
 
     def with_values(self, values: Mapping[str, float]) -> Chain:
         """The same chain with values for (more of) the table's symbols.
@@ -178,7 +221,10 @@ class Chain:
         Raises ValueError for a symbol that is not in the table (``G3``).
         """
         known = {**self.values, **symbol_values(values, self.table.symbols)}
-        return self._of(self.table, tuple(self.gravity), known, self.absent, self.rotors, self.given, self.notes)
+        return self._of(
+            self.table, tuple(self.gravity), known, self.absent, self.rotors, self.given, self.notes, self.names,
+            self.followers,
+        )  # fmt: skip
 
     @property
     def n(self) -> int:

@@ -71,7 +71,36 @@ class ValuesUnused:
     names: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class LinksJoined:
+    """Links (`names`) on fixed joints whose inertia was added to that of the body which carries them."""
+
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class FramesInserted:
+    """Fixed frames (`numbers`) in front of joints whose axes are nearly parallel to those before them."""
+
+    numbers: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class NearlyRight:
+    """Angles of a file that are nearly quarter turns, and most likely are meant to be.
+
+    Attributes
+    ----------
+    places : joints and links that have them.
+    most : largest distance from a quarter turn [rad].
+    """
+
+    places: tuple[str, ...]
+    most: float
+
+
 ChainNote = (
     LoopsCut | LoadsLeftOut | GeometryMissing | ParametersMissing | ConstantPosition | GravityAssumed | ValuesUnused
-)
+    | LinksJoined | FramesInserted | NearlyRight
+)  # fmt: skip
 """A note of a chain."""

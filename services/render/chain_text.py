@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 from lacet.identify.multibody.chain_notes import (
     ChainNote,
     ConstantPosition,
+    FramesInserted,
     GeometryMissing,
     GravityAssumed,
+    LinksJoined,
     LoadsLeftOut,
     LoopsCut,
+    NearlyRight,
     ParametersMissing,
     ValuesUnused,
 )
@@ -43,6 +47,18 @@ def _sentence(note: ChainNote) -> str:
             return f"{', '.join(symbols)} has no value: gravity is {_vector(gravity)}"
         case ValuesUnused(names):
             return f"values were given for symbols that there are not: {', '.join(names)}"
+        case LinksJoined(names):
+            return f"link(s) {', '.join(names)} on fixed joints are part of the body that carries them"
+        case FramesInserted(numbers):
+            return (
+                f"axes are nearly parallel: fixed frame(s) {', '.join(str(j) for j in numbers)} were inserted; states "
+                "have a column for each"
+            )
+        case NearlyRight(places, most):
+            return (
+                f"angles of {', '.join(places)} are up to {most:.1g} rad off a quarter turn: taken as they are; "
+                f"rounding={10.0 ** math.ceil(math.log10(most)):.0e} takes them as quarter turns"
+            )
 
 
 def _vector(values: Sequence[float]) -> str:

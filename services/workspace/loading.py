@@ -14,7 +14,7 @@ from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import needs
-from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.chain import GRAVITY, Chain
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
@@ -95,9 +95,9 @@ def check_reference(used: str, held: str) -> None:
 def load_chain(
     path: str | Path, values: Mapping[str, float] | None = None, gravity: Sequence[float] | None = None
 ) -> Chain:
-    """The chain of a SYMORO ``.par`` file; `values` and `gravity` as in `Chain.from_par`.
+    """The chain of a SYMORO ``.par`` file, or of a URDF file (``.urdf``); arguments as in `Chain.from_par`.
 
-    Raises ParError (a ValueError) with every fault of the file, FileNotFoundError when it does not exist.
+    Raises ParError or UrdfError (a ValueError) with every fault of the file, FileNotFoundError when there is none.
 
     Examples
     --------
@@ -105,6 +105,8 @@ def load_chain(
     >>> lacet.load_chain("tests/data/symoro/CarLite.par", lengths).missing
     ()
     """
+    if Path(path).suffix.lower() == ".urdf":
+        return Chain.from_urdf(Path(path).read_text(encoding="utf-8-sig"), gravity or GRAVITY, name=str(path))
     return Chain.from_par(Path(path).read_text(encoding="utf-8", errors="replace"), values, gravity, str(path))
 
 

@@ -20,6 +20,10 @@ SAYS = {
     notes.GravityAssumed((0.0, 0.0, -9.8), ("G3",)):
         "G3 has no value: gravity is (0, 0, -9.8) m/s² in the ground frame",
     notes.ValuesUnused(("Q", "P")): "values were given for symbols that there are not: Q, P",
+    notes.LinksJoined(("tool", "camera")):
+        "link(s) tool, camera on fixed joints are part of the body that carries them",
+    notes.FramesInserted((2, 5)): "axes are nearly parallel: fixed frame(s) 2, 5 were inserted",
+    notes.NearlyRight(("joint 'a'",), 4e-6): "angles of joint 'a' are up to 4e-06 rad off a quarter turn: taken as ",
 }  # fmt: skip
 
 

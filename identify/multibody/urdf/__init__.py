@@ -1,0 +1,1 @@
+"""URDF files read as tables of modified Denavit–Hartenberg rows."""
