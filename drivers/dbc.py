@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.can_signal import WORD
-from lacet.daq.errors import RigError, UsageError
+from lacet.daq.errors import RigError
 from lacet.daq.frames import Frames, full_idents
 from lacet.daq.maps.assembly import Assembly, ChannelPiece
 from lacet.daq.maps.channel_map import ChannelMap, MapError
 from lacet.daq.maps.resolution import Key, in_si, resolved
 from lacet.daq.sources.dbc_messages import BusMessage, BusSignal, parse_dbc
 from lacet.daq.sources.source import Series
-from lacet.drivers.framework.base import Driver
+from lacet.drivers.framework.base import Reader
 from lacet.drivers.framework.can_layout import read_layout
 from lacet.drivers.framework.counters import CounterState, add, follow_counter
 from lacet.drivers.framework.message_checks import MessageChecks, Signals, read_checks
@@ -59,7 +59,7 @@ class DbcState:
     ledger: Mapping[str, int]
 
 
-class Dbc(Driver):
+class Dbc(Reader):
     """Decoder of the messages of a DBC file; it sends nothing.
 
     Raises
@@ -168,13 +168,6 @@ class Dbc(Driver):
         """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short) and ``out_of_order`` count
         frames; ``bad_status`` samples, and ``no_neighbour`` those around which another component has none."""
         return dict(state.ledger)
-
-    def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
-        """Raises UsageError: what a bus sends beside the channels is not known."""
-        raise UsageError(
-            "driver 'dbc' only reads: what the bus carries beside the channels is not known. Write tables instead: "
-            "--format parquet"
-        )
 
     def _decoded(self, frames: Frames, state: DbcState, front_ns: int) -> tuple[list[Block], DbcState]:
         origin = int(frames.t_ns[0]) if state.origin_ns is None else state.origin_ns

@@ -14,6 +14,7 @@ from lacet.daq.frames import Frames
 from lacet.drivers.framework.base import Driver
 from lacet.drivers.framework.counters import add
 from lacet.drivers.framework.crc import CRC16_CCITT_FALSE
+from lacet.drivers.framework.lines import rest_of
 from lacet.drivers.framework.options import check_options
 from lacet.drivers.framework.records import Part, Record, RecordSensor, RecordState
 
@@ -70,7 +71,7 @@ class Sagem(RecordSensor, Driver):
         blocks, state = self.samples(rows, stream.t_ns[read], faults, state)
         skipped = hold - LENGTH * int(np.count_nonzero(good))
         ledger = add(state.ledger, received=received, skipped_bytes=skipped)
-        return blocks, replace(state, waiting=_after(stream, hold), ledger=ledger)
+        return blocks, replace(state, waiting=rest_of(stream, hold), ledger=ledger)
 
     def finish(self, state: RecordState) -> tuple[list[Block], RecordState]:
         """Blocks at the end of the stream: corrupt messages are samples; a truncated one counts ``incomplete``."""
@@ -139,14 +140,3 @@ def _begun_head(data: NDArray[np.uint8]) -> int:
     """Length of the longest prefix of a head at the end of the stream [byte]."""
     tail = data[-(len(HEAD) - 1) :].tobytes()
     return max((n for n in range(1, len(HEAD)) if tail.endswith(HEAD[:n])), default=0)
-
-
-def _after(stream: Frames, start: int) -> Frames:
-    """The reads of a stream from byte `start` on, the first of them truncated."""
-    first = int(np.searchsorted(stream.offset, start, side="right")) - 1
-    if start >= len(stream.data):
-        return Frames.empty(stream.source)
-    rest = stream[first:]
-    cut = start - int(stream.offset[first])
-    offset = np.maximum(rest.offset - cut, 0)
-    return Frames(stream.source, rest.t_ns, rest.ident, offset, rest.data[cut:])

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Protocol
 
 from lacet.daq.blocks import Block
+from lacet.daq.errors import UsageError
 from lacet.daq.frames import Frames
 
 State = Any
@@ -48,3 +49,18 @@ class Driver(Protocol):
         Its sample counters begin with `counter`.
         """
         ...
+
+
+class Reader(Driver):
+    """Base of drivers that only read: nothing is held at the end of the stream, and nothing is encoded."""
+
+    def finish(self, state: State) -> tuple[list[Block], State]:
+        """No blocks."""
+        return [], state
+
+    def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
+        """Raises UsageError."""
+        raise UsageError(
+            f"driver '{self.name}' only reads, and what its wire carries is not simulated. Write tables instead: "
+            "--format parquet"
+        )

@@ -13,6 +13,8 @@ from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.sources.bus_log import KINDS, is_raw_log
 from lacet.services.acquisition.other_logs import OPTION, capture_of
+from lacet.services.acquisition.own_drivers import OPTION as TRUST
+from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.commands.progress import Line
 from lacet.services.progress import planned
 from lacet.services.workspace.decode import decode_log, decoding_plan
@@ -52,6 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=[],
         help="file to use for the recorded one of its name",
     )
+    parser.add_argument(TRUST, action="store_true", help="run the drivers of your own beside the rig file from now on")
     parser.add_argument("--force", action="store_true", help="replace LOG if it exists")
 
 
@@ -59,10 +62,11 @@ def run(args: argparse.Namespace) -> int:
     """Decode one log."""
     if args.output.exists() and (not args.force or args.output.samefile(args.raw)):
         raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
+    own = None if args.rig is None else own_drivers(Rig.load(args.rig), args.trust)
     with Line("decode") as line:
         line.progress(planned(decoding_plan()))
         with _capture(args) as raw:
-            found = decode_log(raw, args.output, args.rig, args.dbc, line.progress)
+            found = decode_log(raw, args.output, args.rig, args.dbc, line.progress, own)
     _report(found)
     write_result(args.json, "decode", found)
     return WITH_LOSSES if found["losses"] or found["absent"] or found["damage"] else DONE

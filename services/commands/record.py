@@ -22,6 +22,8 @@ from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.services.acquisition.own_drivers import OPTION as TRUST
+from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.acquisition.transports.base import Receiver
@@ -80,6 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ack-wait", metavar="S", type=float, default=30.0, help="how long to wait for a worker at the end (30 s)"
     )
+    parser.add_argument(TRUST, action="store_true", help="run the drivers of your own beside the rig file from now on")
     parser.add_argument("--overwrite", action="store_true", help="replace LOG if it exists")
     parser.add_argument("--drop-live", type=float, default=0.0, help=argparse.SUPPRESS)  # fault tests
 
@@ -88,14 +91,15 @@ def run(args: argparse.Namespace) -> int:
     """Record. Returns 0, or 3 when anything was lost."""
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
-    decoder = Decoder(rig)
+    own = own_drivers(rig, args.trust)
+    decoder = Decoder(rig, own=own.classes)
     receivers = _receivers(args, rig)
     start = StartRecord(
         run_id=f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{secrets.token_hex(3)}",
         started_ns=time.time_ns(),
         vehicle_text=vehicle.text,
         rig_text=rig.text,
-        documents=decoder.documents,
+        documents=decoder.documents | dict(own.documents),
         vehicle=vehicle.name,
         manoeuvre=args.manoeuvre,
         wheel_reference=rig.wheel_reference,

@@ -13,6 +13,7 @@ from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.identify.progress import silent
 from lacet.services.acquisition.log_decoder import Late, LogDecoder
+from lacet.services.acquisition.own_drivers import OwnDrivers
 from lacet.services.acquisition.stream_decoder import Decoder, closing_record
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch
 from lacet.services.timing.usual import stretch
@@ -24,8 +25,9 @@ def decoding_plan() -> list[Stretch]:
 
 
 def decode_log(
-    raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, progress: Progress = silent
-) -> dict[str, Any]:
+    raw: Path, output: Path, rig: str | None = None, documents: list[Path] | None = None, progress: Progress = silent,
+    own: OwnDrivers | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Decode the raw frames of a log into a new one, which is complete or not written at all.
 
     Parameters
@@ -33,6 +35,7 @@ def decode_log(
     raw, output : the log read, and the one written; an existing file is replaced.
     rig, documents : files to use instead of those recorded.
     progress : receives the per cent done.
+    own : drivers of the user's own, which have been trusted.
 
     Returns the result of ``lacet decode`` (``docs/json.md``). Raises LacetError where nothing can be decoded.
     """
@@ -45,10 +48,10 @@ def decode_log(
     try:
         while True:
             damage = len(reader.damage)
-            decoder = open_decoder(reader, rig, documents or [])
+            decoder = open_decoder(reader, rig, documents or [], own)
             log = LogDecoder(reader, decoder, known)
             axes = {name: sensor.axes for sensor in decoder.rig.sensors for name in sensor.channels}
-            with LogWriter(part, _start(reader, decoder), axes=axes, overwrite=True) as writer:
+            with LogWriter(part, _start(reader, decoder, own), axes=axes, overwrite=True) as writer:
                 for fraction in log.write_to(writer):
                     progress(ServiceStep(ServiceStage.DECODING_LOG, int(99 * fraction), 100))
                 progress(ServiceStep(ServiceStage.WRITING_LOG, 99, 100))
@@ -71,7 +74,9 @@ def decode_log(
     }
 
 
-def open_decoder(reader: LogReader, rig_file: str | None, documents: list[Path]) -> Decoder:
+def open_decoder(
+    reader: LogReader, rig_file: str | None, documents: list[Path], own: OwnDrivers | None = None
+) -> Decoder:
     """The decoder of a log: by its own rig and documents, unless others are given.
 
     The files that a given rig file names take precedence over the recorded ones.
@@ -89,7 +94,7 @@ def open_decoder(reader: LogReader, rig_file: str | None, documents: list[Path])
     else:
         raise RunError(reader.path, ["no rig is recorded in it; give one with --rig FILE"])
     given = {path.name: _text(path) for path in documents}
-    decoder = Decoder(rig, recorded | given)
+    decoder = Decoder(rig, recorded | given, own.classes if own else None)
     for name in given:
         if name not in decoder.documents:
             known = ", ".join(sorted(decoder.documents)) or "none"
@@ -106,11 +111,11 @@ def _text(path: Path) -> str:
         raise UsageError(f"--dbc {path}: {getattr(error, 'strerror', None) or 'not UTF-8 text'}") from error
 
 
-def _start(reader: LogReader, decoder: Decoder) -> StartRecord:
+def _start(reader: LogReader, decoder: Decoder, own: OwnDrivers | None = None) -> StartRecord:
     extra = dict(reader.start.extra)
     if reader.damage:
         extra["damage"] = "\n".join(reader.damage)
-    documents = {**reader.start.documents, **decoder.documents}
+    documents = {**reader.start.documents, **decoder.documents, **(own.documents if own else {})}
     return replace(
         reader.start,
         rig_text=decoder.rig.text,
