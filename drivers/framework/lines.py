@@ -13,28 +13,35 @@ LONGEST = 4096
 
 
 class Line(NamedTuple):
-    """A line: the receipt stamp of its first byte [ns], and its bytes without the line's end."""
+    """A line: the receipt stamp of its first byte [ns], and its bytes without the line feed at its end."""
 
     t_ns: int
     text: bytes
 
 
-def split_lines(waiting: Frames, frames: Frames) -> tuple[list[Line], Frames]:
+def split_lines(waiting: Frames, frames: Frames, begin: bytes = b"") -> tuple[list[Line], Frames]:
     """Lines completed by further reads, and what waits for its end, to be given as `waiting` the next time.
 
     The lines do not depend on how the bytes are split into reads, but for their stamps.
+
+    Parameters
+    ----------
+    waiting, frames : what the last call returned, none at first; and the reads since.
+    begin : what a line begins with, where noise may stand before it: from the last one in it on; else the whole line.
     """
     stream = Frames.concat(frames.source, [waiting, frames])
     ends = np.flatnonzero(stream.data == ord("\n"))
     starts = np.concatenate([[0], ends + 1]).astype(np.int64)
+    rest, data = int(starts[-1]), stream.data.tobytes()
+    if begin:
+        found = [data.rfind(begin, start, end) for start, end in zip(starts.tolist(), ends.tolist(), strict=False)]
+        starts[:-1] = np.where(np.array(found, np.int64) >= 0, found, starts[:-1])
     reads = np.searchsorted(stream.offset, starts[:-1], side="right") - 1
-    data = stream.data.tobytes()
     lines = [
-        Line(int(stream.t_ns[read]), data[start:end].rstrip(b"\r"))
+        Line(int(stream.t_ns[read]), data[start:end])
         for start, end, read in zip(starts[:-1].tolist(), ends.tolist(), reads.tolist(), strict=True)
         if end - start <= LONGEST
     ]
-    rest = int(starts[-1])
     # Of an endless line the last bytes are kept: it stays longer than any that is used.
     return lines, rest_of(stream, max(rest, len(stream.data) - LONGEST - 1))
 

@@ -12,6 +12,7 @@ from lacet.daq.blocks import Flag
 from lacet.daq.channels import COLUMNS
 from lacet.daq.frames import Frames
 from lacet.drivers import open_driver
+from lacet.drivers.framework.base import Reader
 from lacet.drivers.framework.crc import CRC8_J1850, CRC16_CCITT_FALSE, CRC32
 from tests.drivers.driver_cases import decode_all, same_frames
 from tests.support.places import HOME
@@ -99,6 +100,8 @@ def test_example_decodes_to_what_the_page_says(example):
         for block in blocks.values():
             assert block.device_ns is not None
             assert block.device_ns.tolist() == example.device
+    if isinstance(driver, Reader):
+        return
     again = driver.encode(blocks, counter=example.counter)
     if not example.fault:
         same_frames(again, frames)
