@@ -10,7 +10,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 from functools import lru_cache
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -75,7 +75,7 @@ def frames_from_bytes(data: bytes) -> tuple[Frames, int]:
     WireError : not such a message, or one whose parts do not fit together.
     """
     message = parse(pb.RawFrames, data)
-    t_ns = _stamps_in(message.first_ns, message.delta_ns)
+    t_ns = _stamps_in([message.first_ns], [message.delta_ns], [len(message.delta_ns)])
     lengths = np.asarray(message.length, np.int64)
     offset = np.zeros(len(lengths) + 1, np.int64)
     np.cumsum(lengths, out=offset[1:])
@@ -124,33 +124,55 @@ def block_from_bytes(data: bytes) -> tuple[Block, int]:
     WireError : not such a message, one whose parts do not fit together, or a channel unknown to this version.
     """
     message = parse(pb.DecodedBlock, data)
-    channel = CHANNELS.get(message.channel)
+    return _joined([message]), message.sequence
+
+
+def joined_block(data: Sequence[bytes]) -> Block:
+    """The samples of several `DecodedBlock` messages of one channel, in the order given.
+
+    Raises WireError as `block_from_bytes` where any of them cannot be used, or their channels differ.
+    """
+    return _joined([parse(pb.DecodedBlock, one) for one in data])
+
+
+def _joined(messages: Sequence[Any]) -> Block:
+    first = messages[0]
+    channel = CHANNELS.get(first.channel)
     if channel is None:
-        raise WireError(f"channel {message.channel!r} is not in this version's vocabulary")
-    names = tuple(component.name for component in message.component)
-    if names != (channel.components or ("value",)):
-        raise WireError(f"{message.channel}: components {names}, expected {channel.components or ('value',)}")
-    if message.unit != channel.unit:
-        raise WireError(f"{message.channel}: in {message.unit!r}, expected {channel.unit!r}")
+        raise WireError(f"channel {first.channel!r} is not in this version's vocabulary")
+    names = channel.components or ("value",)
+    for message in messages:
+        if message.channel != first.channel:
+            raise WireError(f"a message of {message.channel!r} among those of {first.channel!r}")
+        if (found := tuple([component.name for component in message.component])) != names:
+            raise WireError(f"{message.channel}: components {found}, expected {names}")
+        if message.unit != channel.unit:
+            raise WireError(f"{message.channel}: in {message.unit!r}, expected {channel.unit!r}")
+    sizes = [len(message.flags) for message in messages]
+    columns = [[message.component[k].value for message in messages] for k in range(len(names))]
+    steps = [message.delta_ns for message in messages]
+    with_device = all(message.HasField("device_first_ns") for message in messages)
+    device_steps = [message.device_delta_ns for message in messages] if with_device else []
+    for parts in (steps, *columns, *([device_steps] if with_device else [])):
+        if (lengths := list(map(len, parts))) != sizes:
+            raise WireError(f"{first.channel}: arrays of {lengths} and {sizes} samples in one message")
     device = None
-    if message.HasField("device_first_ns"):
-        device = _stamps_in(message.device_first_ns, message.device_delta_ns)
-    try:
-        values = np.stack([np.asarray(component.value, np.float64) for component in message.component], axis=1)
-        block = Block(
-            message.channel,
-            _stamps_in(message.first_ns, message.delta_ns),
-            values,
-            np.frombuffer(message.flags, np.uint8),
-            device,
-        )
-    except ValueError as error:
-        raise WireError(str(error)) from error
-    return block, message.sequence
+    if with_device:
+        device = _stamps_in([message.device_first_ns for message in messages], device_steps, sizes)
+    return Block(
+        first.channel,
+        _stamps_in([message.first_ns for message in messages], steps, sizes),
+        np.stack([np.fromiter(chain.from_iterable(column), np.float64, sum(sizes)) for column in columns], axis=1),
+        np.frombuffer(b"".join([message.flags for message in messages]), np.uint8),
+        device,
+    )
 
 
-def _stamps_in(first: int, delta: Any) -> NDArray[np.int64]:
-    return first + np.cumsum(np.asarray(delta, np.int64), dtype=np.int64)
+def _stamps_in(first: Sequence[int], steps: Sequence[Sequence[int]], sizes: Sequence[int]) -> NDArray[np.int64]:
+    """Stamps of several messages, one after the other, from the first stamp and the steps of each."""
+    sums = np.cumsum(np.fromiter(chain.from_iterable(steps), np.int64, sum(sizes)), dtype=np.int64)
+    before = np.concatenate((np.zeros(1, np.int64), sums))[np.cumsum([0, *sizes[:-1]])]
+    return sums + np.repeat(np.asarray(first, np.int64) - before, sizes)
 
 
 def _stamps_out(t_ns: NDArray[np.int64], edges: Sequence[int]) -> tuple[memoryview | bytes, list[int]]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
+from lacet.daq.formats.array_messages import joined_block
 from lacet.daq.formats.mcap_read import McapScan
 from lacet.daq.formats.wire import (
     Manifest,
@@ -120,23 +121,27 @@ class LogReader:
 
         Joined by channel, the pieces are `blocks`; no more than one is in memory.
         """
-        parts: dict[str, list[Block]] = defaultdict(list)
+        names = self.channels() if channels is None else channels
+        refused: dict[str, tuple[int, str]] = {}
+        held: dict[str, list[bytes]] = defaultdict(list)
         first = None
-        for log_ns, block in self._stamped_blocks(channels):
-            if first is not None and abs(log_ns - first) >= 1e9 * seconds:
-                yield {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
+        for message in self._scan.messages(self._numbers(map(_topic, names))):
+            if first is not None and abs(message.log_ns - first) >= 1e9 * seconds:
+                yield _joined(held, refused)
+                held.clear()
                 first = None
-            first = log_ns if first is None else first
-            parts[block.channel].append(block)
-        if parts:
-            yield {channel: Block.concat(parts.pop(channel)) for channel in sorted(parts)}
+            first = message.log_ns if first is None else first
+            held[self._scan.channels[message.channel].topic].append(message.data)
+        if held:
+            yield _joined(held, refused)
+        self._tell(refused)
 
     def _stamped_blocks(
         self, channels: Iterable[str] | None, between: tuple[int, int] | None = None
     ) -> Iterator[tuple[int, Block]]:
         """Blocks of some channels, or of all, with the log times of their messages."""
         names = self.channels() if channels is None else channels
-        for log_ns, item in self._items([DECODED + name.replace(".", "/") for name in names], between):
+        for log_ns, item in self._items(map(_topic, names), between):
             if isinstance(item, Block):
                 yield log_ns, item
 
@@ -156,8 +161,11 @@ class LogReader:
                 elif topic.startswith(DECODED):
                     yield message.log_ns, block_from_bytes(message.data)[0]
             except WireError as error:
-                number, why = refused.get(topic, (0, str(error)))
-                refused[topic] = (number + 1, why)
+                _refuse(refused, topic, error)
+        self._tell(refused)
+
+    def _tell(self, refused: Mapping[str, tuple[int, str]]) -> None:
+        """Add what could not be used to `damage`: topic → number of messages, and why the first."""
         for topic, (number, why) in refused.items():
             line = f"{topic}: {number} messages cannot be used ({why})"
             if line not in self.damage:
@@ -226,6 +234,37 @@ def _scan(path: Path) -> McapScan:
             if not file.read(8).startswith(b"\x89MCAP"):
                 raise RunError(path, ["not an MCAP file; give a log recorded by lacet (.mcap)"])
     return scan
+
+
+def _topic(channel: str) -> str:
+    """Topic of a channel's decoded blocks."""
+    return DECODED + channel.replace(".", "/")
+
+
+def _joined(messages: Mapping[str, Sequence[bytes]], refused: dict[str, tuple[int, str]]) -> dict[str, Block]:
+    """Blocks by channel from messages by topic; those that cannot be used are counted in `refused`."""
+    found: dict[str, list[Block]] = defaultdict(list)
+    for topic, data in messages.items():
+        try:
+            blocks = [joined_block(data)]
+        except WireError:  # one by one, to leave out those that cannot be used
+            blocks = list(_usable(topic, data, refused))
+        for block in blocks:
+            found[block.channel].append(block)
+    return {name: found[name][0] if len(found[name]) == 1 else Block.concat(found[name]) for name in sorted(found)}
+
+
+def _usable(topic: str, messages: Sequence[bytes], refused: dict[str, tuple[int, str]]) -> Iterator[Block]:
+    for data in messages:
+        try:
+            yield block_from_bytes(data)[0]
+        except WireError as error:
+            _refuse(refused, topic, error)
+
+
+def _refuse(refused: dict[str, tuple[int, str]], topic: str, error: WireError) -> None:
+    number, why = refused.get(topic, (0, str(error)))
+    refused[topic] = (number + 1, why)
 
 
 def _within(block: Block, start_ns: int, stop_ns: int) -> Block:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,6 +114,23 @@ class CornerMotion:
     axle: FrameMotion
     wheel: FrameMotion
     conditional: ConditionalTravel | None = None
+
+    def at(self, index: NDArray[np.intp]) -> CornerMotion:
+        """The corner at the samples `index`."""
+        return _at(self, index)
+
+
+_Part = TypeVar("_Part", CornerMotion, FrameMotion, ConditionalTravel)
+
+
+def _at(part: _Part, index: NDArray[np.intp]) -> _Part:
+    """The same with every array at the samples `index`."""
+    taken: dict[str, Any] = {
+        name: value[..., index] if isinstance(value, np.ndarray) else _at(value, index)
+        for name, value in vars(part).items()
+        if value is not None
+    }
+    return replace(part, **taken)
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,9 @@ _PARTS = ("value", "rate", "accel", "mean", "mean_rate")
 _STEPS = (1.0, 20.0, 400.0, 1.0, 5.0)
 """Steps of the finite differences, in the channel's noise [SI]."""
 _MEAN, _MEAN_RATE = 3, 4
-_COPIES = 17
-"""Largest number of perturbed copies of a run computed at once: the inputs from one corner's instruments."""
+_COPIES = 22
+"""Largest number of perturbed copies of a run computed at once: the inputs that move the whole car; a corner's are
+fewer."""
 _SAMPLES = 16_000
 """Largest number of samples of the copies computed at once: it limits the memory for long runs."""
 _DRAWN = 32_000
@@ -143,24 +144,21 @@ class Sensitivity:
         measured = MeasuredRows.of(coarse)
         active = [e for e in effects if _enters(e)]
         theta = _active_values(effects, values)
-        before = residual(build_motion(coarse, measured=measured), active, theta)
+        motion = build_motion(coarse, measured=measured)
+        before = residual(motion, active, theta)
         parts = len(_PARTS) if any(effect.conditional for effect in active) else _MEAN
         slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals, parts)}
-        unmoved: dict[int, Motion] = {}
+        unchanged: dict[int, _Copies] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
         for corner, group in _groups(coarse.signals, parts, max(1, min(_COPIES, _SAMPLES // comb.size))):
             steps = [recording.rig.noise(channel) * _STEPS[order] for channel, _, order in group]
-            every_copy = np.tile(np.arange(comb.size), len(group))
-            copies, rows = coarse.at(every_copy), measured.at(every_copy)
-            if corner and len(group) not in unmoved:
-                unmoved[len(group)] = build_motion(copies, measured=rows)
-            changed = _stepped(copies, group, steps)
-            still, moving = (unmoved[len(group)], [corner]) if corner else (None, CORNERS)
-            moved = build_motion(changed, still, moving, rows)
-            after = residual(moved, active, theta)
-            for copy, (key, step) in enumerate(zip(group, steps, strict=True)):
-                part = slice(copy * comb.size, (copy + 1) * comb.size)
-                slopes[key] = _slopes(before, {row: a[part] for row, a in after.items()}, step)
+            if len(group) not in unchanged:
+                unchanged[len(group)] = _Copies.made(len(group), coarse, measured, motion)
+            copies = unchanged[len(group)]
+            changed = _stepped(copies.recording, group, steps)
+            still, moving = (copies.motion, [corner]) if corner else (None, CORNERS)
+            after = residual(build_motion(changed, still, moving, copies.measured), active, theta)
+            slopes |= zip(group, _slopes(before, after, steps), strict=True)
         found = {key: rows for key, rows in slopes.items() if rows}
         return cls(recording, CombSlopes(recording.t, comb, found))
 
@@ -235,6 +233,27 @@ class Sensitivity:
             yield self.response(drawn, draw_noises(self.recording, self._bent, rng, some))
 
 
+@dataclass(frozen=True)
+class _Copies:
+    """Copies of a run one after the other, as if they were one: `places` of their samples in the run."""
+
+    places: NDArray[np.intp]
+    recording: Recording
+    measured: MeasuredRows
+    of: Motion
+
+    @classmethod
+    def made(cls, number: int, recording: Recording, measured: MeasuredRows, motion: Motion) -> _Copies:
+        """So many copies of a recording whose rows and motion are known."""
+        places = np.tile(np.arange(recording.t.size), number)
+        return cls(places, recording.at(places), measured.at(places), motion)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """Their motion, of the corners alone."""
+        return replace(self.of, corners={name: corner.at(self.places) for name, corner in self.of.corners.items()})
+
+
 def _enters(effect: PhysicalEffect) -> bool:
     """Whether an effect's response to the channels is part of the sensitivities.
 
@@ -288,15 +307,20 @@ def _stepped(copies: Recording, group: Sequence[Input], steps: Sequence[float]) 
     return copies.with_signals(replace(copies.signals, **parts))
 
 
-def _slopes(before: Mapping[Row, Array], after: Mapping[Row, Array], step: float) -> dict[Row, Array]:
-    """Row → slope of the residual, a scalar where it is constant; rows that do not change are left out."""
-    out: dict[Row, Array] = {}
+def _slopes(before: Mapping[Row, Array], after: Mapping[Row, Array], steps: Sequence[float]) -> list[dict[Row, Array]]:
+    """Of each changed copy, row → slope of the residual, a scalar where it is constant; rows that do not change are
+    left out.
+
+    `before` : row → (n,) residual; `after` : row → the residuals of the copies, one after the other.
+    """
+    out: list[dict[Row, Array]] = [{} for _ in steps]
+    step = np.asarray(steps)
     for row, base in before.items():
-        slope = (after[row] - base) / step
-        largest = float(np.max(np.abs(slope)))
-        if largest * step < 1e-9 * (1.0 + float(np.max(np.abs(base)))):
-            continue
-        spread = float(np.ptp(slope))
-        constant = spread < 1e-6 * largest
-        out[row] = np.asarray(np.mean(slope) if constant else slope, float)
+        slope = (after[row].reshape(step.size, -1) - base) / step[:, None]
+        highest, lowest = np.max(slope, axis=1), np.min(slope, axis=1)
+        largest = np.maximum(highest, -lowest)
+        still = largest * step < 1e-9 * (1.0 + float(np.max(np.abs(base))))
+        constant, means = highest - lowest < 1e-6 * largest, np.mean(slope, axis=1)
+        for copy in np.flatnonzero(~still).tolist():  # not finite: kept, and refused with the equations
+            out[copy][row] = np.asarray(means[copy] if constant[copy] else slope[copy].copy(), float)
     return out

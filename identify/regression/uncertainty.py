@@ -150,6 +150,8 @@ _BLOCK_UNITS = 4
 SUB_BLOCK = BLOCK / _BLOCK_UNITS
 """Shortest unit that the block bootstrap moves [s]."""
 _MOST_UNITS = 400
+_TOGETHER = 50
+"""Number of bootstrap draws whose normal matrices are made at once: they stay in the cache."""
 
 
 def block_bootstrap(
@@ -173,13 +175,16 @@ def block_bootstrap(
         places = (starts[:, :, None] + np.arange(length)) % count  # around the end, so that all units count alike
         times = np.zeros((draws, count))
         np.add.at(times, (np.arange(draws)[:, None], places.reshape(draws, -1)[:, :count]), 1.0)
-        normal = np.tensordot(times, unit, 1)
-        normal[:, range(z), range(z)] += 1.0 / run.priors**2
-        normal[:, :z, -1] += rng.standard_normal((draws, z)) / run.priors
-        gain = np.asarray(np.linalg.solve(normal[:, :z, :z], normal[:, :z, z:]), float)
-        left = normal[:, z:, z:] - normal[:, z:, :z] @ gain
-        total += left[:, :-1, :-1]
-        right += left[:, :-1, -1]
+        ends = rng.standard_normal((draws, z)) / run.priors
+        for start in range(0, draws, _TOGETHER):
+            some = slice(start, start + _TOGETHER)
+            of_zeros = np.tensordot(times[some], unit[:, :z], 1)
+            of_zeros[:, range(z), range(z)] += 1.0 / run.priors**2
+            of_zeros[:, :, -1] += ends[some]
+            gain = np.asarray(np.linalg.solve(of_zeros[:, :, :z], of_zeros[:, :, z:]), float)
+            left = np.tensordot(times[some], unit[:, z:-1, z:], 1) - of_zeros[:, :, z:-1].transpose(0, 2, 1) @ gain
+            total[some] += left[..., :-1]
+            right[some] += left[..., -1]
     diagonal = np.diagonal(total, axis1=1, axis2=2)
     if not np.all(diagonal > 0.0):  # data without noise: the zeros take all there is
         return np.full(right.shape, np.nan)

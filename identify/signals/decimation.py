@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,9 +37,23 @@ def decimated(x: Array, filters: Filters) -> Array:
     places = comb(x.shape[-1], filters)
     if not places.size or not x.size:
         return np.zeros((*x.shape[:-1], places.size))
-    low_pass = filters.fit_cutoff, filters.rate, filters.order
-    exponentials = _Exponentials.of(*low_pass, filters.step)
-    return exponentials.through(x.reshape(-1, x.shape[-1]), places).reshape(*x.shape[:-1], places.size)
+    series = x.reshape(-1, x.shape[-1])
+    out = _of(filters).through(series, places)
+    # The filter leaves the line between a series' ends as it is; without it a series is odd about both, as assumed.
+    slope = (series[:, -1:] - series[:, :1]) / max(1, x.shape[-1] - 1)
+    out += np.concatenate([series[:, :1], slope], axis=1) @ _taken_from_lines(filters, x.shape[-1])
+    return out.reshape(*x.shape[:-1], places.size)
+
+
+def _of(filters: Filters) -> _Exponentials:
+    return _Exponentials.of(filters.fit_cutoff, filters.rate, filters.order, filters.step)
+
+
+@lru_cache(64)
+def _taken_from_lines(filters: Filters, size: int) -> Array:
+    """(2, n) what `_Exponentials.through` takes away from a series of ones and from 0, 1 … `size` − 1."""
+    lines, places = np.stack([np.ones(size), np.arange(float(size))]), comb(size, filters)
+    return lines[:, places] - _of(filters).through(lines, places)
 
 
 @dataclass(frozen=True)
@@ -94,16 +108,14 @@ class _Exponentials:
         )  # fmt: skip
 
     def through(self, x: Array, places: NDArray[np.intp]) -> Array:
-        """Series (k, N) filtered, at `places` (n,), `step` samples apart."""
+        """Series (k, N), each continued by turning it about both ends as if it were zero there, filtered: at `places`
+        (n,), `step` samples apart."""
         length, count, size = self.weights.shape[0], self.both.size, x.shape[1]
         last = size - 1
-        # Without the line between its ends a series is odd about both.
-        slope = (x[:, -1:] - x[:, :1]) / max(1, last)
         # Blocks are laid so that a step ends at each kept instant; zeros stand before the series and behind it.
         front = self.step - 1 - int(places[0])
         series = np.zeros((len(x), -(-(front + size) // length) * length))
         series[:, front : front + size] = x
-        series[:, front : front + size] -= x[:, :1] + slope * np.arange(size)
         blocks = series.reshape(len(x), -1, length)
         given = (blocks.reshape(-1, length) @ self.weights).reshape(*blocks.shape[:2], -1)
         sums = given[..., _IN_BLOCK:].reshape(*blocks.shape[:2], 2, 2, count)
@@ -122,7 +134,7 @@ class _Exponentials:
         beyond_first = (across * seen_last - seen_first) / (1.0 - across**2) * self.powers[places[0]]
         beyond_last = (across * seen_first - seen_last) / (1.0 - across**2) * self.powers[last - places[-1]]
         fading = (self.both * self.fading[: places.size]).T
-        out = out[:, : places.size] + (x[:, :1] + slope * places)
+        out = out[:, : places.size].copy()
         out[:, : fading.shape[1]] += np.real(beyond_first @ fading)
         out[:, out.shape[1] - fading.shape[1] :] += np.real(beyond_last @ fading)[:, ::-1]
         return out

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import scipy
@@ -229,6 +230,7 @@ def _count(rate: float) -> int:
     return int(min(0.5 * rate, _LAST) / _BAND)
 
 
+@lru_cache(64)
 def _band(band: int, size: int, rate: float) -> tuple[slice, Array]:
     """Frequencies of a band among those of `size` samples, and their weights cos²: all bands' add up to 1."""
     frequency = scipy.fft.rfftfreq(size, 1.0 / rate)

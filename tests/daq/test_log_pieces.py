@@ -85,3 +85,19 @@ def test_a_window_reads_the_chunks_around_it_alone(tmp_path: Path, monkeypatch: 
     assert 3 <= len(read) <= 6
     reader.blocks(["imu.rate"])
     assert len(read) > 90
+
+
+def test_a_message_that_cannot_be_used_takes_no_other_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    path = write(tmp_path / "a.mcap")
+    whole, messages = LogReader(path).blocks(), McapScan.messages
+
+    def damaged(scan: McapScan, *args, **kwargs):
+        found = list(messages(scan, *args, **kwargs))
+        return (one if len(found) < 100 or i != 40 else one._replace(data=b"\xff") for i, one in enumerate(found))
+
+    monkeypatch.setattr(McapScan, "messages", damaged)
+    reader = LogReader(path)
+    found = reader.blocks()
+    lost = {name: len(whole[name]) - len(found[name]) for name in NAMES}
+    assert sorted(lost.values()) == [0, 20]
+    assert any("imu/rate: 1 messages cannot be used" in line for line in reader.damage)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from lacet.daq.blocks import Block
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats import wire
-from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages
+from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages, joined_block
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
 from tests.daq.wire_strategies import COUNT, LOSSES, NS, TALLIES, TEXTS, blocks, frames, same_blocks, same_frames
@@ -60,6 +60,8 @@ def test_many_messages_at_once_are_as_one_by_one(block: Block, batch: Frames, se
     ]
     expected = [wire.block_to_bytes(one, sequence + i, "body") for i, one in enumerate(alone)]
     assert block_to_messages(block, edges, sequence, "body") == expected
+    if expected:
+        same_blocks(joined_block(expected), block)
     edges = sorted({0, len(batch), *(cut for cut in cuts if cut < len(batch))})
     expected = [wire.frames_to_bytes(batch[a:b], sequence + i) for i, (a, b) in enumerate(pairwise(edges))]
     assert frames_to_messages(batch, edges, sequence) == expected
