@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from lacet.daq.errors import UsageError
@@ -24,6 +26,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.verdicts import print_diagnosis
+from lacet.services.workspace.import_log import imported
 from lacet.services.workspace.loading import default_filters
 from lacet.services.workspace.session import MOST_EFFECTS
 
@@ -38,6 +41,7 @@ was interrupted goes on where it was, from the sums in its folder. Needs the ext
   lacet campaign runs/*.mcap --workers 4 --keep sums
   lacet campaign --list runs.txt --scheduler tcp://host:8786  the same on a Dask cluster elsewhere
   lacet campaign *.parquet --rig rig.toml --vehicle vehicle.toml --add anti_roll_bar.front
+  lacet campaign laps/*.csv --map car.toml --keep sums        logs of another system
   lacet campaign runs/*.mcap --diagnose                       and which physical effect is missing
   lacet campaign runs/*.mcap --auto                           add the first, fit again, until nothing is missing
 
@@ -64,6 +68,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler (tcp://host:8786); default: local")
     parser.add_argument("--workers", metavar="N", type=int, help="local workers (default: one for each processor)")
     parser.add_argument("--keep", metavar="FOLDER", type=Path, help="keep each run's sums there, to go on another time")
+    parser.add_argument(
+        "--map", metavar="FILE", type=Path,
+        help="channel map of logs that other systems wrote: they are imported here first, into FOLDER/runs of --keep",
+    )  # fmt: skip
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in each run")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: that of the first run")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
@@ -96,6 +104,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     payload = None if args.payload is None else PayloadSpread(args.payload)
     places = [*args.runs, *_listed(args.list)]
+    imports = _place_of_imports(args, places)
     settings = Settings(
         rig=Rig.load(args.rig).text if args.rig else "",
         vehicle=Vehicle.load(args.vehicle).text if args.vehicle else "",
@@ -104,9 +113,13 @@ def run(args: argparse.Namespace) -> int:
         payload=payload,
         store=str(args.keep.resolve()) if args.keep else "",
     )
-    if not args.scheduler:
-        places = [place if "://" in place else str(Path(place).resolve()) for place in places]
-    with Line("campaign") as line:
+    with Line("campaign") as line, imports as folder:
+        if folder is not None:
+            places = [
+                str(run) for run in imported([Path(place) for place in places], args.map, Path(folder), line.progress)
+            ]
+        if not args.scheduler:
+            places = [place if "://" in place else str(Path(place).resolve()) for place in places]
         line.show("starting the workers")
         with connected(args.scheduler, args.workers) as client:
             line.notify(f"dashboard: {client.dashboard_link}")
@@ -132,6 +145,23 @@ def run(args: argparse.Namespace) -> int:
         print(f"\nAdded: {', '.join(result['added'])}. The parameters above are those of the model with them.")
     write_result(args.json, "campaign", result)
     return WITH_LOSSES if result["warnings"] or not result["parameters"] else DONE
+
+
+def _place_of_imports(args: argparse.Namespace, places: Sequence[str]) -> AbstractContextManager[str | Path | None]:
+    """The folder that runs are imported into by a map, of this campaign alone without --keep; None without a map."""
+    if args.map is None:
+        return nullcontext(None)
+    if elsewhere := [place for place in places if "://" in place]:
+        raise UsageError(
+            f"{elsewhere[0]}: --map imports files of this machine; give a path, or import it: lacet import"
+        )
+    if args.keep is not None:
+        return nullcontext(args.keep / "runs")
+    if args.scheduler:
+        raise UsageError(
+            "--map with --scheduler: say where the imported runs go, a folder that its workers see: --keep FOLDER"
+        )
+    return TemporaryDirectory(prefix="lacet-campaign-")
 
 
 def _plan(passes: Sequence[tuple[str, float]], runs: int) -> ServiceStep:

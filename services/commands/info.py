@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.rows import ROWS, needs
+from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.progress import Line
 from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
@@ -185,6 +187,7 @@ def _log(path: Path) -> tuple[int, dict[str, Any]]:
 
 
 def _rig(rig: Rig) -> dict[str, Any]:
+    Decoder(replace(rig, sensors=tuple(one for one in rig.sensors if one.driver == "dbc")))  # raises what is wrong
     print(f"rig {rig.name}: {rig.wheel_reference} wheel loads")
     lines = [
         [s.name, s.driver or "-", s.bus or "-", s.axes, f"{1e3 * s.latency:g}", s.clock, str(len(s.channels))]

@@ -69,6 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("given", metavar="STUDY or RUN", nargs="*", type=Path, help="a study's folder, or runs")
     parser.add_argument("--rig", help="rig file, or the name of one shipped; default: the one in the run or study")
     parser.add_argument("--vehicle", help="vehicle file, or the name of one shipped; default: as for --rig")
+    parser.add_argument("--map", metavar="FILE", type=Path, help="channel map of logs that other systems wrote")
     parser.add_argument("--add", metavar="EFFECT", action="append", default=[], help="an effect beyond the base model")
     parser.add_argument("--cutoff", metavar="HZ", type=float, help="cut-off of the fit (default: the study's, or 6 Hz)")
     parser.add_argument("--want", metavar="NAME", nargs="+", default=[], help="parameters, whole-vehicle values")
@@ -188,7 +189,7 @@ def _start(args: argparse.Namespace, line: Line) -> _Start:
         )  # fmt: skip
     filters = default_filters(args.cutoff)
     if given:
-        loaded = load(given, args.rig, args.vehicle, filters, line.progress)
+        loaded = load(given, args.rig, args.vehicle, filters, line.progress, args.map)
         model = _model(loaded.vehicle, loaded.reference, args.add)
         line.progress(ServiceStep(ServiceStage.FITTING))
         return _Start(
@@ -213,7 +214,9 @@ def _runs(
 ) -> tuple[list[PlannedRun], tuple[str, ...], list[str]]:
     """The runs to choose from, the assumptions about the car, and why some runs could not be simulated."""
     if args.like:
-        loaded = load(args.like, *start.files, start.filters, lambda step: line.progress(replace(step, subject="like")))
+        loaded = load(
+            args.like, *start.files, start.filters, lambda step: line.progress(replace(step, subject="like")), args.map
+        )  # fmt: skip
         if loaded.reference != start.reference:
             raise UsageError(f"the runs of --like have {loaded.reference} wheel loads, the others {start.reference}")
         return like_runs(loaded.prepared), (), list(loaded.warnings)

@@ -202,3 +202,15 @@ def test_what_cannot_be_played_is_refused_with_the_remedy(tmp_path, capsys, monk
     rig(tmp_path)
     assert main([str(word) for word in words]) == 2
     assert says in capsys.readouterr().err
+
+
+def test_info_checks_what_a_rig_says_of_signals(tmp_path, capsys):
+    assert main(["info", str(rig(tmp_path))]) == 0
+    assert "dbc" in capsys.readouterr().out
+    wrong = rig(tmp_path, signals='"car.yaw_rate" = "GYRO_YAW + SPEED"\n"car.speed" = "SPED"\n')
+    assert main(["info", str(wrong)]) == 2
+    said = capsys.readouterr().err
+    assert (
+        f"{wrong}:\n  - sensor car.signals: car.yaw_rate: GYRO_YAW [1/s] and SPEED [m/s] have different units" in said
+    )
+    assert "did you mean 'SPEED'" in said

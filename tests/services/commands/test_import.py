@@ -100,3 +100,99 @@ def test_the_workbench_shows_a_raw_bus_log_beside_a_map(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text(text + '"car.speed" = "SPEED"\n')
     assert state_key(log) != before  # another map is another run
     assert len(summary(log, RunChannels(tmp_path))["channel_list"]) == 2
+
+
+def test_a_campaign_imports_logs_by_a_map_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Up to the workers, which are given the imported runs."""
+    from contextlib import nullcontext
+    from types import SimpleNamespace
+
+    from lacet.daq.errors import UsageError
+    from lacet.services.commands import campaign
+
+    given: list[list[str]] = []
+
+    def runs_of(_: object, places: list[str], __: object) -> None:
+        given.append(places)
+        assert "wheel.fl.force" in open_run(places[0]).signals
+        raise UsageError("far enough")
+
+    monkeypatch.setattr(campaign, "connected", lambda *_: nullcontext(SimpleNamespace(dashboard_link="")))
+    monkeypatch.setattr(campaign, "Cluster", lambda *_: None)
+    monkeypatch.setattr(campaign, "Campaign", SimpleNamespace(of=runs_of))
+    file, map_ = car_csv(tmp_path)
+    words = ["campaign", str(file), "--map", str(map_)]
+    assert main([*words, "--keep", str(tmp_path / "sums")]) == 2
+    assert "far enough" in capsys.readouterr().err
+    assert main(words) == 2
+    assert given[0] == [str(tmp_path / "sums/runs/sine.mcap")]
+    assert Path(given[0][0]).exists()
+    assert not Path(given[1][0]).exists()  # of that campaign alone
+    assert main([*words, "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    assert "a folder that its workers see: --keep FOLDER" in capsys.readouterr().err
+    assert main(["campaign", "s3://runs/lap.csv", "--map", str(map_)]) == 2
+    assert "s3://runs/lap.csv: --map imports files of this machine" in capsys.readouterr().err
+
+
+FD_J1939_MULTIPLEXED = """\
+VERSION ""
+BO_ 258 Muxed: 8 X
+ SG_ Which M : 0|8@1+ (1,0) [0|255] "" X
+ SG_ Fl m0 : 8|16@1+ (0.1,0) [0|0] "rpm" X
+ SG_ Fr m1 : 8|16@1+ (0.1,0) [0|0] "rpm" X
+BO_ 259 Wide: 48 X
+ SG_ Force : 320|32@1- (1,0) [0|0] "N" X
+BO_ 2364540158 Eec1: 8 X
+ SG_ EngineSpeed : 24|16@1+ (0.125,0) [0|8031.875] "rpm" X
+BA_DEF_ BO_ "VFrameFormat" ENUM "StandardCAN","ExtendedCAN","reserved","J1939PG";
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_ "VFrameFormat" BO_ 2364540158 3;
+SIG_VALTYPE_ 259 Force : 1;
+"""
+
+
+@pytest.mark.parametrize("suffix", [".log", ".blf", ".asc"])
+def test_can_fd_j1939_and_multiplexed_signals_of_a_log(tmp_path: Path, suffix: str) -> None:
+    """A log that another library writes."""
+    import can
+    import numpy as np
+
+    rows = []
+    for i in range(20):
+        muxed = bytes([i % 2]) + (100 * i).to_bytes(2, "little") + bytes(5)
+        wide = bytes(40) + np.float32(1.5 * i).tobytes() + bytes(4)
+        engine = bytes(3) + (800 * i).to_bytes(2, "little") + bytes(3)
+        sender = [0x0CF00400, 0x18F00421][i % 2]  # another priority, another sender
+        rows += [(0x102, False, muxed), (0x103, False, wide), (sender, True, engine)]
+    with can.Logger(str(tmp_path / f"lap{suffix}")) as writer:
+        for i, (ident, extended, data) in enumerate(rows):
+            writer(can.Message(timestamp=1.6e9 + 0.01 * i, arbitration_id=ident, is_extended_id=extended, data=data,
+                               is_fd=len(data) > 8, channel=0, is_rx=True))  # fmt: skip
+    (tmp_path / "car.dbc").write_text(FD_J1939_MULTIPLEXED)
+    (tmp_path / "m.toml").write_text(
+        'format = "lacet-map 1"\n[read]\ndbc = "car.dbc"\n[channels]\n"wheel.fl.speed" = "Fl"\n'
+        '"wheel.fr.speed" = "Fr"\n"damper.fl.force" = "Force"\n"engine.speed" = "EngineSpeed"\n'
+    )
+    words = ["import", tmp_path / f"lap{suffix}", "--map", tmp_path / "m.toml", "-o", tmp_path / "lap.mcap"]
+    assert main(list(map(str, words))) == 0
+    signals, rpm = open_run(tmp_path / "lap.mcap").signals, np.pi / 30
+    for name, wanted in {
+        "wheel.fl.speed": rpm * 10 * np.arange(0, 20, 2), "wheel.fr.speed": rpm * 10 * np.arange(1, 20, 2),
+        "damper.fl.force": 1.5 * np.arange(20), "engine.speed": rpm * 100 * np.arange(20),
+    }.items():  # fmt: skip
+        np.testing.assert_allclose(signals[name].values[:, 0], wanted)
+
+
+def test_j1939_of_a_real_car_s_log(tmp_path: Path) -> None:
+    """The CANedge's other bus carries it; the layout of the engine's message is the standard's."""
+    (tmp_path / "car.dbc").write_text(FD_J1939_MULTIPLEXED)
+    (tmp_path / "m.toml").write_text(
+        'format = "lacet-map 1"\n[read]\ndbc = "car.dbc"\n[channels]\n"engine.speed" = "EngineSpeed"\n'
+    )
+    words = ["import", CAN / "canedge-gps-imu.mf4", "--map", tmp_path / "m.toml", "-o", tmp_path / "lap.mcap"]
+    assert main(list(map(str, words))) in (0, 3)
+    speed = open_run(tmp_path / "lap.mcap").signals["engine.speed"]
+    assert len(speed.t) > 100
+    assert 500 < speed.values.min() * 30 / 3.1416 < speed.values.max() * 30 / 3.1416 < 4000

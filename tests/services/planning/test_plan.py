@@ -20,6 +20,7 @@ from lacet.services.planning.nominal_car import known_values, planned_car
 from lacet.simulate import MANOEUVRES, find_car
 from lacet.simulate.vehicle_file import vehicle_text
 from tests.services.commands.test_json import conforms
+from tests.support.foreign_logs import MAP_HEAD, foreign, write_csv
 from tests.support.tables import FILES, piece, written
 
 CAR = find_car("peugeot-406")
@@ -138,10 +139,15 @@ def test_on_top_of_runs_with_runs_like_others_and_no_simulator(
         raise UsageError("the simulated car needs MuJoCo: install it")
 
     monkeypatch.setattr("lacet.services.commands.plan.engine_library", missing)
-    used = str(written(piece("sine", 5.0, 11.0), tmp_path / "used.parquet"))
+    t, columns, channels = foreign(piece("sine", 5.0, 11.0))  # a spreadsheet and its map
+    write_csv(tmp_path / "used.csv", t, columns)
+    (tmp_path / "car.toml").write_text(MAP_HEAD + channels)
+    used = str(tmp_path / "used.csv")
     like = str(written(piece("liftoff", 5.0, 11.0), tmp_path / "off.parquet"))
     file = tmp_path / "plan.json"
-    argv = ["plan", used, *FILES, "--want", "YY6", "Iyy", "--json", str(file)]
+    assert main(["plan", used, *FILES]) == 2
+    assert "--map" in capsys.readouterr().err
+    argv = ["plan", used, "--map", str(tmp_path / "car.toml"), *FILES, "--want", "YY6", "Iyy", "--json", str(file)]
     assert main(argv) == 2
     assert "--like" in capsys.readouterr().err
     assert main([*argv, "--like", like, used]) == 0
@@ -151,6 +157,7 @@ def test_on_top_of_runs_with_runs_like_others_and_no_simulator(
     assert result["best"]["speed"] is None
     assert [w["name"] for w in result["wanted"]] == ["YY6", "Iyy"]
     assert "YY6 ±" in result["says"]
+    used = str(written(piece("sine", 5.0, 11.0), tmp_path / "used.parquet"))
     assert main(["plan", used, *FILES, "--like", like, "--want", "YY7"]) == 2
     assert "YY6" in capsys.readouterr().err
     assert main(["plan", used, *FILES, "--want", "YY7"]) == 2  # before anything is simulated
