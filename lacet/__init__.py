@@ -42,6 +42,7 @@ _NAMES = {
     "lacet.identify.selection.score_tests": ("Candidate",),
     "lacet.identify.signals.reconstruct": ("Recording",),
     "lacet.services.library.comparisons": ("Comparison", "compare"),
+    "lacet.services.library.exports": ("export",),
     "lacet.services.library.fits": ("Fit", "add", "base_model", "catalogue", "fit"),
     "lacet.services.library.rankings": ("Ranking", "rank"),
     "lacet.services.library.runs": ("LoadingWarning", "Runs", "load_runs"),

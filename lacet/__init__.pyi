@@ -21,6 +21,7 @@ from lacet.identify.selection.score_tests import Candidate as Candidate
 from lacet.identify.signals.reconstruct import Recording as Recording
 from lacet.services.library.comparisons import Comparison as Comparison
 from lacet.services.library.comparisons import compare as compare
+from lacet.services.library.exports import export as export
 from lacet.services.library.fits import Fit as Fit
 from lacet.services.library.fits import add as add
 from lacet.services.library.fits import base_model as base_model
@@ -69,6 +70,7 @@ __all__ = [
     "base_parameters",
     "catalogue",
     "compare",
+    "export",
     "fit",
     "load_chain",
     "load_runs",

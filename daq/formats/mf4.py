@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +12,11 @@ from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, COLUMNS, Channel
 from lacet.daq.errors import RunError, nearest
+from lacet.daq.formats.mf4_write import RIG, VEHICLE, attached, declared
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS, Run, Signal, signal_of
+from lacet.daq.sources.mdf import MdfSource, open_mdf
+from lacet.daq.sources.source import Reading, read_all
 from lacet.daq.toml_reader import Reader
 from lacet.daq.units import read_unit
 
@@ -37,7 +38,7 @@ class _Source:
 
 
 def read_mf4(path: str | Path) -> Run:
-    """The run of an MDF file, version 3 or 4.
+    """The run of an MDF file, version 3 or 4; of one that `mf4_write.write_mf4` wrote with all that it declares.
 
     Its channels are named by the map beside it (``run.toml`` beside ``run.mf4``, or ``mf4.toml`` in its folder); those
     with the names of exchange-table columns need none. Raises RunError, with every fault, when the file or its map
@@ -45,13 +46,7 @@ def read_mf4(path: str | Path) -> Run:
     """
     file = Path(path)
     columns, metadata = _map_of(file)
-    try:
-        with file.open("rb") as stream:
-            if stream.read(3) not in (b"MDF", b"UnF"):
-                raise RunError(file, ["this is no MDF file (it does not begin with 'MDF')"])
-        recorded = _Recorded(file)
-    except OSError as cause:
-        raise RunError(file, [f"cannot be read: {cause}"]) from None
+    recorded = _Recorded(file)
     problems: list[str] = []
     for column in COLUMNS:
         if column not in columns and recorded.has(column):
@@ -71,76 +66,56 @@ def read_mf4(path: str | Path) -> Run:
         raise RunError(file, [*problems, f"no channel of the vocabulary is in it; it has {recorded.some()}: {hint}"])
     start = min(float(one.t[0]) for one in signals.values())
     signals = {name: Signal(one.t - start, one.values, one.flags) for name, one in signals.items()}
-    return Run(name=file.stem, signals=signals, problems=tuple(problems), **metadata)
+    texts = {"vehicle_text": recorded.attached.get(VEHICLE, ""), "rig_text": recorded.attached.get(RIG, "")}
+    return Run(
+        name=file.stem, signals=signals, problems=tuple(problems), **texts, **(declared(recorded.attached) | metadata)
+    )
 
 
 class _Recorded:
     """The channels of an MDF file by name."""
 
     def __init__(self, file: Path):
-        # Imported here: pandas, which it depends on, takes seconds to load.
-        from asammdf import MDF
-
-        # A truncated file makes the library raise any exception, and a second one when its object is deleted.
-        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-        why = ""
-        try:
-            self._mdf: Any = MDF(file)
-        except Exception as cause:
-            why = str(cause)
-        finally:
-            gc.collect()
-            sys.unraisablehook = hook
-        if why:
-            raise RunError(file, [f"cannot be read as MDF (truncated?): {why}"])
-        self._places: Mapping[str, tuple[tuple[int, int], ...]] = dict(self._mdf.channels_db)
+        mdf = open_mdf(file)
+        self.attached = attached(mdf)
+        self._source = MdfSource(file, Reading(), mdf)
         self.without_unit: list[str] = []
 
     def has(self, name: str) -> bool:
         """Whether any group has a channel of that name."""
-        return name in self._places
+        return name in self._source.groups
 
     def some(self) -> str:
         """Names of its first channels."""
-        names = [name for name in self._places if name not in ("time", "t", "Timestamp")]
+        names = list(self._source.groups)
         return ", ".join(names[:12]) + (" …" if len(names) > 12 else "") or "none at all"
-
-    def near(self, name: str) -> str:
-        """Hint at the nearest name of its channels."""
-        return nearest(name, self._places)
 
     def get(self, source: _Source) -> tuple[NDArray[np.float64], NDArray[np.float64], str]:
         """Stamps [s], values (NaN where marked invalid) and unit, the map's first. Raises ValueError in words."""
-        places = list(self._places.get(source.name, ()))
+        places = self._source.groups.get(source.name, [])
         if source.group is not None:
             places = [place for place in places if place[0] == source.group]
         if not places:
             where = "" if source.group is None else f" in group {source.group}"
-            raise ValueError(f"there is no '{source.name}'{where}{self.near(source.name)}")
+            raise ValueError(f"there is no '{source.name}'{where}{nearest(source.name, self._source.groups)}")
         if len(places) > 1:
             groups = ", ".join(str(group) for group, _ in places)
             raise ValueError(f"'{source.name}' is in groups {groups}: say which in the map (group = …)")
+        own = places[0][1]
+        if own not in self._source.listed:
+            raise ValueError(f"'{source.name}' cannot be read: it is text, an array, or empty")
         try:
-            group, index = places[0]
-            # Otherwise samples marked invalid would be removed, different ones in each component.
-            found = self._mdf.get(group=group, index=index, ignore_invalidation_bits=True)
-            invalid = found.invalidation_bits
-            values = np.asarray(found.samples)
-            if values.ndim != 1 or values.dtype.kind not in "iufb":
-                raise ValueError("it is text or an array")
-            values = values.astype(float)
-            if invalid is not None:
-                values[np.asarray(invalid, bool)] = np.nan
-            unit = source.unit or str(found.unit or "").strip()
-            if not unit:
-                self.without_unit.append(source.name)
-            return np.asarray(found.timestamps, float), values, unit
-        except Exception as cause:  # as above: truncated data and other types raise any exception
-            raise ValueError(f"'{source.name}' cannot be read: {cause}") from None
+            series = read_all(self._source, [own])[own]
+        except RunError as cause:
+            raise ValueError("; ".join(cause.faults)) from None
+        unit = source.unit or self._source.listed[own].unit
+        if not unit:
+            self.without_unit.append(source.name)
+        return series.t, series.values, unit
 
     def close(self) -> None:
         """Close the file."""
-        self._mdf.close()
+        self._source.close()
 
 
 def _channel(

@@ -50,7 +50,10 @@ def start_of(mdf: Any) -> int | None:
 
 
 class MdfSource(SharedSource):
-    """The channels of a measured MDF file. A name in several groups is ``G3.Name``, 3 the group's number."""
+    """The channels of a measured MDF file. A name in several groups is ``G3.Name``, 3 the group's number.
+
+    `groups` : a channel's own name → each group that has it, and its name in `listed`, where it has numbers.
+    """
 
     def __init__(self, path: Path, reading: Reading, mdf: Any):
         super().__init__(path)
@@ -61,9 +64,11 @@ class MdfSource(SharedSource):
             for number, channel in enumerate(group.channels):
                 if number != master:
                     places.setdefault(channel.name, []).append((index, number))
+        self.groups: dict[str, list[tuple[int, str]]] = {}
         for name, found in places.items():
             for index, number in found:
                 own = name if len(found) == 1 else f"G{index}.{name}"
+                self.groups.setdefault(name, []).append((index, own))
                 if own not in self.listed:
                     self._add(own, name, index, number)
 

@@ -173,7 +173,7 @@ class _Projection:
 
     def __init__(self, fitted: Fit, known: Information, members: Sequence[Body], signs: bool = True):
         self.fitted = fitted
-        self.cp = _solver()
+        self.cp = convex_solver()
         base, width = fitted.base, len(fitted.physics)
         parameters = fitted.model.parameters[:width]
         size = np.array([q.prior for q in parameters])
@@ -364,7 +364,8 @@ def _squares(fitted: Fit) -> dict[Row, float]:
     return {row: float(sum(part[row] @ part[row] for part in fitted.residual if row in part)) for row in fitted.rows}
 
 
-def _solver() -> Any:
+def convex_solver() -> Any:
+    """The module cvxpy. Raises UsageError without the extra ``consistency``."""
     try:
         importlib.import_module("clarabel")
         return importlib.import_module("cvxpy")

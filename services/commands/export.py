@@ -1,119 +1,136 @@
-"""``lacet export``: export a log for general viewers."""
+"""``lacet export``: an identified car, its results, or a run in the formats of other programs."""
 
 from __future__ import annotations
 
 import argparse
 import fnmatch
-import os
-import sys
-from collections.abc import Mapping
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-from google.protobuf.timestamp_pb2 import Timestamp
-from rich.console import Console
-from rich.progress import track
-
-from lacet.daq.blocks import Block
-from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.log import LogReader
-from lacet.daq.formats.mcap_write import McapWriter
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
-from lacet.daq.schema import lacet_pb2 as pb
+from lacet.services.exports.files import Form, export_car, form_of, replacing
 
-HELP = "write a log that general viewers can plot, one message a sample"
+HELP = "write an identified car, its results or a run in the formats of other programs"
 DESCRIPTION = """\
-Write the decoded channels of a log as MCAP with one message a sample, for viewers that plot single numbers
-(Foxglove, Lichtblick, PlotJuggler, Rerun): topic /wheel/fl/force, fields x, y, z; /laser/fl/hub, field value.
-lacet's own logs store blocks of samples, which are 15 times smaller and faster.
+SOURCE is a study's folder (its present version is exported), or a run. The suffix of FILE says the form.
 
-  lacet export --rows run.mcap -o rows.mcap
-  lacet export --rows run.mcap -o rows.mcap --channels 'wheel.*.force' imu.accel
+An identified car:
+  lacet export STUDY -o car.toml         vehicle file, the identified values as a-priori values
+  lacet export STUDY -o car.xml          MJCF: MuJoCo simulates it by itself
+  lacet export STUDY -o car.urdf         URDF: tree, inertias, joint damping (the format has no springs)
+  lacet export STUDY -o car.yaml         CommonRoad vehicle parameters
+  lacet export STUDY -o car.mat          MATLAB: parameters, derived values, intervals, units, errors, ranking
 
-Exit code 3 when the log is damaged: what is whole is exported."""
+Its results:
+  lacet export STUDY -o result.json      everything (docs/json.md)
+  lacet export STUDY -o values.csv       parameters, whole vehicle, derived values; .parquet the same
+  lacet export STUDY -o e.csv --as errors        error of every row of every run; --as ranking: missing effects
 
-_ROWS_A_CHUNK = 4096
+A run:
+  lacet export RUN -o run.mf4            decoded channels as MDF, with units and comments
+  lacet export RUN -o rows.mcap          one message a sample, for Foxglove, Lichtblick, PlotJuggler, Rerun
+
+What a form cannot hold is named. MJCF and URDF need the extra 'consistency' (docs/export.md).
+Exit code 3 when a log is damaged: what is whole is exported."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("log", metavar="LOG", type=Path, help="log with decoded channels (.mcap)")
+    parser.add_argument("source", metavar="SOURCE", type=Path, help="study's folder, or run")
+    parser.add_argument("-o", "--output", metavar="FILE", type=Path, required=True, help="file to write")
     parser.add_argument(
-        "--rows", action="store_true", required=True, help="one message a sample (the only form so far)"
+        "--as", dest="form", metavar="FORM", help=f"where the suffix says too little: {', '.join(f.word for f in Form)}"
     )
-    parser.add_argument("-o", "--output", metavar="OUT", type=Path, required=True, help="file to write (.mcap)")
-    parser.add_argument("--channels", metavar="NAME", nargs="+", default=["*"], help="channels, * stands for anything")
-    parser.add_argument("--force", action="store_true", help="replace OUT if it exists")
+    parser.add_argument("--rows", action="store_true", help="the same as --as rows")
+    parser.add_argument("--version", type=int, help="version of the study (default: the present one)")
+    parser.add_argument("--channels", metavar="NAME", nargs="+", help="of a run: channels, * stands for anything")
+    parser.add_argument("--map", metavar="MAP", type=Path, help="channel map of a log that another system wrote")
+    parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
 
 
 def run(args: argparse.Namespace) -> int:
-    """Export one log."""
-    if args.output.exists() and (not args.force or args.output.samefile(args.log)):
-        raise UsageError(f"{args.output} exists: give another name" + ("" if args.force else ", or --force"))
-    reader = LogReader(args.log)
+    """Export a study or a run."""
+    if args.rows and args.form not in (None, Form.ROWS.word):
+        raise UsageError(f"--rows and --as {args.form} contradict each other: give one of them")
+    word = Form.ROWS.word if args.rows else args.form
+    if not args.source.exists():
+        raise UsageError(f"{args.source}: no such study or run")
+    if args.source.is_dir():
+        return _study(args, form_of(args.output, word, of_run=False))
+    form = form_of(args.output, word, of_run=True)
+    if args.version is not None:
+        raise UsageError(f"--version goes with a study, and {args.source} is a run")
+    if args.output.exists() and args.output.samefile(args.source):
+        raise UsageError(f"{args.output} exists and is what is to be exported: give another name")
+    return (_rows if form is Form.ROWS else _run)(args)
+
+
+def _study(args: argparse.Namespace, form: Form) -> int:
+    # Only here: a run is exported without what a study needs.
+    from lacet.services.commands.progress import Line
+    from lacet.services.exports.study import identified
+    from lacet.services.workspace.study import Study
+
+    for option, given in (("--channels", args.channels), ("--map", args.map)):
+        if given:
+            raise UsageError(f"{option} goes with a run, and {args.source} is a study")
+    study = Study.open(args.source)
+    with Line("export") as line:
+        written = export_car(identified(study, args.version, line.progress), args.output, form, args.force)
+    print(f"{written.path}: {form.about}\n  {written.says}")
+    if written.left_out:
+        print("not in it, or not from the runs:")
+        for name, why in written.left_out.items():
+            print(f"  {name}: {why}")
+    write_result(args.json, "export", {"output": args.output, "form": form.word, "left_out": dict(written.left_out)})
+    return DONE
+
+
+def _run(args: argparse.Namespace) -> int:
+    # Only here: maps and their units are not needed for rows.
+    from lacet.daq.formats.mf4_write import write_mf4
+    from lacet.daq.formats.open_run import is_own, open_run
+
+    found = open_run(args.source, args.map)
+    names = _chosen(args.source, list(found.signals), args.channels)
+    found = replace(found, signals={name: found.signals[name] for name in names})
+    own_log = args.source.suffix.lower() == ".mcap" and is_own(args.source)
+    started = LogReader(args.source).start.started_ns if own_log else None
+    with replacing(args.output, args.force) as part:
+        write_mf4(found, part, started)
+    samples = {name: len(signal.t) for name, signal in found.signals.items()}
+    return _done(args, Form.RUN, samples, found.problems)
+
+
+def _rows(args: argparse.Namespace) -> int:
+    from lacet.services.exports.rows import write_rows
+
+    reader = LogReader(args.source)
     if not reader.channels():
-        raise RunError(args.log, ["raw frames only: run 'lacet decode' first"])
-    blocks = reader.blocks(_chosen(reader, args.channels))
-    part = args.output.with_name(args.output.name + ".part")
-    try:
+        raise RunError(args.source, ["raw frames only: run 'lacet decode' first"])
+    blocks = reader.blocks(_chosen(reader.path, reader.channels(), args.channels))
+    with replacing(args.output, args.force) as part:
         write_rows(part, blocks)
-        os.replace(part, args.output)
-    finally:
-        part.unlink(missing_ok=True)
-    for line in reader.damage:
+    return _done(args, Form.ROWS, {name: len(block) for name, block in blocks.items()}, reader.damage)
+
+
+def _done(args: argparse.Namespace, form: Form, samples: dict[str, int], damage: Iterable[str]) -> int:
+    lines = list(damage)
+    for line in lines:
         print(f"damaged: {line}")
-    samples = {name: len(block) for name, block in blocks.items()}
     print(f"{args.output}: {sum(samples.values()):,} samples of {len(samples)} channels")
-    write_result(args.json, "export", {"output": args.output, "samples": samples, "damage": list(reader.damage)})
-    return WITH_LOSSES if reader.damage else DONE
+    result: dict[str, Any] = {"output": args.output, "form": form.word, "samples": samples, "damage": lines}
+    write_result(args.json, "export", result)
+    return WITH_LOSSES if lines else DONE
 
 
-def write_rows(path: Path, blocks: Mapping[str, Block]) -> None:
-    """Write one `Sample` message a sample to a new MCAP file, in time order. Raises RunError when the disk fails."""
-    names = list(blocks)
-    if not names:
-        return
-    stamps = np.concatenate([blocks[name].t_ns for name in names])
-    which = np.repeat(np.arange(len(names)), [len(blocks[name]) for name in names])
-    index = np.concatenate([np.arange(len(blocks[name])) for name in names])
-    order = np.argsort(stamps, kind="stable")
-    rows = zip(stamps[order].tolist(), which[order].tolist(), index[order].tolist(), strict=True)
-    columns = {name: [blocks[name].values.tolist(), blocks[name].flags.tolist()] for name in names}
-    console = Console(stderr=True)
-    try:
-        writer = McapWriter(path, overwrite=True)
-        try:
-            shown = track(rows, "write", len(order), console=console, transient=True, disable=not sys.stderr.isatty())
-            for number, (t_ns, k, i) in enumerate(shown):
-                name = names[k]
-                values, flags = columns[name]
-                message = sample(name, t_ns, values[i], flags[i])
-                topic = "/" + name.replace(".", "/")
-                writer.message(topic, pb.Sample, message.SerializeToString(deterministic=True), max(0, t_ns), i)
-                if number % _ROWS_A_CHUNK == _ROWS_A_CHUNK - 1:
-                    writer.flush()
-            writer.finish()
-        finally:
-            writer.abandon()
-    except OSError as error:
-        raise RunError(path, [f"cannot be written: {error.strerror}"]) from error
-
-
-def sample(channel: str, t_ns: int, values: list[float], flags: int) -> pb.Sample:
-    """The message of one sample for viewers."""
-    about = CHANNELS[channel]
-    seconds, nanos = divmod(t_ns, 10**9)
-    message = pb.Sample(timestamp=Timestamp(seconds=seconds, nanos=nanos), flags=flags, unit=about.unit)
-    for component, value in zip(about.components or ("value",), values, strict=True):
-        setattr(message, component, value)
-    return message
-
-
-def _chosen(reader: LogReader, patterns: list[str]) -> list[str]:
-    known = reader.channels()
-    chosen = [name for name in known if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
-    for pattern in patterns:
+def _chosen(path: Path, known: Iterable[str], patterns: list[str] | None) -> list[str]:
+    known = list(known)
+    for pattern in patterns or ():
         if not fnmatch.filter(known, pattern):
-            raise UsageError(f"{reader.path}: no channel '{pattern}'{nearest(pattern, known)}; has {', '.join(known)}")
-    return chosen
+            raise UsageError(f"{path}: no channel '{pattern}'{nearest(pattern, known)}; has {', '.join(known)}")
+    return [name for name in known if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns or ["*"])]

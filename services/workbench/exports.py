@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from typing import Any
 
 from lacet.daq.formats.result import FORMAT, plain
 from lacet.identify.validation.score import pooled_ratio
+from lacet.services.exports.tables import csv_text
 from lacet.services.workbench.refusals import Needs
 from lacet.services.workbench.session_cache import SessionCache
 from lacet.services.workbench.study_views import parameters_payload
@@ -88,16 +87,7 @@ MAKERS: dict[str, Callable[[SessionCache], File]] = {
 
 
 def _table(name: str, head: Sequence[str], rows: Iterable[Sequence[Any]]) -> File:
-    text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(head)
-    writer.writerows([[_cell(x) for x in row] for row in rows])
-    return File(name, "text/csv; charset=utf-8", text.getvalue().encode())
-
-
-def _cell(value: Any) -> Any:
-    """A cell that spreadsheets read as text and never as a formula."""
-    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value
+    return File(name, "text/csv; charset=utf-8", csv_text(head, rows).encode())
 
 
 def _name(cache: SessionCache) -> str:

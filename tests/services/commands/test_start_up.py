@@ -11,7 +11,7 @@ HEAVY = (
 """Packages that take longer to load than a command whose values are kept takes to answer."""
 
 
-@pytest.mark.parametrize("command", ["where", "diagnose"])
+@pytest.mark.parametrize("command", ["where", "diagnose", "export"])
 def test_what_is_used_seldom_is_loaded_when_it_is_used(command: str):
     """`import scipy` loads a subpackage when it is first named."""
     code = f"import sys, lacet.services.commands.{command}; print(*(m for m in {HEAVY} if m in sys.modules))"
