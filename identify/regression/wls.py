@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -138,6 +138,13 @@ class Fit(FittedModel):
     def with_effects(self, effects: Sequence[Effect]) -> Fit:
         """The same with several effects."""
         return extended(self, effects)
+
+    def without_effects(self, keys: Collection[str]) -> Fit:
+        """Fit of the model without these effects of the car to the same runs, with the same options."""
+        effects = [effect for effect in self.model.effects if effect.key not in keys]
+        if len(effects) == len(self.model.effects):
+            return self
+        return fit(Model.of(effects), self.runs, _weights_free(self))
 
     def without_latencies(self, latencies: Mapping[SheetEntry, float]) -> Fit:
         """Fit of the model to the runs with these latencies [s] removed; it shares the sensitivities of this fit."""

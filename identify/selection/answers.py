@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from lacet.identify.selection.joint.subset_search import Joint, strength
+from lacet.identify.selection.joint.refits import Joint
+from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, judged
 from lacet.identify.selection.settings import SELECTION
 

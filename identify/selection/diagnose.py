@@ -24,8 +24,16 @@ from lacet.identify.selection.columns.linearisation import Linearisation, sheet_
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.joint.alternatives import Alternative, alternatives, confidence_set
+from lacet.identify.selection.joint.refits import (
+    Joint,
+    beside_of,
+    continued,
+    found_together,
+    not_part_of_the_rest,
+    only_standing,
+)
 from lacet.identify.selection.joint.shape_constants import refined
-from lacet.identify.selection.joint.subset_search import Joint, beside_of, continued, found_together, strength
+from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
 from lacet.identify.selection.rest import Rest, acts_on
@@ -164,10 +172,13 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
             same = space.noise if closest.fitted is space.fitted else None
             tests = ScoreTests.of(closest, list(space.effects.values()), seed, same, progress)
             tests = tests.given(joint.removed) if joint.removed else tests
-            joint = joint.based_on(tests) if closest.fitted is not space.fitted else joint
-            joint = continued(beside_of(joint, tests, progress), seed, progress)
+            moved = closest.fitted is not space.fitted
+            joint = beside_of(joint.based_on(tests) if moved else joint, tests, progress)
+            joint = continued(only_standing(joint, seed, progress) if moved else joint, seed, progress)
             rest = Rest.of(joint.space, joint.laws)
-    return joint, rest
+    if joint.base is None:
+        return joint, rest
+    return not_part_of_the_rest(joint, rest, seed, progress)
 
 
 def _in_doubt(joint: Joint, rest: Rest) -> bool:

@@ -12,9 +12,10 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
+from lacet.identify.selection.joint.refits import Joint, found_together
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import refined, with_best_constants
-from lacet.identify.selection.joint.subset_search import Joint, Subset, _strongest, found_together
+from lacet.identify.selection.joint.subset_search import Subset, _strongest
 from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
