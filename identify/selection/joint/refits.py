@@ -1,4 +1,4 @@
-"""Effects found to be missing, in a model that is fitted with them, and taken out of it again where they do not stand.
+"""Effects found to be missing, in a model that is fitted with them, and removed from it where they do not stand.
 
 What a selection leaves is judged by a new fit with the selected effects in its model, and a noise floor of it.
 """

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,7 +14,14 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
-from lacet.identify.selection.joint.refits import Joint, found_together
+from lacet.identify.selection.joint.refits import (
+    Joint,
+    beside_of,
+    fitted_with,
+    found_together,
+    not_part_of_the_rest,
+    only_standing,
+)
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
@@ -176,3 +185,43 @@ def test_what_all_leave_is_nothing_and_what_the_base_model_leaves_is_unlisted_or
     trifle = Rest.of(space)
     assert set(trifle.small) == set(before.unlisted)
     assert not trifle.unlisted
+
+
+def test_an_effect_that_does_not_stand_in_its_model_is_removed_and_the_others_stay(subset: Joint):
+    """As after latencies were removed from the runs: an effect of no size, in the fit beside those that are there."""
+    idle, base = KNOWN["tyre_damping.rear"], subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, idle])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
+    beside = beside_of(replace(subset, added=(*subset.added, idle), effects=(*subset.effects, idle)), tests)
+    found = only_standing(beside, 0)
+    assert set(found.keys) == set(subset.keys)
+    assert idle.key in found.dropped
+    assert idle.key not in found.space.fitted.model
+    assert {law.key for law in found.laws} == set(subset.keys)
+
+
+def test_what_explains_no_more_than_is_unlisted_in_its_rows_is_no_name(subset: Joint):
+    """It may be a part of the same unknown cause; a law of other rows stays."""
+    rest = Rest.of(subset.space, subset.laws)
+    (damper,) = (law for law in subset.laws if law.key == "damper_asymmetry.front")
+    row = min(damper.rows)
+    for much, names in ((0.5, set(subset.keys)), (2.0, set(subset.keys) - {damper.key})):
+        lack = replace(rest.lack, squares={**rest.lack.squares, row: much * damper.force})
+        found, _ = not_part_of_the_rest(subset, replace(rest, lack=lack, unlisted=(row,)), 0)
+        assert set(found.keys) == names
+
+
+def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_does_not():
+    """Both as large as the sheet allows instruments to be wrong, and a hundred times their own standard error."""
+    effects = [KNOWN["anti_roll_bar.front"], KNOWN["sensor_gain.hub.fl"]]
+
+    def with_effects(kept: Sequence[Effect]) -> SimpleNamespace:
+        one = np.eye(len(kept))
+        names = [effect.parameters[0].name for effect in kept]
+        return SimpleNamespace(
+            theta=np.ones(len(kept)), covariance=1e-4 * one, covariance_sheet=one, model=SimpleNamespace(names=names)
+        )
+
+    _, kept = fitted_with(cast(Fit, SimpleNamespace(with_effects=with_effects)), effects, len(KEYS), DRAWS)
+    assert [effect.key for effect in kept] == ["anti_roll_bar.front"]
