@@ -107,10 +107,18 @@ class BusMessage:
 def read_dbc(path: Path) -> list[BusMessage]:
     """The messages of a DBC (or another file that cantools reads). Raises DbcError."""
     try:
-        text = path.read_text(encoding="cp1252", errors="replace")
+        data = path.read_bytes()
     except OSError as cause:
         raise DbcError(path, [f"cannot be read: {cause.strerror}"]) from None
-    return parse_dbc(text, str(path))
+    return parse_dbc(dbc_text(data), str(path))
+
+
+def dbc_text(data: bytes) -> str:
+    """The text of a DBC file: UTF-8, else cp1252, the encoding of most tools."""
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("cp1252", "replace")
 
 
 def parse_dbc(text: str, name: str) -> list[BusMessage]:

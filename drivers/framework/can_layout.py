@@ -9,6 +9,7 @@ from pathlib import Path
 
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import DbcError, nearest
+from lacet.daq.sources.dbc_messages import dbc_text
 from lacet.drivers.framework import dbc
 
 FOLDER = Path(__file__).parents[1] / "dbc"
@@ -99,10 +100,7 @@ def read_layout(file: object, folder: Path | None, documents: Mapping[str, str])
                 data = path.read_bytes()
             except OSError as error:
                 raise DbcError(path, [f"cannot be read: {error.strerror}"]) from None
-            try:
-                return file, data.decode("utf-8")
-            except UnicodeDecodeError:  # the encoding of most tools
-                return file, data.decode("cp1252", "replace")
+            return file, dbc_text(data)
     known = sorted({path.name for place in places for path in place.parent.glob("*.dbc")} | set(documents))
     looked = ", ".join(str(place.parent) for place in places)
     raise DbcError(file, [f"no such file in {looked}{nearest(file, known)} (there: {', '.join(known) or 'none'})"])

@@ -373,3 +373,18 @@ def test_a_fault_behind_the_row_names_rig_and_sensor():
     text = RIG.replace('"dbc"\nbus', '"igel"\nbus')
     with pytest.raises(RigError, match=r'sensor car.dbc: is for driver = "dbc"'):
         Rig.parse(text + '"car.yaw_rate" = "A"', "rig.toml")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_a_degree_sign_is_read_in_every_usual_encoding(tmp_path: Path, encoding: str):
+    """Live and of a log alike."""
+    (tmp_path / "my.dbc").write_bytes(DBC.replace('"deg/s"', '"°/s"').encode(encoding))
+    own = open_driver("dbc", "can0", {"dbc": "my.dbc", "signals": {"car.yaw_rate": "Yaw"}}, tmp_path)
+    got, _ = decode_all(own, frames((0, 256, esp(0.0, yaw=90.0))))
+    assert got["car.yaw_rate"].values[0, 0] == pytest.approx(np.pi / 2)
+    (tmp_path / "a.log").write_text("(1600000000.000000) can0 100#" + esp(0.0, yaw=90.0).hex().upper() + "\n" * 2)
+    map_ = ChannelMap.parse(
+        'format = "lacet-map 1"\n[read]\ndbc = "my.dbc"\n[channels]\n"car.yaw_rate" = "Yaw"', "m", tmp_path
+    )
+    run = mapped_run([tmp_path / "a.log"], map_)
+    assert run.signals["car.yaw_rate"].values[0, 0] == pytest.approx(np.pi / 2)
