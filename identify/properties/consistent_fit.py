@@ -160,7 +160,7 @@ def consistent_fit(fitted: Fit) -> ConsistentFit:
     estimate = fitted.theta[fitted.base.independent]
     base, standard, quadratic = projection.nearest(estimate)
     moved = projection.follow @ (base - estimate)[projection.touched]
-    out, price = moved_fit(fitted, moved, quadratic)
+    out, price = _moved(fitted, moved, quadratic)
     return ConsistentFit(out, np.where(projection.bound, standard, out.physics), price)
 
 
@@ -328,7 +328,7 @@ def _campaigns(fitted: Fit, known: Information, base: Array, touched: NDArray[np
     return list(out)
 
 
-def moved_fit(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
+def _moved(fitted: Fit, change: Array, quadratic: float) -> tuple[Fit, ConsistencyPrice]:
     """A fit with its unknowns changed by `change` (q,) and its residuals accordingly, and the cost."""
     theta, place = fitted.theta.copy(), fitted.place
     theta[place] += change
