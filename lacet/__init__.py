@@ -41,6 +41,7 @@ _NAMES = {
     "lacet.identify.regression.model": ("Model",),
     "lacet.identify.selection.score_tests": ("Candidate",),
     "lacet.identify.signals.reconstruct": ("Recording",),
+    "lacet.services.library.chains": ("IdentifiedChain", "identify_chain"),
     "lacet.services.library.comparisons": ("Comparison", "compare"),
     "lacet.services.library.exports": ("export",),
     "lacet.services.library.fits": ("Fit", "add", "base_model", "catalogue", "fit"),

@@ -19,6 +19,8 @@ from lacet.identify.multibody.chain_base_parameters import base_parameters as ba
 from lacet.identify.regression.model import Model as Model
 from lacet.identify.selection.score_tests import Candidate as Candidate
 from lacet.identify.signals.reconstruct import Recording as Recording
+from lacet.services.library.chains import IdentifiedChain as IdentifiedChain
+from lacet.services.library.chains import identify_chain as identify_chain
 from lacet.services.library.comparisons import Comparison as Comparison
 from lacet.services.library.comparisons import compare as compare
 from lacet.services.library.exports import export as export
@@ -44,6 +46,7 @@ __all__ = [
     "CornerMotion",
     "Effect",
     "Fit",
+    "IdentifiedChain",
     "Joint",
     "LacetError",
     "LoadingWarning",
@@ -72,6 +75,7 @@ __all__ = [
     "compare",
     "export",
     "fit",
+    "identify_chain",
     "load_chain",
     "load_runs",
     "open_run",

@@ -69,3 +69,7 @@ class Coupling:
     def torques(self, tau: ArrayLike) -> NDArray[np.float64]:
         """Torques (…, f) at the free joints that do the work of torques (…, n) at all joints: Cᵀ τ."""
         return np.asarray(tau, float) @ self.matrix
+
+    def rows(self, W: Array) -> Array:
+        """Columns (N, f, p) of the torques at the free joints, from those (N, n, p) at all joints: Cᵀ W."""
+        return np.asarray(np.einsum("sjp,jf->sfp", W, self.matrix, optimize=True), float)

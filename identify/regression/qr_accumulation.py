@@ -13,11 +13,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import reduce
+from typing import Any
 
 import numpy as np
 import scipy
 
-from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sums.tree import merged
 
@@ -53,7 +53,9 @@ def narrow_triangle(stacked: Array) -> Array:
     return out
 
 
-Weights = Mapping[Row, float]
+Key = Any
+"""What a row is known by: `Row` of a car, the number of a joint of a chain."""
+Weights = Mapping[Key, float]
 """σ of each row [N or N·m]."""
 _APART = 1e5
 """Ratio of the rows' largest to smallest σ above which normal equations are too inexact [ratio]."""
@@ -74,11 +76,11 @@ class RunEquations:
 
     zeros: tuple[str, ...]
     priors: Array
-    triangles: dict[Row, Array] = field(default_factory=dict[Row, Array])
-    counts: dict[Row, int] = field(default_factory=dict[Row, int])
-    _squares: dict[Row, Array] = field(default_factory=dict[Row, Array], repr=False)
+    triangles: dict[Key, Array] = field(default_factory=dict[Key, Array])
+    counts: dict[Key, int] = field(default_factory=dict[Key, int])
+    _squares: dict[Key, Array] = field(default_factory=dict[Key, Array], repr=False)
 
-    def add(self, row: Row, block: Array, right: Array, root_weight: Array | None = None) -> None:
+    def add(self, row: Key, block: Array, right: Array, root_weight: Array | None = None) -> None:
         """Add samples of a row: (n, z + p) columns, (n,) right side, and the square roots of their weights (n,)."""
         stacked = np.column_stack([block, right])
         if root_weight is not None:
@@ -131,7 +133,7 @@ class RunEquations:
         both = np.asarray(scipy.linalg.solve_triangular(top[:, :z], top[:, z:]), float)
         return both[:, :-1], both[:, -1]
 
-    def squares(self, x: Array, zeros: Array) -> dict[Row, float]:
+    def squares(self, x: Array, zeros: Array) -> dict[Key, float]:
         """Row → sum of squares of the residual at these parameters and zeros."""
         both = np.concatenate([zeros, x, [-1.0]])
         return {row: float(np.sum((R @ both) ** 2)) for row, R in self.triangles.items()}
@@ -148,7 +150,7 @@ class RunEquations:
         )
 
 
-def merged_squares(parts: Sequence[Mapping[Row, float]]) -> dict[Row, float]:
+def merged_squares(parts: Sequence[Mapping[Key, float]]) -> dict[Key, float]:
     """Sums of squares of several runs: row → sum over them."""
     return {
         row: sum(part[row] for part in parts if row in part)
@@ -171,10 +173,10 @@ class WeightedEquations(ABC):
     """
 
     known: Array
-    rows: Sequence[Row]
+    rows: Sequence[Key]
 
     @abstractmethod
-    def sample_counts(self) -> Mapping[Row, int]:
+    def sample_counts(self) -> Mapping[Key, int]:
         """Number of samples of each row, over all runs."""
 
     @abstractmethod
@@ -186,7 +188,7 @@ class WeightedEquations(ABC):
         """(p + 1, p + 1) normal matrix of these equations: quicker, fewer digits; NaN where a run's is singular."""
 
     @abstractmethod
-    def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[Row, float]:
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> Mapping[Key, float]:
         """Row → sum of squares at parameters `x` and each run's zeros that belong to them; `quick` : by the normal
         matrix."""
 
@@ -201,7 +203,7 @@ class WeightedEquations(ABC):
         p = self.p
         return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
 
-    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[Row, float]]:
+    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[Key, float]]:
         """Estimate (p,) and the rows' σ, iterated until σ is the RMS of the residuals; σ is at least `least`."""
         sigma, counts = dict(start), self.sample_counts()
         for _ in range(50):
@@ -242,9 +244,9 @@ class Equations(WeightedEquations):
 
     runs: Sequence[RunEquations]
     known: Array
-    rows: Sequence[Row]
+    rows: Sequence[Key]
 
-    def sample_counts(self) -> dict[Row, int]:
+    def sample_counts(self) -> dict[Key, int]:
         """Number of samples of each row, over all runs."""
         return {row: sum(run.counts.get(row, 0) for run in self.runs) for row in self.rows}
 
@@ -256,7 +258,7 @@ class Equations(WeightedEquations):
         """(p + 1, p + 1) normal matrix of these equations: quicker, fewer digits; NaN where a run's is singular."""
         return merged([known_normal(self.known), *(run.reduced_normal(sigma)[0] for run in self.runs)], added)
 
-    def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[Row, float]:
+    def squares(self, x: Array, sigma: Weights, quick: bool) -> dict[Key, float]:
         """Row → sum of squares at parameters `x` and each run's zeros that belong to them."""
         return merged([squares_at(run, x, sigma, quick) for run in self.runs], merged_squares)
 
@@ -265,7 +267,7 @@ class Equations(WeightedEquations):
         return [shift - gain @ x for gain, shift in zeros_following(self.runs, sigma)]
 
 
-def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[Row, float]:
+def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[Key, float]:
     """Row → sum of squares of a run at parameters `x` and the zeros that belong to them; `quick` : by the normal
     matrix."""
     gain, shift = run.reduced_normal(sigma)[1:] if quick else run.following(sigma)

@@ -15,13 +15,13 @@ from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import PreparedRun
-from lacet.identify.regression.qr_accumulation import Equations, added
+from lacet.identify.regression.qr_accumulation import Equations, Key, added
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.tolerances import SheetEntry
 
 
 def clustered_scores(
-    rows: Mapping[Row, tuple[Array, Array, float]], instants: Mapping[Row, NDArray[np.intp]], count: int
+    rows: Mapping[Key, tuple[Array, Array, float]], instants: Mapping[Key, NDArray[np.intp]], count: int
 ) -> Array:
     """Scores of the instants, g_t = Σ_rows W_tᵀ r_t / σ², (count, p): the sum over the rows of each instant.
 

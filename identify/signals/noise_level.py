@@ -198,6 +198,19 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
     values = signal.values[signal.usable]
     if CHANNELS[channel].unit == "rad":
         values = np.unwrap(values, axis=0)
+    return _band_variance(values, band)
+
+
+def white_noise(values: Array) -> Array:
+    """(k,) σ of white noise with the density that series (N, k) have at the upper end of their spectra."""
+    if len(values) < 2 * _SEGMENT:
+        return np.zeros(values.shape[1])
+    variances = _band_variance(values, _UPPER)
+    return np.sqrt(np.asarray([_middle(variances[:, k])[0] for k in range(values.shape[1])], float))
+
+
+def _band_variance(values: Array, band: tuple[float, float]) -> Array:
+    """Variance of white noise with the band's density, (segments, k), for stretches of `_SEGMENT` samples."""
     parts = sliding_window_view(values, _SEGMENT, axis=0)[::_SEGMENT]
     # The window keeps slow motion out of the upper part; ramps (wheel angles) are removed first.
     x = np.linspace(-1.0, 1.0, _SEGMENT)

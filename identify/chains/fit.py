@@ -1,0 +1,252 @@
+"""Weighted least squares of a chain with laws of its joints: base parameters, robust weights, intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from lacet.daq.errors import NotIdentifiable, nearest
+from lacet.daq.expressions.expression import Expression
+from lacet.identify.chains.model import ChainModel
+from lacet.identify.chains.samples import JointSamples
+from lacet.identify.multibody.base_parameters import BaseParameters, find_base
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.huber import SECOND, THRESHOLD
+from lacet.identify.regression.qr_accumulation import Equations, RunEquations, scaled_triangle
+from lacet.identify.regression.uncertainty import at_least, clustered_scores, hac
+from lacet.identify.selection.settings import SELECTION
+
+_UNSEEN = 1e-7
+"""Part of a base parameter's column, orthogonal to those before it, below which the motion does not determine it."""
+_ROUNDS = 20
+"""Repetitions of a fit whose columns depend on the parameters."""
+_STILL = 0.01
+"""Change of every parameter ÷ its σ at which these end [ratio]."""
+_ROBUST_ROUNDS = 10
+"""Repetitions of a fit with robust weights."""
+_LEAST = 1e-12
+"""σ of a joint's residual ÷ that of its torque that exact data are given [ratio]: numerical."""
+
+
+@dataclass(frozen=True)
+class ChainEstimate:
+    """A combination of parameters that torques and motion determine.
+
+    Attributes
+    ----------
+    name : its first parameter.
+    group : the combination in numbers, ``ZZ1 + YY2 + 0.16 M3``.
+    value, sigma, half : estimate, its 1 σ, and half of its 95 % interval [SI].
+    least : 1 σ as if residuals were independent, as publications print it.
+    """
+
+    name: str
+    group: str
+    value: float
+    sigma: float
+    half: float
+    least: float
+
+
+@dataclass(frozen=True)
+class ChainFit:
+    """A chain fitted to samples.
+
+    Attributes
+    ----------
+    model : what was fitted.
+    base : grouping of the parameters; those in `unseen` are not determined by this motion, and taken as 0.
+    unseen : names of base parameters that the motion does not determine.
+    x : (b,) base parameters.
+    covariance, independent : (b, b) for correlated residuals, and as if they were independent.
+    sigma : (f,) RMS of the residual of each joint [N·m, N].
+    W, y : (m, f, b), (m, f) equations after filter and decimation; `used` (m, f) those that count; `weights` (m, f).
+    t : (m,) times since the first sample [s].
+    """
+
+    model: ChainModel
+    base: BaseParameters
+    unseen: tuple[str, ...]
+    x: Array
+    covariance: Array
+    independent: Array
+    sigma: Array
+    W: Array = field(repr=False)
+    y: Array = field(repr=False)
+    used: NDArray[np.bool_] = field(repr=False)
+    weights: Array = field(repr=False)
+    t: Array = field(repr=False)
+
+    @property
+    def residual(self) -> Array:
+        """(m, f) measured less modelled torque; NaN where an equation does not count."""
+        return np.where(self.used, self.y - self.W @ self.x, np.nan)
+
+    @cached_property
+    def standard(self) -> Array:
+        """(p,) values of all parameters that give these torques: those of the base parameters, 0 for the others."""
+        out = np.zeros(len(self.model.names))
+        out[self.base.independent] = self.x
+        return out
+
+    @cached_property
+    def estimates(self) -> tuple[ChainEstimate, ...]:
+        """All base parameters that the motion determines."""
+        out: list[ChainEstimate] = []
+        sigmas, least = np.sqrt(np.diag(self.covariance)), np.sqrt(np.diag(self.independent))
+        for i, k in enumerate(self.base.independent):
+            name = self.base.names[int(k)]
+            if name not in self.unseen:
+                half = SELECTION.interval_quantile * float(sigmas[i])
+                out.append(
+                    ChainEstimate(
+                        name, self.base.describe(i), float(self.x[i]), float(sigmas[i]), half, float(least[i])
+                    )
+                )
+        return tuple(out)
+
+    def combination(self, text: str) -> ChainEstimate:
+        """The estimate of a sum of parameters, ``ZZ1 + YY2 + 0.16*M3``; ``Izz1`` and ``fv1`` are read as well.
+
+        Raises NotIdentifiable where torques and motion do not determine it, KeyError for an unknown name, ValueError
+        for what is no sum of parameters.
+        """
+        expression = Expression.parse(text)
+        known = {name.upper(): i for i, name in enumerate(self.base.names)}
+        found: dict[str, int] = {}
+        for symbol in sorted(expression.symbols):
+            upper = symbol.upper()
+            place = known.get(upper, known.get(upper[1:]) if upper.startswith("I") else None)
+            if place is None:
+                raise KeyError(f"there is no parameter '{symbol}'{nearest(upper, known)}")
+            found[symbol] = place
+        nothing = dict.fromkeys(found, 0.0)
+        constant = expression.value(nothing)
+        c = np.zeros(len(self.base.names))
+        for symbol, place in found.items():
+            c[place] += expression.value({**nothing, symbol: 1.0}) - constant
+        ones = expression.value({s: 0.5 + i for i, s in enumerate(found)})
+        if constant != 0.0 or abs(sum(c[k] * (0.5 + i) for i, k in enumerate(found.values())) - ones) > 1e-9 * max(
+            1.0, abs(ones)
+        ):
+            raise ValueError(f"'{text}' is no sum of parameters")
+        g = c[self.base.independent]
+        off = np.abs(g @ self.base.grouping() - c) > 1e-6 * max(1.0, float(np.max(np.abs(c))))
+        off[self.base.absent] = False
+        if np.any(off):
+            lost = ", ".join(self.base.names[int(k)] for k in np.flatnonzero(off)[:4])
+            raise NotIdentifiable(
+                f"torques do not determine '{text}': {lost} would have to be in it with other factors"
+            )
+        names = [self.base.names[int(k)] for k in self.base.independent]
+        if unseen := [name for name, part in zip(names, g, strict=True) if part and name in self.unseen]:
+            raise NotIdentifiable(f"this motion does not determine {', '.join(unseen)}, which is part of '{text}'")
+        sigma, least = (float(np.sqrt(g @ C @ g)) for C in (self.covariance, self.independent))
+        return ChainEstimate(text, text, float(g @ self.x), sigma, SELECTION.interval_quantile * sigma, least)
+
+
+def fit_chain(model: ChainModel, samples: JointSamples, slowest: Array, robust: bool = False) -> ChainFit:
+    """Fit a model to samples.
+
+    Parameters
+    ----------
+    slowest : (f,) rate below which a joint's equation does not count [rad/s, m/s]: the sign of its friction is
+        uncertain there.
+    robust : whether seconds with large residuals count less.
+
+    Raises NotIdentifiable when there is no equation for a joint, or fewer than parameters.
+    """
+    keep = model.base.independent
+    kept = samples.kept
+    used = np.abs(samples.qd[kept]) >= slowest
+    standard: Array | None = None
+    rounds = _ROUNDS if model.iterates else 1
+    while True:
+        W, y = model.equations(samples, standard)
+        if standard is not None:
+            # Encoder offsets that are known already are in the positions: the equations give what is added to them.
+            places = model.offset_places
+            y = y + W[:, :, places] @ standard[places]
+        found = _solved(model, W[:, :, keep], y, used, kept / samples.filters.rate, robust)
+        before, standard, rounds = standard, found.standard, rounds - 1
+        step = np.inf if before is None else np.abs(standard - before)[keep]
+        if rounds <= 0 or np.all(step <= _STILL * np.sqrt(np.diag(found.independent))):
+            return found
+
+
+def refitted(fitted: ChainFit) -> ChainFit:
+    """The fit again to those of its equations that are `used`. Raises NotIdentifiable as `fit_chain`."""
+    return _solved(fitted.model, fitted.W, fitted.y, fitted.used, fitted.t, robust=False)
+
+
+def _solved(model: ChainModel, W: Array, y: Array, used: NDArray[np.bool_], t: Array, robust: bool) -> ChainFit:
+    base = model.base
+    if not np.all(np.any(used, axis=0)):
+        joint = model.chain.names[model.chain.coupling.free[int(np.argmin(np.any(used, axis=0)))] - 1]
+        raise NotIdentifiable(f"{joint} never moves faster than the limit: it has no equation")
+    names = [base.names[int(k)] for k in base.independent]
+    joints = tuple(range(y.shape[1]))
+    start = {k: float(np.std(y[used[:, k], k])) or 1.0 for k in joints}
+    weighted = [W[used[:, k], k] / start[k] for k in joints]
+    seen = find_base(np.concatenate(weighted), names, _UNSEEN).independent
+    if np.count_nonzero(used) <= len(seen):
+        raise NotIdentifiable(f"{np.count_nonzero(used)} equations are too few for {len(seen)} parameters")
+    W_seen = W[:, :, seen]
+    weights = np.ones_like(y)
+    x, sigma, equations = _weighted(W_seen, y, used, weights, start)
+    for _ in range(_ROBUST_ROUNDS if robust else 0):
+        before, weights = weights, _weights(y - W_seen @ x, used, t)
+        x, sigma, equations = _weighted(W_seen, y, used, weights, start)
+        if np.max(np.abs(weights - before)) < 1e-3:
+            break
+    R, lengths = scaled_triangle(equations.root(sigma)[:, : len(seen)])
+    inverse = np.asarray(scipy.linalg.solve_triangular(R[: len(seen)], np.eye(len(seen))), float) / lengths[:, None]
+    bread = inverse @ inverse.T
+    count = np.count_nonzero(used)
+    residual = np.where(used, y - W_seen @ x, 0.0)
+    rows = {k: (W_seen[:, k] * (weights[:, k] ** 2)[:, None], residual[:, k], sigma[k]) for k in joints}
+    scores = clustered_scores(rows, dict.fromkeys(joints, np.arange(len(t))), len(t))
+    freedom = count / (count - len(seen))
+    every, covariances = np.zeros(len(names)), np.zeros((2, len(names), len(names)))
+    every[seen] = x
+    covariances[0][np.ix_(seen, seen)] = at_least(bread @ hac(scores) @ bread * freedom, bread * freedom)
+    covariances[1][np.ix_(seen, seen)] = bread * freedom
+    unseen = tuple(name for i, name in enumerate(names) if i not in set(seen.tolist()))
+    rms = np.array([sigma[k] for k in joints])
+    return ChainFit(model, base, unseen, every, covariances[0], covariances[1], rms, W, y, used, weights, t)
+
+
+def _weighted(
+    W: Array, y: Array, used: NDArray[np.bool_], weights: Array, start: Mapping[int, float]
+) -> tuple[Array, dict[int, float], Equations]:
+    """Solution, σ of each joint's residual and equations, for weights of the samples (their roots)."""
+    equations = Equations([_run(W, y, used, weights)], np.zeros((0, W.shape[2])), tuple(start))
+    return *equations.iterate(start, {k: _LEAST * sigma for k, sigma in start.items()}), equations
+
+
+def _run(W: Array, y: Array, used: NDArray[np.bool_], weights: Array) -> RunEquations:
+    """The equations of all joints as R factors."""
+    run = RunEquations((), np.zeros(0))
+    for k in range(y.shape[1]):
+        here = used[:, k]
+        run.add(k, W[here, k], y[here, k], weights[here, k])
+    return run
+
+
+def _weights(residual: Array, used: NDArray[np.bool_], t: Array) -> Array:
+    """(m, f) roots of the samples' weights: a second whose RMS is large beside the joint's median counts less."""
+    out = np.ones_like(residual)
+    second = (t // SECOND).astype(int)
+    for k in range(residual.shape[1]):
+        here = used[:, k]
+        counts = np.bincount(second[here], minlength=second[-1] + 1)
+        squares = np.bincount(second[here], residual[here, k] ** 2, second[-1] + 1)
+        rms = np.sqrt(squares / np.maximum(counts, 1))
+        usual = float(np.median(rms[counts > 0]))
+        out[:, k] = np.sqrt(np.minimum(1.0, THRESHOLD * usual / np.maximum(rms, 1e-300)))[second]
+    return out

@@ -1,0 +1,240 @@
+"""The model of a chain with laws of its joints: its parameters, their grouping, and the columns of its equations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.daq.errors import UsageError
+from lacet.identify.chains.effects import STANDARD, EncoderOffset, JointEffect, LoadFriction
+from lacet.identify.chains.samples import JointSamples
+from lacet.identify.multibody.base_parameters import BaseParameters, find_base
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.scaled_chain import ScaledChain
+from lacet.identify.multibody.symbolic_table import FIXED
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.filters import zero_phase
+
+_PIECE = 4000
+"""Samples of which the equations are formed at a time: the memory of a long recording is that of a piece."""
+_STATES = 300
+"""Random states that show which parameters go together."""
+_TURN = 1e-4
+"""Step of the differences that give the torques' change with a joint's position [rad]."""
+
+
+@dataclass(frozen=True)
+class ChainModel:
+    """A chain of bodies with laws of its joints.
+
+    Attributes
+    ----------
+    chain : the bodies.
+    effects : the laws.
+    """
+
+    chain: Chain
+    effects: tuple[JointEffect, ...]
+
+    @classmethod
+    def of(cls, chain: Chain, effects: Sequence[JointEffect] | None = None) -> ChainModel:
+        """The model; by default with the usual laws at every joint that moves freely (`STANDARD`).
+
+        Raises UsageError for joints that do not move or do not exist, or a law that is there twice.
+        """
+        chain.regressor(np.zeros((1, chain.n)), np.zeros((1, chain.n)), np.zeros((1, chain.n)))  # needs numbers
+        if effects is None:
+            effects = standard_effects(chain)
+        moving = {joint.j for joint in chain.joints if joint.sigma != FIXED}
+        for effect in effects:
+            if lost := [j for j in effect.directions if j not in moving]:
+                raise UsageError(f"{effect.key}: there is no joint {lost[0]} that moves (there are {sorted(moving)})")
+            if isinstance(effect, EncoderOffset) and len(effect.directions) > 1:
+                raise UsageError(f"{effect.key}: an encoder stands at one joint")
+        names = [name for effect in effects for name in effect.parameters]
+        if twice := [name for i, name in enumerate(names) if name in names[:i] or name in chain.parameter_names]:
+            raise UsageError(f"two effects have a parameter {twice[0]}: give one a name (name='m6')")
+        return cls(chain, tuple(effects))
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters: of the bodies, then of the laws."""
+        return (*self.chain.parameter_names, *(name for effect in self.effects for name in effect.parameters))
+
+    @cached_property
+    def place(self) -> dict[str, slice]:
+        """Key of a law → its columns."""
+        out: dict[str, slice] = {}
+        at = 10 * self.chain.n
+        for effect in self.effects:
+            out[effect.key] = slice(at, at + len(effect.letters))
+            at += len(effect.letters)
+        return out
+
+    @cached_property
+    def base(self) -> BaseParameters:
+        """Grouping of the parameters that torques hold only together; those a chain's file says it has not are absent.
+
+        Encoder offsets are not grouped: their columns depend on the parameters.
+        """
+        chain, n = self.chain, self.chain.n
+        scaled = ScaledChain(chain, np.arange(10 * n), 0)
+        rng = np.random.default_rng(11)
+        shape = max(30, _STATES // n), len(chain.coupling.free)
+        qf = rng.uniform(-2, 2, (3, *shape))
+        states = [np.ascontiguousarray(x.T) for x in chain.coupling.states(*qf)]
+        sized = chain.with_geometry(scaled.scaled_numbers(), scaled.gravity)
+        W = chain.coupling.rows(sized.structure(states[0], states[1], states[2]))
+        load = rng.uniform(0.5, 2.0, shape)
+        parts = [W]
+        for effect in self.effects:
+            offset = isinstance(effect, EncoderOffset)
+            made = rng.normal(size=(*shape, 1)) if offset else effect_columns(chain, effect, qf, load)
+            parts.append(made)
+        joined = np.concatenate(parts, axis=2).reshape(-1, len(self.names))
+        joined[:, [self.names.index(name) for name in chain.absent if name in self.names]] = 0.0
+        base = find_base(joined, self.names)
+        # Relations in metres: joint laws count in units of the chain's size as the inertias of their rows do.
+        exponents = np.concatenate(
+            [scaled.exponents, *(np.full(len(e.letters), self._exponent(e)) for e in self.effects)]
+        )
+        sized_by = scaled.size ** (exponents[base.independent][:, None] - exponents[base.dependent][None, :])
+        relations = np.where(np.abs(base.relations) < 1e-8, 0.0, base.relations) * sized_by
+        return BaseParameters(base.names, base.independent, base.dependent, base.absent, relations, base.gap)
+
+    def _exponent(self, effect: JointEffect) -> int:
+        """Power of the unit of length in a torque: laws keep the unit of time and mass."""
+        first = self.chain.joints[next(iter(effect.directions)) - 1]
+        return 0 if first.sigma == 1 or isinstance(effect, EncoderOffset) else 2
+
+    def columns(self, samples: JointSamples, standard: Array | None) -> Array:
+        """(N, f, p) torques at the free joints per unit of every parameter.
+
+        `standard` : (p,) present values, for what depends on them: loads, and the change with an encoder's zero.
+        """
+        chain, coupling = self.chain, self.chain.coupling
+        full = coupling.states(samples.q, samples.qd, samples.qdd)
+        W = coupling.rows(chain.regressor(full[0], full[1], full[2]))
+        bodies = np.zeros(10 * chain.n) if standard is None else standard[: 10 * chain.n]
+        return np.concatenate([W, *self._laws(samples, full, bodies, W @ bodies)], axis=2)
+
+    def law_columns(self, samples: JointSamples, standard: Array) -> Array:
+        """(N, f, …) the same of the laws alone."""
+        bodies = standard[: 10 * self.chain.n]
+        full = self.chain.coupling.states(samples.q, samples.qd, samples.qdd)
+        load = np.zeros_like(samples.q)
+        if any(isinstance(effect, LoadFriction) for effect in self.effects):
+            load = self.chain.coupling.torques(self.chain.inverse_dynamics(full[0], full[1], full[2], bodies))
+        return np.concatenate(self._laws(samples, full, bodies, load), axis=2)
+
+    def _laws(
+        self, samples: JointSamples, full: tuple[NDArray[np.float64], ...], bodies: Array, load: Array
+    ) -> list[Array]:
+        chain = self.chain
+        parts: list[Array] = []
+        for effect in self.effects:
+            if isinstance(effect, EncoderOffset):
+                parts.append(self._turned(full, bodies, effect))
+            else:
+                parts.append(effect_columns(chain, effect, (samples.q, samples.qd, samples.qdd), load))
+        return parts
+
+    def _turned(self, full: tuple[NDArray[np.float64], ...], bodies: Array, effect: EncoderOffset) -> Array:
+        j = next(iter(effect.directions))
+        step = np.zeros(self.chain.n)
+        step[j - 1] = _TURN
+        more, less = (self.chain.inverse_dynamics(full[0] + s * step, full[1], full[2], bodies) for s in (1, -1))
+        return self.chain.coupling.torques(more - less)[:, :, None] / (2.0 * _TURN)
+
+    @property
+    def offset_places(self) -> list[int]:
+        """Columns of encoder offsets."""
+        return [self.place[effect.key].start for effect in self.effects if isinstance(effect, EncoderOffset)]
+
+    @property
+    def iterates(self) -> bool:
+        """Whether columns depend on parameters, so that the fit is repeated."""
+        return any(isinstance(effect, EncoderOffset | LoadFriction) for effect in self.effects)
+
+    def shifted(self, samples: JointSamples, standard: Array | None) -> JointSamples:
+        """The samples with the joints where they stand by the encoder offsets found."""
+        if standard is None or not self.offset_places:
+            return samples
+        q = samples.q.copy()
+        for effect in self.effects:
+            if isinstance(effect, EncoderOffset):
+                at = self.chain.coupling.free.index(next(iter(effect.directions)))
+                q[:, at] += standard[self.place[effect.key]][0]
+        return JointSamples(q, samples.qd, samples.qdd, samples.tau, samples.external, samples.filters)
+
+    def torques(self, samples: JointSamples, standard: Array) -> Array:
+        """(N, f) torques of the model with parameters `standard` (p,), external forces included."""
+        samples = self.shifted(samples, standard)
+        bodies = standard[: 10 * self.chain.n]
+        full = self.chain.coupling.states(samples.q, samples.qd, samples.qdd)
+        load = self.chain.coupling.torques(self.chain.inverse_dynamics(full[0], full[1], full[2], bodies))
+        out = load + samples.external_torques(self.chain)
+        for effect in self.effects:
+            if not isinstance(effect, EncoderOffset):
+                columns = effect_columns(self.chain, effect, (samples.q, samples.qd, samples.qdd), load)
+                out += columns @ standard[self.place[effect.key]]
+        return out
+
+    def law_equations(self, samples: JointSamples, standard: Array, place: slice) -> Array:
+        """(m, f, k) columns after filter and decimation of the parameters at `place`, which are laws'."""
+        first = 10 * self.chain.n
+        return self.equations(samples, standard, bodies=False)[0][:, :, place.start - first : place.stop - first]
+
+    def equations(
+        self, samples: JointSamples, standard: Array | None = None, bodies: bool = True
+    ) -> tuple[Array, Array]:
+        """(m, f, p) columns and (m, f) right sides after filter and decimation, formed piece by piece.
+
+        External forces stand on the right side; encoder offsets that are known in `standard` are in the positions.
+        `bodies` : whether the columns of the bodies' parameters are among them.
+        """
+        samples = self.shifted(samples, standard)
+        kept, filters = samples.kept, samples.filters
+        memory = int(np.ceil(min(filters.memory, 3.0 * filters.edge) * filters.rate))
+        count = max(1, _PIECE // filters.step)
+        left: list[Array] = []
+        right: list[Array] = []
+        for first in range(0, len(kept), count):
+            here = kept[first : first + count]
+            start, stop = max(0, int(here[0]) - memory), min(len(samples.q), int(here[-1]) + memory + 1)
+            part = samples.part(slice(start, stop))
+            W = self.columns(part, standard) if bodies else self.law_columns(part, _given(standard))
+            y = part.tau - part.external_torques(self.chain)
+            both = np.concatenate([W, y[:, :, None]], axis=2).reshape(stop - start, -1).T
+            filtered = zero_phase(np.ascontiguousarray(both), filters.fit_cutoff, filters.rate, filters.order)
+            filtered = filtered[:, here - start].T.reshape(len(here), W.shape[1], -1)
+            left.append(filtered[:, :, :-1])
+            right.append(filtered[:, :, -1])
+        return np.concatenate(left), np.concatenate(right)
+
+
+def _given(standard: Array | None) -> Array:
+    assert standard is not None
+    return standard
+
+
+def standard_effects(chain: Chain, *laws: type[JointEffect]) -> tuple[JointEffect, ...]:
+    """Laws at every joint of a chain that moves freely; by default the usual ones (`STANDARD`)."""
+    return tuple(law(j) for j in chain.coupling.free for law in (laws or STANDARD))
+
+
+def effect_columns(
+    chain: Chain, effect: JointEffect, states: Sequence[Array] | NDArray[np.float64], load: Array
+) -> Array:
+    """(N, f, k) torques at the free joints per unit of a law's parameters, from (N, f) states and the bodies' load."""
+    coupling = chain.coupling
+    c = sum((k * coupling.matrix[j - 1] for j, k in effect.directions.items()), np.zeros(len(coupling.free)))
+    away = float(sum(k * coupling.offset[j - 1] for j, k in effect.directions.items()))
+    # The load of a motor is the torque that does the work of all its joints' loads.
+    along = load @ c / float(c @ c) if np.any(c) else np.zeros(len(load))
+    found = effect.columns(states[0] @ c + away, states[1] @ c, states[2] @ c, along)
+    return c[None, :, None] * found[:, None, :]

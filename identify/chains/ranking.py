@@ -1,0 +1,279 @@
+"""Which law of a joint a fitted chain lacks: every law tried, tested against chance, the strongest added first.
+
+A candidate's columns are freed of the model's (Frisch, Waugh, Lovell). Its score S is the fall of the weighted
+squares. Chance is a wild bootstrap of the scores by blocks (Kline and Santos 2012): each block's part of the score
+keeps its size and gets a random sign, with the candidate itself taken out of the residual. S ÷ its mean over these
+draws is compared with the largest of all candidates' (max-score statistic, Westfall and Young 1993).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lacet.identify.chains.effects import ACROSS, EVERY, EncoderOffset, JointEffect
+from lacet.identify.chains.fit import ChainFit
+from lacet.identify.chains.model import ChainModel
+from lacet.identify.chains.samples import JointSamples
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.uncertainty import SUB_BLOCK
+from lacet.identify.selection.settings import SELECTION
+
+_DRAWS = 999
+"""Draws of the wild bootstrap."""
+_FEW = 8
+"""Fewest blocks of a record for which chance can be drawn: 2⁸ signs."""
+_INDEPENDENT = 1e-6
+"""Part of a candidate's columns beside the model's below which it is the model's already [share]: numerical."""
+
+
+class JointAnswer(Enum):
+    """Answer to one candidate; the values are what reports print."""
+
+    MISSING = "missing"
+    STANDS_IN = "stands in"
+    SMALL = "smaller than laws are exact"
+    IMPLAUSIBLE = "implausible sign"
+    NOT_NEEDED = "not needed"
+    NOT_TESTABLE = "not testable"
+
+
+@dataclass(frozen=True)
+class JointCandidate:
+    """A law that was tried.
+
+    Attributes
+    ----------
+    effect : the law, with its constant where the score is largest.
+    gain : fall of the weighted squares in blocked cross-validation, of those of the joint where it is largest [%].
+    p : family-wise probability that chance gives as much.
+    values : sizes, when the law is added alone [SI].
+    answer : what follows.
+    """
+
+    effect: JointEffect
+    gain: float
+    p: float
+    values: tuple[float, ...]
+    answer: JointAnswer
+
+
+@dataclass(frozen=True)
+class ChainRanking:
+    """Laws tried on a fitted chain: those missing in the order found, then the others by what they explain alone.
+
+    `blocks` : number of blocks of the record that chance was drawn over.
+    """
+
+    candidates: tuple[JointCandidate, ...]
+    blocks: int
+
+    @property
+    def untested(self) -> bool:
+        """Whether the record is too short for any law to be tested."""
+        return self.blocks < _FEW
+
+    @property
+    def missing(self) -> tuple[JointEffect, ...]:
+        """The laws found missing."""
+        return tuple(one.effect for one in self.candidates if one.answer is JointAnswer.MISSING)
+
+
+def candidates_of(model: ChainModel) -> tuple[JointEffect, ...]:
+    """Laws that a model lacks: each at every free joint, and of motors that turn with two neighbouring joints."""
+    chain = model.chain
+    have = {effect.key for effect in model.effects}
+    pairs = [(j, chain.joints[j - 1].ant) for j in chain.coupling.free]
+    ways = [{i: 1.0, j: sign} for j, i in pairs if i in chain.coupling.free for sign in (1.0, -1.0)]
+    every = [law(j) for law in EVERY for j in chain.coupling.free]
+    every += [law(way) for law in ACROSS for way in ways]
+    return tuple(effect for effect in every if effect.key not in have)
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """A candidate's weighted columns (r, k), freed of those of the model, and its place among the candidates."""
+
+    effect: JointEffect
+    columns: Array
+
+
+def rank_chain(
+    fitted: ChainFit, samples: JointSamples, candidates: Sequence[JointEffect] | None = None
+) -> ChainRanking:
+    """Try laws on a fitted chain: `candidates`, by default every law that it lacks.
+
+    `samples` : those it was fitted to.
+    """
+    used = fitted.used
+    scale = fitted.weights / fitted.sigma
+    W = (fitted.W * scale[:, :, None])[used]
+    joint = np.nonzero(used)[1]
+    block = np.broadcast_to((fitted.t // SUB_BLOCK).astype(int)[:, None], used.shape)[used]
+    _, block = np.unique(block, return_inverse=True)
+    blocks = int(block.max()) + 1
+    fold = block * SELECTION.folds // blocks
+    residual = (fitted.residual * scale)[used]
+    model = _orthonormal(W)
+    inexact = SELECTION.law_inexactness**2 * _law_squares(fitted, scale)
+    effects = candidates_of(fitted.model) if candidates is None else tuple(candidates)
+    trials = _trials(fitted, samples, effects, scale, model)
+    tested = {trial.effect.key for trial in trials}
+    found: list[JointCandidate] = []
+    alone: dict[str, JointCandidate] = {}
+    while blocks >= _FEW and len(found) < SELECTION.most_selected:
+        tries = _tested(trials, residual, _Rows(joint, block, fold, blocks, inexact))
+        for one in tries:
+            alone.setdefault(one.effect.key, one)
+        passing = [one for one in tries if one.answer is JointAnswer.MISSING]
+        if not passing:
+            break
+        best = max(passing, key=lambda one: one.gain)
+        found.append(best)
+        basis = _orthonormal(next(trial.columns for trial in trials if trial.effect == best.effect))
+        residual = residual - basis @ (basis.T @ residual)
+        freed = [
+            (trial.effect, _freed(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key
+        ]
+        trials = [_Trial(effect, columns) for effect, columns in freed if columns is not None]
+    names = {one.effect.key for one in found}
+    rest: list[JointCandidate] = []
+    for effect in effects:
+        if effect.key in names:
+            continue
+        one = alone.get(effect.key)
+        if one is None or effect.key not in tested:
+            rest.append(JointCandidate(effect, 0.0, float("nan"), (), JointAnswer.NOT_TESTABLE))
+            continue
+        answer = JointAnswer.STANDS_IN if one.answer is JointAnswer.MISSING else one.answer
+        rest.append(JointCandidate(one.effect, one.gain, one.p, one.values, answer))
+    rest.sort(key=lambda one: -one.gain)
+    return ChainRanking((*found, *rest), blocks)
+
+
+def _trials(
+    fitted: ChainFit, samples: JointSamples, effects: Sequence[JointEffect], scale: Array, model: Array
+) -> list[_Trial]:
+    """All candidates, at every value of their constants, freed of the model's columns."""
+    chain: Chain = fitted.model.chain
+    tried = [(effect.at(value) if effect.grid else effect) for effect in effects for value in effect.grid or (0.0,)]
+    out: list[_Trial] = []
+    # One law at a time: a model of the chain with it alone has the memory of a fit's.
+    for effect in tried:
+        alone = ChainModel(chain, (*_known_offsets(fitted), effect))
+        standard = np.zeros(len(alone.names))
+        standard[: 10 * chain.n] = fitted.standard[: 10 * chain.n]
+        for known in _known_offsets(fitted):
+            standard[alone.place[known.key]] = fitted.standard[fitted.model.place[known.key]]
+        columns = alone.law_equations(samples, standard, alone.place[effect.key])
+        weighted = (columns * scale[:, :, None])[fitted.used]
+        freed = _freed(weighted, model)
+        if freed is not None:
+            out.append(_Trial(effect, freed))
+    return out
+
+
+def _known_offsets(fitted: ChainFit) -> tuple[JointEffect, ...]:
+    return tuple(effect for effect in fitted.model.effects if isinstance(effect, EncoderOffset))
+
+
+def _freed(columns: Array, basis: Array) -> Array | None:
+    """Columns less their projection on a basis; None where nothing is left."""
+    rest = columns - basis @ (basis.T @ columns)
+    rest -= basis @ (basis.T @ rest)
+    whole = np.linalg.norm(columns, axis=0)
+    if not np.all(whole > 0.0) or np.any(np.linalg.norm(rest, axis=0) < np.sqrt(_INDEPENDENT) * whole):
+        return None
+    return rest
+
+
+def _orthonormal(columns: Array) -> Array:
+    lengths = np.linalg.norm(columns, axis=0)
+    kept = columns[:, lengths > 0.0] / lengths[lengths > 0.0]
+    U, values = np.linalg.svd(kept, full_matrices=False)[:2]
+    return U[:, values > 1e-10 * float(np.max(values, initial=0.0))]
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The r equations that candidates are tested on.
+
+    Attributes
+    ----------
+    joint, block, fold : (r,) joint of each, block of chance, fold of the cross-validation; `blocks` is their number.
+    inexact : (f,) weighted squares of each joint that the laws in the model may leave, as no law is exact.
+    """
+
+    joint: NDArray[np.intp]
+    block: NDArray[np.intp]
+    fold: NDArray[np.intp]
+    blocks: int
+    inexact: Array
+
+
+def _law_squares(fitted: ChainFit, scale: Array) -> Array:
+    """(f,) weighted squares of the torques of the laws in the model, joint by joint."""
+    names = {name for effect in fitted.model.effects for name in effect.parameters}
+    ours = [i for i, k in enumerate(fitted.base.independent) if fitted.base.names[int(k)] in names]
+    torque = fitted.W[:, :, ours] @ fitted.x[ours]
+    return np.sum(np.where(fitted.used, (torque * scale) ** 2, 0.0), axis=0)
+
+
+def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[JointCandidate]:
+    """Every candidate with its score, family-wise p and gain; of one with several constants the best."""
+    rng = np.random.default_rng(17)
+    signs = rng.choice([-1.0, 1.0], (_DRAWS, rows.blocks))
+    best: dict[str, tuple[float, Array, _Trial, Array]] = {}
+    for trial in trials:
+        X = trial.columns
+        G = X.T @ X
+        beta = np.asarray(np.linalg.solve(G, X.T @ residual), float)
+        score = float(beta @ G @ beta)
+        # The candidate is out of the residual: only chance is left in its parts.
+        parts = np.zeros((rows.blocks, X.shape[1]))
+        np.add.at(parts, rows.block, X * (residual - X @ beta)[:, None])
+        drawn = signs @ parts * np.sqrt(rows.blocks / (rows.blocks - 1.0))
+        null = np.sum(drawn * np.asarray(np.linalg.solve(G, drawn.T), float).T, axis=1)
+        before = best.get(trial.effect.key)
+        if before is not None:  # the search over its constants counts
+            null = np.maximum(null, before[1])
+        if before is None or score > before[0]:
+            best[trial.effect.key] = score, null, trial, beta
+        else:
+            best[trial.effect.key] = before[0], null, before[2], before[3]
+    if not best:
+        return []
+    means = {key: max(1e-300, float(np.mean(null))) for key, (_, null, _, _) in best.items()}
+    most = np.max(np.stack([null / means[key] for key, (_, null, _, _) in best.items()]), axis=0)
+    out: list[JointCandidate] = []
+    for key, (score, _, trial, beta) in best.items():
+        p = (1.0 + np.count_nonzero(most >= score / means[key])) / (1.0 + _DRAWS)
+        gain, enough = _gain(trial.columns, residual, rows)
+        answer = JointAnswer.NOT_NEEDED
+        if p <= SELECTION.level(_DRAWS) and gain >= SELECTION.least_gain:
+            answer = JointAnswer.MISSING if enough else JointAnswer.SMALL
+            if trial.effect.passive and np.any(beta < 0.0):
+                answer = JointAnswer.IMPLAUSIBLE
+        out.append(JointCandidate(trial.effect, 100.0 * gain, p, tuple(float(b) for b in beta), answer))
+    return out
+
+
+def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:
+    """Largest fall, over the joints it acts on, of a joint's squares in blocked cross-validation [share].
+
+    And whether it is more, at any joint, than what the laws in the model may leave.
+    """
+    after = residual.copy()
+    for number in range(int(rows.fold.max()) + 1):
+        inside = rows.fold == number
+        beta = np.linalg.lstsq(X[~inside], residual[~inside], rcond=None)[0]
+        after[inside] -= X[inside] @ beta
+    before, left = np.bincount(rows.joint, residual**2), np.bincount(rows.joint, after**2)
+    acts = np.bincount(rows.joint, np.sum(X**2, axis=1)) > _INDEPENDENT * np.sum(X**2)
+    share = np.where(acts, 1.0 - left / np.maximum(before, 1e-300), 0.0)
+    return float(np.max(share)), bool(np.any(acts & (before - left > rows.inexact)))

@@ -1,0 +1,215 @@
+"""Sampled joint positions and torques made ready for a fit: filtered alike, differentiated, at a working rate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from lacet.daq.errors import UsageError
+from lacet.identify.chains.effects import ExternalForce
+from lacet.identify.multibody.chain import Chain
+from lacet.identify.multibody.vectors import Array, cross
+from lacet.identify.signals.filters import Filters, bring_to_grid, derivative, two_pass_gain, zero_phase
+
+_OVERSAMPLING = 10.0
+"""Working rate ÷ cut-off of the pre-filter: differences of eighth order are then exact to 1 in 10⁶ up to it."""
+_PRE = 5.0
+"""Cut-off of the pre-filter ÷ that of the fit, as in published identifications of robots (Gautier: 5 to 10)."""
+_EDGE = 4.5
+"""Length left out at both ends × cut-off of the fit: the filters' transients, as in `Filters`."""
+_HELD = 0.999
+"""Part of the squares of the joint rates that lies below the fit's cut-off where none is given."""
+_ORDER = 6
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What was sampled, at the joints: positions and torques at their own rate.
+
+    Attributes
+    ----------
+    q, tau : (N, f) positions [rad, m] and torques [N·m, N] of the chain's f free joints.
+    qd, qdd : (N, f) their derivatives where they were given.
+    rate : [Hz].
+    external : forces on bodies.
+    """
+
+    q: Array
+    tau: Array
+    rate: float
+    qd: Array | None = None
+    qdd: Array | None = None
+    external: tuple[ExternalForce, ...] = ()
+
+    @classmethod
+    def read(
+        cls, chain: Chain, q: ArrayLike, tau: ArrayLike, *, rate: float | None, t: ArrayLike | None,
+        qd: ArrayLike | None = None, qdd: ArrayLike | None = None, motors: ArrayLike | None = None,
+        zero: ArrayLike | None = None, external: Sequence[ExternalForce] = (),
+    ) -> Recorded:  # fmt: skip
+        """What `identify_chain` was given, at the joints. Raises UsageError for shapes and times that do not fit."""
+        count = len(chain.coupling.free)
+        q_, tau_ = _table("q", q, count), _table("tau", tau, count)
+        rates = [None if x is None else _table(name, x, count) for name, x in (("qd", qd), ("qdd", qdd))]
+        for name, x in (("tau", tau_), ("qd", rates[0]), ("qdd", rates[1])):
+            if x is not None and len(x) != len(q_):
+                raise UsageError(f"{name} has {len(x)} samples, q has {len(q_)}")
+        for force in external:
+            if not 1 <= force.body <= chain.n:
+                raise UsageError(f"bodies are numbered 1 to {chain.n}, found an external force on {force.body}")
+            for x in (force.force, force.moment):
+                if x is not None and np.shape(x) != (len(q_), 3):
+                    raise UsageError(f"external forces must have the shape ({len(q_)}, 3), found {np.shape(x)}")
+        if (rate is None) == (t is None):
+            raise UsageError("give either the sample rate (rate=5000) or the times of the samples (t=…)")
+        if t is not None:
+            times = np.asarray(t, float)
+            if times.shape != (len(q_),) or not np.all(np.diff(times) > 0.0):
+                raise UsageError(f"t must be {len(q_)} increasing times, found the shape {times.shape}")
+            rate = (len(times) - 1) / float(times[-1] - times[0])
+            grid = times[0] + np.arange(len(times)) / rate
+            grid[-1] = times[-1]
+            if np.max(np.abs(grid - times)) > 1e-3 / rate:
+                q_, tau_ = (bring_to_grid(times, x, grid, None, _ORDER).T for x in (q_, tau_))
+                rates = [None if x is None else bring_to_grid(times, x, grid, None, _ORDER).T for x in rates]
+                external = [
+                    replace(
+                        one, force=bring_to_grid(times, np.asarray(one.force), grid, None, _ORDER).T,
+                        moment=None if one.moment is None else bring_to_grid(times, one.moment, grid, None, _ORDER).T,
+                    ) for one in external
+                ]  # fmt: skip
+        assert rate is not None
+        if not rate > 0.0:
+            raise UsageError(f"the rate must be positive, found {rate:g} Hz")
+        if motors is not None:
+            C = np.asarray(motors, float)
+            if C.shape != (count, count) or np.linalg.matrix_rank(C) < count:
+                raise UsageError(f"motors must be an invertible {count} × {count} matrix, q_motor = C q")
+            inverse = np.linalg.inv(C)
+            q_, tau_ = q_ @ inverse.T, tau_ @ C
+            rates = [None if x is None else x @ inverse.T for x in rates]
+        if zero is not None:
+            offset = np.asarray(zero, float)
+            if offset.shape != (count,):
+                raise UsageError(f"zero must be {count} positions, found the shape {offset.shape}")
+            q_ = q_ + offset
+        return cls(q_, tau_, rate, rates[0], rates[1], tuple(external))
+
+    def filters(self, cutoff: float | None, pre_cutoff: float | None) -> Filters:
+        """Filters of a fit up to `cutoff` [Hz], at the working rate. Raises UsageError for one that cannot be."""
+        if cutoff is None:
+            cutoff = self._motion()
+        pre = pre_cutoff or min(_PRE * cutoff, 0.4 * self.rate)
+        work = max(1, math.floor(self.rate / (_OVERSAMPLING * pre)))
+        try:
+            found = Filters(self.rate / work, pre, cutoff, _ORDER, _EDGE / cutoff)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+        if len(self.q) / self.rate <= 2.0 * found.edge + 1.0 / cutoff:
+            raise UsageError(
+                f"{len(self.q) / self.rate:.3g} s are too few for a fit up to {cutoff:.3g} Hz: the filters' transients "
+                f"take {found.edge:.3g} s at each end"
+            )
+        return found
+
+    def _motion(self) -> float:
+        """Frequency [Hz] below which nearly all of the joint rates' squares lie, each joint counting alike."""
+        x = zero_phase(self.q.T, min(0.1 * self.rate, 100.0), self.rate, _ORDER)
+        rate = derivative(x, self.rate)
+        spectrum = np.asarray(np.fft.rfft(rate * np.hanning(rate.shape[1]).astype(float), axis=1), complex)
+        power = np.asarray(np.abs(spectrum) ** 2, float)
+        share: Array = np.cumsum(np.sum(power, axis=0), dtype=float)
+        place = int(np.searchsorted(share, _HELD * share[-1]))
+        seconds = len(self.q) / self.rate
+        return min(max(place / seconds, 4.0 * _EDGE / seconds), 0.4 * self.rate / _PRE)
+
+    def rate_noise(self, filters: Filters, sigma: Array) -> Array:
+        """(f,) σ of the joint rates after the pre-filter [rad/s, m/s], from σ of white noise of the positions."""
+        assert filters.pre_cutoff is not None
+        f = np.linspace(0.0, 0.5 * self.rate, 2001)
+        gain = 2.0 * np.pi * f * two_pass_gain(f, filters.pre_cutoff, self.rate, filters.order)
+        return sigma * float(np.sqrt(np.mean(gain**2)))
+
+    def samples(self, filters: Filters, noise: tuple[Array, Array] | None = None) -> JointSamples:
+        """The samples filtered and differentiated, at the working rate; `noise` (N, f) of both added first."""
+        added = noise or (np.zeros((1, 1)), np.zeros((1, 1)))
+        work = round(self.rate / filters.rate)
+        assert filters.pre_cutoff is not None
+        pre = filters.pre_cutoff
+
+        def through(x: Array) -> Array:
+            return zero_phase(np.ascontiguousarray(x.T), pre, self.rate, filters.order)
+
+        q = through(self.q + added[0])
+        qd = derivative(q, self.rate) if self.qd is None else through(self.qd)
+        qdd = derivative(qd, self.rate) if self.qdd is None else through(self.qdd)
+        tau = through(self.tau + added[1])
+        loads = tuple(
+            replace(one, force=through(np.asarray(one.force, float)).T[::work],
+                    moment=None if one.moment is None else through(np.asarray(one.moment, float)).T[::work])
+            for one in self.external
+        )  # fmt: skip
+        q, qd, qdd, tau = (np.ascontiguousarray(x[:, ::work].T) for x in (q, qd, qdd, tau))
+        return JointSamples(q, qd, qdd, tau, loads, filters)
+
+
+@dataclass(frozen=True)
+class JointSamples:
+    """States and torques (N, f) of the free joints at the working rate, all filtered alike.
+
+    `external` : forces at the same samples. `filters` : of the equations.
+    """
+
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    external: tuple[ExternalForce, ...]
+    filters: Filters
+
+    @property
+    def kept(self) -> NDArray[np.intp]:
+        """(m,) places of the samples that decimation keeps, without the filters' transients."""
+        filters = self.filters
+        places = np.arange(filters.step // 2, len(self.q), filters.step)
+        edge = filters.edge * filters.rate
+        return places[(places >= edge) & (places < len(self.q) - edge)]
+
+    def part(self, part: slice) -> JointSamples:
+        """Some of the samples."""
+        loads = tuple(
+            replace(one, force=one.force[part], moment=None if one.moment is None else one.moment[part])
+            for one in self.external
+        )
+        return JointSamples(self.q[part], self.qd[part], self.qdd[part], self.tau[part], loads, self.filters)
+
+    def external_torques(self, chain: Chain) -> Array:
+        """(N, f) torques at the free joints that hold the external forces: −Jᵀ F."""
+        out = np.zeros_like(self.q)
+        full = chain.coupling.states(self.q, self.qd, self.qdd)[0]
+        for one in self.external:
+            J = chain.jacobian(one.body, full, one.axes)
+            force = np.asarray(one.force, float).T
+            arm = np.asarray(one.point, float)[:, None] * np.ones((1, force.shape[1]))
+            if one.axes == "ground":
+                arm = np.einsum("nij,jn->in", chain.pose(one.body, full)[:, :3, :3], arm)
+            moment = cross(arm, force) + (0.0 if one.moment is None else np.asarray(one.moment, float).T)
+            torque = np.asarray(np.einsum("nij,in->nj", J, np.concatenate([force, moment])), float)
+            out -= chain.coupling.torques(torque)
+        return out
+
+
+def _table(name: str, values: ArrayLike, count: int) -> Array:
+    out = np.asarray(values, float)
+    if out.ndim != 2 or out.shape[1] != count:
+        raise UsageError(f"{name} must have the shape (N, {count}), a column for each joint that moves freely, "
+                         f"found {out.shape}")  # fmt: skip
+    if not np.all(np.isfinite(out)):
+        bad = np.argwhere(~np.isfinite(out))
+        raise UsageError(f"{name} has {len(bad)} values that are not finite, the first at sample {bad[0, 0]}, "
+                         f"column {bad[0, 1] + 1}")  # fmt: skip
+    return out

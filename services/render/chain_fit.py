@@ -1,0 +1,87 @@
+"""A fitted chain in words and tables: parameters with intervals, errors joint by joint, laws that are missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lacet.identify.chains.effects import JointEffect, StribeckFriction
+from lacet.identify.chains.fit import ChainFit
+from lacet.identify.chains.ranking import ChainRanking
+from lacet.identify.chains.scores import JointScore
+from lacet.identify.multibody.rigid_body import PARAMETERS, UNITS
+
+_UNITS = {
+    "IA": ("kg·m²", "kg"), "FV": ("N·m·s/rad", "N·s/m"), "FVA": ("N·m·s/rad", "N·s/m"), "FS": ("N·m", "N"),
+    "FSP": ("N·m", "N"), "FSN": ("N·m", "N"), "FB": ("N·m", "N"), "FL": ("", ""), "OFF": ("N·m", "N"),
+    "K": ("N·m/rad", "N/m"), "QO": ("rad", "m"),
+}  # fmt: skip
+PARAMETER_HEAD = ("parameter", "value", "± 95 %", "unit", "grouping")
+SCORE_HEAD = ("joint", "error ÷ floor", "RMS", "explained %", "held out: error ÷ floor", "RMS")
+RANKING_HEAD = ("law", "answer", "gain %", "p", "size alone")
+
+
+def unit_of(fitted: ChainFit, name: str) -> str:
+    """Unit of a parameter of a fitted chain."""
+    for effect in fitted.model.effects:
+        if name in effect.parameters:
+            letters = effect.letters[effect.parameters.index(name)]
+            sliding = fitted.model.chain.joints[next(iter(effect.directions)) - 1].sigma == 1
+            return _UNITS[letters][sliding]
+    return UNITS[PARAMETERS.index(name.rstrip("0123456789"))]
+
+
+def parameter_rows(fitted: ChainFit) -> list[list[str]]:
+    """Base parameters: name, value, half of the 95 % interval, unit, and what they are grouped with."""
+    return [
+        [one.name, f"{one.value:.4g}", f"{one.half:.2g}", unit_of(fitted, one.name),
+         one.group if one.group != one.name else ""]
+        for one in fitted.estimates
+    ]  # fmt: skip
+
+
+def score_rows(scores: Sequence[JointScore], held_out: Sequence[JointScore]) -> list[list[str]]:
+    """Errors joint by joint, on what was fitted to and on what was not."""
+    return [
+        [
+            one.joint,
+            f"{one.ratio:.2f}",
+            f"{one.rms:.3g}",
+            f"{one.explained:.2f}",
+            f"{other.ratio:.2f}",
+            f"{other.rms:.3g}",
+        ]
+        for one, other in zip(scores, held_out, strict=True)
+    ]
+
+
+def ranking_rows(ranking: ChainRanking) -> list[list[str]]:
+    """Laws tried, with their answers."""
+    return [
+        [one.effect.key + constant_text(one.effect), one.answer.value, f"{one.gain:.1f}", f"{one.p:.3f}",
+         ", ".join(f"{value:.3g}" for value in one.values)]
+        for one in ranking.candidates
+    ]  # fmt: skip
+
+
+def constant_text(effect: JointEffect) -> str:
+    """The constant of a law, where it has one, in brackets."""
+    return f" (speed {effect.speed:g} rad/s)" if isinstance(effect, StribeckFriction) else ""
+
+
+def fit_head(fitted: ChainFit, cutoff: float) -> str:
+    """What was fitted to what, in one sentence."""
+    chain = fitted.model.chain
+    said = (
+        f"{len(chain.coupling.free)} joints, {int(fitted.used.sum())} equations up to {cutoff:.3g} Hz: "
+        f"{len(fitted.estimates)} base parameters of {len(fitted.model.names)} parameters"
+    )
+    return f"{said}; this motion does not determine {', '.join(fitted.unseen)}" if fitted.unseen else said
+
+
+def ranking_head(ranking: ChainRanking) -> str:
+    """What was found missing, in one sentence."""
+    if ranking.missing:
+        return "missing: " + ", ".join(effect.key + constant_text(effect) for effect in ranking.missing)
+    if ranking.untested:
+        return f"nothing was tested: {ranking.blocks} blocks of motion are too few"
+    return f"nothing missing that these data show; {len(ranking.candidates)} laws were tried"

@@ -1,0 +1,258 @@
+"""A robot simulated by another engine is identified back: bodies, laws of joints, couplings, forces, and intervals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lacet.daq.errors import NotIdentifiable, UsageError
+from lacet.identify.chains import effects as laws
+from lacet.identify.chains.effects import ExternalForce
+from lacet.identify.chains.model import ChainModel, standard_effects
+from lacet.identify.chains.samples import Recorded
+from lacet.identify.multibody.chain import Chain
+from lacet.services.library.chains import IdentifiedChain, identify_chain
+from tests.identify.chains.robots import FRICTION, RATE, URDF, Record, simulated
+
+CHAIN = Chain.from_urdf(URDF)
+NOISE = (2e-5, 0.05)
+CUTOFF = 8.0
+
+
+def truth(found: IdentifiedChain, more: dict[str, float] | None = None) -> np.ndarray:
+    """True values of the base parameters of a fit."""
+    known = dict(CHAIN.given) | {f"{k}{j + 1}": v for k, values in FRICTION.items() for j, v in enumerate(values)}
+    known |= more or {}
+    every = np.array([known.get(name, 0.0) for name in found.fitted.base.names])
+    return found.fitted.base.grouping() @ every
+
+
+def identified(record: Record, tau: np.ndarray | None = None, **how: object) -> IdentifiedChain:
+    """A fit up to `CUTOFF`."""
+    return identify_chain(CHAIN, record.q, record.tau if tau is None else tau, rate=RATE, cutoff=CUTOFF, **how)  # type: ignore[arg-type]
+
+
+def off(found: IdentifiedChain, expected: np.ndarray) -> float:
+    """Largest error of a base parameter in units of its σ."""
+    return float(np.max(np.abs(found.fitted.x - expected) / np.sqrt(np.diag(found.fitted.covariance))))
+
+
+RECORD = simulated(1, NOISE)
+PLAIN = identified(RECORD)
+
+
+def test_parameters_are_found_within_their_intervals():
+    """Four σ at most, of 25 base parameters; joint parameters to a per cent or two."""
+    assert off(PLAIN, truth(PLAIN)) < 4.0
+    assert not PLAIN.fitted.unseen
+    assert PLAIN.value("FV1") == pytest.approx(3.0, rel=0.02)
+    low, high = PLAIN.interval("fs2")
+    assert low < 1.5 < high
+    assert high - low < 0.2
+
+
+def test_equations_are_newton_eulers():
+    """Columns × parameters are the chain's inverse dynamics, law by law."""
+    effects = [*standard_effects(CHAIN), laws.LoadFriction(2), laws.JointSpring(3), laws.StribeckFriction(1, speed=0.2),
+               laws.AsymmetricViscous(1), laws.ViscousFriction({2: 1.0, 3: -2.0})]  # fmt: skip
+    model = ChainModel.of(CHAIN, effects)
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=len(model.names))
+    recorded = Recorded.read(CHAIN, RECORD.q, RECORD.tau, rate=RATE, t=None)
+    samples = recorded.samples(recorded.filters(CUTOFF, None))
+    W = model.columns(samples, X)
+    named = dict(zip(model.names, X, strict=True))
+    bodies = {name: named[name] for name in CHAIN.parameter_names}
+    load = CHAIN.inverse_dynamics(samples.q, samples.qd, samples.qdd, bodies)
+    expected = CHAIN.inverse_dynamics(
+        samples.q, samples.qd, samples.qdd,
+        bodies | {f"{k}{j}": named[f"{k}{j}"] for k in ("IA", "FV", "FS") for j in (1, 2, 3)},
+    )  # fmt: skip
+    expected += [named["OFF1"], named["OFF2"], named["OFF3"]]
+    expected[:, 1] += named["FL2"] * np.abs(load[:, 1]) * np.sign(samples.qd[:, 1])
+    expected[:, 2] += named["K3"] * samples.q[:, 2]
+    rate = samples.qd[:, 0]
+    expected[:, 0] += named["FB1"] * np.sign(rate) * np.exp(-((rate / 0.2) ** 2)) + named["FVA1"] * np.abs(rate)
+    expected += named["FV2_3n"] * np.outer(samples.qd[:, 1] - 2.0 * samples.qd[:, 2], [0.0, 1.0, -2.0])
+    np.testing.assert_allclose(W @ X, expected, atol=1e-10)
+    np.testing.assert_allclose(model.torques(samples, X), expected, atol=1e-10)
+
+
+def test_a_long_record_in_pieces_has_the_same_equations(monkeypatch: pytest.MonkeyPatch):
+    """Pieces overlap by the filter's memory."""
+    recorded = Recorded.read(CHAIN, RECORD.q, RECORD.tau, rate=RATE, t=None)
+    samples = recorded.samples(recorded.filters(CUTOFF, None))
+    model = ChainModel.of(CHAIN)
+    monkeypatch.setattr("lacet.identify.chains.model._PIECE", 10**9)
+    whole = model.equations(samples)
+    monkeypatch.setattr("lacet.identify.chains.model._PIECE", 700)
+    for one, other in zip(model.equations(samples), whole, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9 * np.max(np.abs(other)))
+
+
+def test_motors_that_turn_with_two_joints():
+    """q_motor = C q and τ = Cᵀ τ_motor, encoder zeros added: the same parameters."""
+    C = np.array([[30.0, 0.0, 0.0], [0.0, 40.0, 0.0], [0.0, 20.0, -25.0]])
+    zero = np.array([0.1, -0.2, 0.3])
+    q, tau = (RECORD.q - zero) @ C.T, RECORD.tau @ np.linalg.inv(C)
+    found = identify_chain(CHAIN, q, tau, rate=RATE, cutoff=CUTOFF, motors=C, zero=zero)
+    np.testing.assert_allclose(found.fitted.x, PLAIN.fitted.x, rtol=1e-5, atol=1e-7)
+
+
+def test_a_law_at_a_joint_is_found_with_its_size():
+    """Spring, load-dependent friction, coupling and encoder offset, each added to the torques of the other engine."""
+    q, qd = RECORD.q, RECORD.qd
+    tau = RECORD.tau.copy()
+    tau[:, 2] += 4.0 * q[:, 2]
+    tau += 0.7 * np.outer(np.sign(qd[:, 1] + qd[:, 2]), [0.0, 1.0, 1.0])
+    found = identified(RECORD, tau, effects=[
+        *standard_effects(CHAIN), laws.JointSpring(3), laws.CoulombFriction({2: 1, 3: 1}, "m")
+    ])  # fmt: skip
+    assert off(found, truth(found, {"K3": 4.0, "FSm": 0.7})) < 4.0
+
+
+def test_friction_that_grows_with_load():
+    """The load is the bodies' own torque, found again until it stands still."""
+    # The rotor of joint 2 cannot be told from the body's inertia about it, and counts among the load.
+    load = CHAIN.inverse_dynamics(RECORD.q, RECORD.qd, RECORD.qdd, {**CHAIN.given, "IA2": FRICTION["IA"][1]})
+    tau = RECORD.tau + np.outer(0.15 * np.abs(load[:, 1]) * np.sign(RECORD.qd[:, 1]), [0.0, 1.0, 0.0])
+    found = identified(RECORD, tau, effects=[*standard_effects(CHAIN), laws.LoadFriction(2)])
+    low, high = found.interval("FL2")
+    assert low - 0.01 < 0.15 < high + 0.01
+    assert high - low < 0.05
+
+
+def test_an_encoder_that_is_off():
+    """The joint's zero is found from gravity and inertia, and the other parameters with it."""
+    moved = Record(RECORD.q - [0.0, 0.08, 0.0], RECORD.tau, RECORD.qd, RECORD.qdd)
+    blind = identified(moved)
+    found = identified(moved, effects=[*standard_effects(CHAIN), laws.EncoderOffset(2)])
+    assert found.value("QO2") == pytest.approx(0.08, abs=0.005)
+    assert off(found, truth(found, {"QO2": 0.08})) < 4.5
+    assert blind.fitted.sigma[1] > 1.2 * found.fitted.sigma[1]
+    assert found.scores[1].ratio == pytest.approx(PLAIN.scores[1].ratio, rel=0.05)
+
+
+@pytest.mark.parametrize("axes", ["body", "ground"])
+def test_a_measured_force_on_a_body(axes: str):
+    """Torques that hold it by the poses' differences (virtual work), not by the Jacobian."""
+    rng = np.random.default_rng(5)
+    t = np.arange(len(RECORD.q)) / RATE
+    force = 20.0 * np.sin(np.outer(t, [1.1, 0.7, 1.9]) + rng.uniform(0, 6, 3))
+    point = np.array([0.1, 0.02, -0.03])
+    at = np.append(point, 1.0)
+    tau, step = RECORD.tau.copy(), 1e-5
+    turned = force if axes == "ground" else np.einsum("nij,nj->ni", CHAIN.pose(3, RECORD.q)[:, :3, :3], force)
+    for j in range(3):
+        moves = [(CHAIN.pose(3, RECORD.q + s * step * np.eye(3)[j]) @ at)[:, :3] for s in (1, -1)]
+        tau[:, j] -= np.sum(turned * (moves[0] - moves[1]), axis=1) / (2 * step)
+    found = identified(RECORD, tau, external=[ExternalForce(3, force, None, tuple(point), axes)])
+    np.testing.assert_allclose(found.fitted.x, PLAIN.fitted.x, atol=2e-3)
+    assert np.all(identified(RECORD, tau).fitted.sigma > 10.0 * found.fitted.sigma)
+
+
+def test_seconds_that_are_bad_count_less():
+    """A second of a knock on the torques moves a robust fit less."""
+    tau = RECORD.tau.copy()
+    tau[2000:2200] += 40.0 * np.sin(np.arange(200) / 9.0)[:, None]
+    plain, robust = identified(RECORD, tau), identified(RECORD, tau, robust=True)
+    expected = truth(PLAIN)
+    errors = [
+        np.linalg.norm((f.fitted.x - expected) / np.sqrt(np.diag(PLAIN.fitted.covariance))) for f in (plain, robust)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+    assert np.min(robust.fitted.weights) < 0.5
+
+
+def test_errors_are_those_of_the_noise():
+    """Error ÷ floor is 1 for a complete model, on what was fitted to, held out, and another record."""
+    for scores in (PLAIN.scores, PLAIN.held_out, PLAIN.predict(*_sampled(simulated(2, NOISE)))):
+        assert [one.joint for one in scores] == ["j1", "j2", "j3"]
+        for one in scores:
+            assert 0.8 < one.ratio < 1.35
+    assert PLAIN.scores[0].explained > 99.5
+
+
+def _sampled(record: Record) -> tuple[np.ndarray, np.ndarray]:
+    return record.q, record.tau
+
+
+def test_the_missing_law_is_named():
+    """A motor's friction on two joints and a spring are found among all laws; then nothing is missing."""
+    complete = PLAIN.rank()
+    assert complete.missing == ()
+    tau = RECORD.tau.copy()
+    tau += 0.5 * np.outer(RECORD.qd[:, 1] + RECORD.qd[:, 2], [0.0, 1.0, 1.0])
+    tau[:, 0] += 2.0 * RECORD.q[:, 0]
+    found = identified(RECORD, tau)
+    ranking = found.rank()
+    assert {effect.key for effect in ranking.missing} == {"viscous.2_3", "spring.1"}
+    after = found.with_effects(*ranking.missing)
+    assert after.rank().missing == ()
+    assert after.value("K1") == pytest.approx(2.0, abs=0.1)
+    assert after.value("FV2_3") == pytest.approx(0.5, abs=0.05)
+    assert "missing: " in repr(ranking)
+    assert "<table>" in ranking._repr_html_()
+
+
+def test_what_is_printed():
+    """Two tables: parameters with interval, unit and grouping; errors joint by joint."""
+    text = str(PLAIN)
+    assert "j2" in text
+    assert "held out" in text
+    line = next(line for line in text.splitlines() if line.strip().startswith("FV1"))
+    assert "N·m·s/rad" in line
+    assert PLAIN._repr_html_().count("<table>") == 2
+    grouped = next(one for one in PLAIN.parameters if one.name == "ZZ1")
+    assert grouped.group.startswith("ZZ1 + ")
+    assert PLAIN.value(
+        grouped.group.replace(" XX", "*XX").replace("0.4 ", "0.4*").replace("0.16 ", "0.16*")
+    ) == pytest.approx(grouped.value)
+
+
+def test_what_cannot_be_determined_is_refused():
+    """A mass alone, a name that there is not, and what is no sum."""
+    with pytest.raises(NotIdentifiable, match="torques do not determine 'M3'"):
+        PLAIN.combination("M3")
+    with pytest.raises(KeyError, match="there is no parameter 'FW1'"):
+        PLAIN.combination("FW1")
+    with pytest.raises(ValueError, match="no sum of parameters"):
+        PLAIN.combination("FV1*FS1")
+    still = Record(RECORD.q * [1.0, 1.0, 0.0], RECORD.tau, RECORD.qd, RECORD.qdd)
+    with pytest.raises(NotIdentifiable, match="j3 never moves faster"):
+        identified(still, slowest=0.01)
+
+
+WRONG = {
+    "rate and t": ({"rate": 250.0, "t": np.arange(5000.0)}, "either the sample rate"),
+    "neither": ({"rate": None}, "either the sample rate"),
+    "motors": ({"motors": np.zeros((3, 3))}, "motors must be an invertible 3 × 3 matrix"),
+    "zero": ({"zero": [0.0]}, "zero must be 3 positions"),
+    "too fine": ({"cutoff": 200.0}, r"the pre-filter \(100 Hz\) must be at least 3 times"),
+    "twice": ({"effects": [laws.JointSpring(1), laws.JointSpring(1)]}, "two effects have a parameter K1"),
+    "joint": ({"effects": [laws.JointSpring(4)]}, "there is no joint 4 that moves"),
+    "body": ({"external": [ExternalForce(7, np.zeros((5000, 3)))]}, "found an external force on 7"),
+    "slowest": ({"slowest": [0.1, 0.1]}, "slowest must be one rate or 3 of them"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_arguments_that_do_not_fit_are_refused(name: str):
+    """With what was expected and what was found."""
+    given, message = WRONG[name]
+    with pytest.raises(UsageError, match=message):
+        identify_chain(CHAIN, RECORD.q, RECORD.tau, **{"rate": RATE, **given})  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=r"q must have the shape \(N, 3\)"):
+        identify_chain(CHAIN, RECORD.q[:, :2], RECORD.tau, rate=RATE)
+
+
+@pytest.mark.slow
+def test_intervals_hold_the_truth_in_95_percent():
+    """Over 60 seeds and all base parameters of a complete model, by another engine's torques."""
+    inside: list[np.ndarray] = []
+    for seed in range(60):
+        found = identified(simulated(100 + seed, NOISE))
+        half = 1.96 * np.sqrt(np.diag(found.fitted.covariance))
+        inside.append(np.abs(found.fitted.x - truth(found)) <= half)
+    share = float(np.mean(inside))
+    assert 0.92 < share < 0.985
