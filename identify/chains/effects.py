@@ -159,7 +159,7 @@ class LoadFriction(JointEffect):
     """Friction of a gear that grows with what it carries: FL |load| sign ṡ [ratio].
 
     The load is the torque that the bodies ask for in the model itself, found again until it stands still; a rotor's
-    inertia that cannot be told from a body's counts among it.
+    inertia that cannot be distinguished from a body's counts among it.
     """
 
     family, letters = "load_friction", ("FL",)
@@ -221,7 +221,7 @@ class ExternalForce:
 
 
 STANDARD: tuple[type[JointEffect], ...] = (RotorInertia, ViscousFriction, CoulombFriction, JointOffset)
-"""Laws that a fit has at every joint unless it is told otherwise, as in the identification of robots (Gautier)."""
+"""Laws that a fit has at every joint by default, as in the identification of robots (Gautier)."""
 EVERY: tuple[type[JointEffect], ...] = (
     *STANDARD, StribeckFriction, LoadFriction, AsymmetricViscous, JointSpring, EncoderOffset
 )  # fmt: skip

@@ -1,6 +1,6 @@
 """Which law of a joint a fitted chain lacks: every law tried, tested against chance, the strongest added first.
 
-A candidate's columns are freed of the model's (Frisch, Waugh, Lovell). Its score S is the fall of the weighted
+A candidate's columns are reduced by the model's (Frisch, Waugh, Lovell). Its score S is the fall of the weighted
 squares. Chance is a wild bootstrap of the scores by blocks (Kline and Santos 2012): each block's part of the score
 keeps its size and gets a random sign, with the candidate itself taken out of the residual. S ÷ its mean over these
 draws is compared with the largest of all candidates' (max-score statistic, Westfall and Young 1993).
@@ -97,7 +97,7 @@ def candidates_of(model: ChainModel) -> tuple[JointEffect, ...]:
 
 @dataclass(frozen=True)
 class _Trial:
-    """A candidate's weighted columns (r, k), freed of those of the model, and its place among the candidates."""
+    """A candidate's weighted columns (r, k), reduced by those of the model, and its place among the candidates."""
 
     effect: JointEffect
     columns: Array
@@ -137,10 +137,10 @@ def rank_chain(
         found.append(best)
         basis = _orthonormal(next(trial.columns for trial in trials if trial.effect == best.effect))
         residual = residual - basis @ (basis.T @ residual)
-        freed = [
-            (trial.effect, _freed(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key
+        reduced = [
+            (trial.effect, _reduced(trial.columns, basis)) for trial in trials if trial.effect.key != best.effect.key
         ]
-        trials = [_Trial(effect, columns) for effect, columns in freed if columns is not None]
+        trials = [_Trial(effect, columns) for effect, columns in reduced if columns is not None]
     names = {one.effect.key for one in found}
     rest: list[JointCandidate] = []
     for effect in effects:
@@ -159,7 +159,7 @@ def rank_chain(
 def _trials(
     fitted: ChainFit, samples: JointSamples, effects: Sequence[JointEffect], scale: Array, model: Array
 ) -> list[_Trial]:
-    """All candidates, at every value of their constants, freed of the model's columns."""
+    """All candidates, at every value of their constants, reduced by the model's columns."""
     chain: Chain = fitted.model.chain
     tried = [(effect.at(value) if effect.grid else effect) for effect in effects for value in effect.grid or (0.0,)]
     out: list[_Trial] = []
@@ -172,9 +172,9 @@ def _trials(
             standard[alone.place[known.key]] = fitted.standard[fitted.model.place[known.key]]
         columns = alone.law_equations(samples, standard, alone.place[effect.key])
         weighted = (columns * scale[:, :, None])[fitted.used]
-        freed = _freed(weighted, model)
-        if freed is not None:
-            out.append(_Trial(effect, freed))
+        reduced = _reduced(weighted, model)
+        if reduced is not None:
+            out.append(_Trial(effect, reduced))
     return out
 
 
@@ -182,7 +182,7 @@ def _known_offsets(fitted: ChainFit) -> tuple[JointEffect, ...]:
     return tuple(effect for effect in fitted.model.effects if isinstance(effect, EncoderOffset))
 
 
-def _freed(columns: Array, basis: Array) -> Array | None:
+def _reduced(columns: Array, basis: Array) -> Array | None:
     """Columns less their projection on a basis; None where nothing is left."""
     rest = columns - basis @ (basis.T @ columns)
     rest -= basis @ (basis.T @ rest)

@@ -123,7 +123,7 @@ class Recorded:
         spectrum = np.asarray(np.fft.rfft(rate * np.hanning(rate.shape[1]).astype(float), axis=1), complex)
         power = np.asarray(np.abs(spectrum) ** 2, float)
         share: Array = np.cumsum(np.sum(power, axis=0), dtype=float)
-        place = int(np.searchsorted(share, _HELD * share[-1]))
+        place = int(np.count_nonzero(share < _HELD * share[-1]))
         seconds = len(self.q) / self.rate
         return min(max(place / seconds, 4.0 * _EDGE / seconds), 0.4 * self.rate / _PRE)
 

@@ -206,7 +206,7 @@ def white_noise(values: Array) -> Array:
     if len(values) < 2 * _SEGMENT:
         return np.zeros(values.shape[1])
     variances = _band_variance(values, _UPPER)
-    return np.sqrt(np.asarray([_middle(variances[:, k])[0] for k in range(values.shape[1])], float))
+    return np.asarray([_middle(variances[:, k])[0] ** 0.5 for k in range(values.shape[1])], float)
 
 
 def _band_variance(values: Array, band: tuple[float, float]) -> Array:

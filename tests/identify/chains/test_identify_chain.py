@@ -113,7 +113,7 @@ def test_a_law_at_a_joint_is_found_with_its_size():
 
 def test_friction_that_grows_with_load():
     """The load is the bodies' own torque, found again until it stands still."""
-    # The rotor of joint 2 cannot be told from the body's inertia about it, and counts among the load.
+    # The rotor of joint 2 cannot be distinguished from the body's inertia about it, and counts among the load.
     load = CHAIN.inverse_dynamics(RECORD.q, RECORD.qd, RECORD.qdd, {**CHAIN.given, "IA2": FRICTION["IA"][1]})
     tau = RECORD.tau + np.outer(0.15 * np.abs(load[:, 1]) * np.sign(RECORD.qd[:, 1]), [0.0, 1.0, 0.0])
     found = identified(RECORD, tau, effects=[*standard_effects(CHAIN), laws.LoadFriction(2)])
