@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -119,6 +119,14 @@ class CornerMotion:
         """The corner at the samples `index`."""
         return _at(self, index)
 
+    def off_expectation(self, travel: float, rate: float) -> CornerMotion:
+        """The corner with travel and rate so many σ off what is expected given the record. Needs a `conditional`."""
+        given = self.conditional
+        assert given is not None
+        return replace(
+            self, travel=given.travel + travel * given.travel_sigma, rate=given.rate + rate * given.rate_sigma
+        )
+
 
 _Part = TypeVar("_Part", CornerMotion, FrameMotion, ConditionalTravel)
 
@@ -175,6 +183,23 @@ class Motion:
     channels: frozenset[str]
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
+    _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
+        default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
+    )
+
+    def off_expectation(self, corners: tuple[str, ...], travel: float, rate: float) -> Motion:
+        """The motion with travel and rate of some corners so many σ off what is expected given the record.
+
+        `corners` : of those with a `conditional`. Kept, as every law that bends asks for the same few.
+        """
+        key = corners, travel, rate
+        if key not in self._off:
+            if len(corners) == 1:
+                moved = {corners[0]: self.corners[corners[0]].off_expectation(travel, rate)}
+            else:
+                moved = {c: self.off_expectation((c,), travel, rate).corners[c] for c in corners}
+            self._off[key] = replace(self, corners={**self.corners, **moved})
+        return self._off[key]
 
     def measured(self, row: Row) -> Array:
         """(N,) the measured left side of a row [N or N·m].

@@ -292,17 +292,14 @@ def expected_columns(
 
     The law itself where it does not bend, or the signals are exact.
     """
-    given = {c: found for c in corners if (found := motion.corners[c].conditional) is not None}
+    given = tuple(dict.fromkeys(c for c in corners if motion.corners[c].conditional is not None))
     if bend is Bend.NOWHERE or not given:
         return dict(law(motion))
     out: dict[str, Array] = {}
-    for node, share in zip(_NODES, _SHARES, strict=True):
-        moved: dict[str, CornerMotion] = {}
-        for c, one in given.items():
-            travel = one.travel + node * one.travel_sigma if bend is Bend.TRAVEL else one.travel
-            rate = one.rate + node * one.rate_sigma if bend is Bend.RATE else one.rate
-            moved[c] = replace(motion.corners[c], travel=travel, rate=rate)
-        for row, table in law(replace(motion, corners={**motion.corners, **moved})).items():
+    for node, share in zip(_NODES.tolist(), _SHARES.tolist(), strict=True):
+        travel, rate = (node, 0.0) if bend is Bend.TRAVEL else (0.0, node)
+        moved = motion.off_expectation(given, travel, rate)
+        for row, table in law(moved).items():
             out[row] = out[row] + share * table if row in out else share * table
     return out
 

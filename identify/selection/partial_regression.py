@@ -186,7 +186,7 @@ class GainsTask:
         for block, series in run.series(np.concatenate([self.effects, self.before], axis=1)):
             effect, remainder, without = series[:, :m], series[:, m : m + 1], series[:, m + 1 :]
             after = (without - effect) ** 2
-            np.add.at(blocks, block.number, remainder**2 - after)
+            _add_by_number(blocks, block.number, remainder**2 - after)
             squares[block.row] = squares.get(block.row, 0.0) + np.sum(without**2, axis=0)
             taken[block.row] = taken.get(block.row, 0.0) + np.sum(without**2 - after, axis=0)
             counts[block.row] = counts.get(block.row, 0) + len(series)
@@ -225,7 +225,7 @@ class EnergyTask:
         """(2, count) sums over the blocks of one run: of each trial's energy, and of its square."""
         energy = np.zeros((run.block_count, self.columns.shape[1]))
         for block, series in run.series(self.columns):
-            np.add.at(energy, block.number, series**2)
+            _add_by_number(energy, block.number, series**2)
         joined = np.zeros((run.block_count, self.count))
         np.add.at(joined.T, self.owner, energy.T)
         return np.stack([joined.sum(axis=0), np.sum(joined**2, axis=0)])
@@ -233,6 +233,12 @@ class EnergyTask:
     def merged(self, parts: Sequence[Array]) -> Array:
         """The sums over several runs."""
         return np.sum(parts, axis=0)
+
+
+def _add_by_number(sums: Array, number: NDArray[np.intp], values: Array) -> None:
+    """Add values (n, k) to the `sums` (b, k) of their blocks, whose numbers (n,) do not fall from sample to sample."""
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    sums[number[begins]] += np.add.reduceat(values, begins, axis=0)
 
 
 def _bounded(noise: Array, total: Array, nuisance: NDArray[np.intp], prior: Array) -> Array:

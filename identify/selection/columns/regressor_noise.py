@@ -80,7 +80,10 @@ class RegressorNoise:
 
     def at(self, labels: tuple[str, ...], weights: Array) -> RegressorNoise:
         """The noise of other columns, described by `labels`: combinations (v, w) of these."""
-        totals = {row: weights @ total @ weights.T for row, total in self.totals.items()}
+        totals: dict[Row, Array] = {}
+        for row, total in self.totals.items():
+            there = np.flatnonzero(np.any(total, axis=0))  # of a row, few columns hold noise
+            totals[row] = weights[:, there] @ total[np.ix_(there, there)] @ weights[:, there].T
         return replace(self, labels=labels, totals=totals)
 
     def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:

@@ -54,11 +54,13 @@ class RunProducts:
                 noise[block.row], squares[block.row] = np.zeros((z + w, draws)), np.zeros(draws)
             both = np.concatenate([block.zeros, block.columns], axis=1)
             place = np.concatenate([np.arange(z), z + block.active])
+            square, whole = np.ix_(place, place), np.zeros((len(place), len(place)))
             for fold in range(SELECTION.folds):
                 part = both[(first + block.number) % SELECTION.folds == fold]
                 products = part.T @ part
-                inside[fold][np.ix_(place, place)] += products
-                by_row[block.row][np.ix_(place, place)] += products
+                inside[fold][square] += products
+                whole += products
+            by_row[block.row][square] += whole
             noise[block.row][place] += (both.T @ block.draws.T)[:, block.choice]
             squares[block.row] += np.sum(block.draws**2, axis=1)[block.choice]
         return cls(z, inside, by_row, noise, squares)
@@ -149,5 +151,8 @@ def without_zeros(normal: Array, z: int) -> tuple[Array, Array]:
 def at_zeros(normal: Array, gain: Array) -> Array:
     """(w, w) products of the columns less their regression `gain` (z, w) on the zeros."""
     z = len(gain)
-    across = gain.T @ normal[:z, z:]
-    return normal[z:, z:] - across - across.T + gain.T @ normal[:z, :z] @ gain
+    # Half of the quadratic term in each of the two that are each other's transposes: one product of full size.
+    across = gain.T @ (normal[:z, z:] - 0.5 * normal[:z, :z] @ gain)
+    out = normal[z:, z:] - across
+    out -= across.T
+    return out

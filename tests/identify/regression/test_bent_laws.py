@@ -82,6 +82,29 @@ def test_the_expectation_is_the_mean_over_the_conditional_distribution(
     )
 
 
+def test_laws_that_bend_share_the_motions_off_the_expected_one() -> None:
+    """An axle's law has the columns of its corners, whichever is asked for first, and leaves the motion as it was."""
+    motion = measured(calm(8.0), 0).motion
+    before = motion.corners["fl"].rate.copy()
+
+    def columns(at: Motion) -> dict[str, Array]:
+        return {f"suspension.{c}": np.tanh(at.corners[c].rate / 0.002)[None] for c in ("fl", "fr")}
+
+    right = expected_columns(columns, motion, ["fr"], Bend.RATE)
+    both = expected_columns(columns, motion, ["fl", "fr"], Bend.RATE)
+    left = expected_columns(columns, motion, ["fl"], Bend.RATE)
+    np.testing.assert_array_equal(both["suspension.fr"], right["suspension.fr"])
+    np.testing.assert_array_equal(both["suspension.fl"], left["suspension.fl"])
+    np.testing.assert_allclose(right["suspension.fl"], columns(motion)["suspension.fl"], rtol=1e-14)  # fl as measured
+    assert np.any(np.abs(left["suspension.fl"] - right["suspension.fl"]) > 1e-3)
+    np.testing.assert_array_equal(motion.corners["fl"].rate, before)
+    moved = motion.off_expectation(("fl", "fr"), 0.0, 1.5)
+    given = motion.corners["fr"].conditional
+    assert given is not None
+    np.testing.assert_array_equal(moved.corners["fr"].rate, given.rate + 1.5 * given.rate_sigma)
+    assert moved.corners["rl"] is motion.corners["rl"]
+
+
 def test_noise_in_the_residual_includes_what_the_law_is_not_told() -> None:
     """The floor of a run with friction: as large as the residual of the true parameters."""
     record = calm(40.0)
