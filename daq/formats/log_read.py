@@ -134,7 +134,7 @@ class LogReader:
             held[self._scan.channels[message.channel].topic].append(message.data)
         if held:
             yield _joined(held, refused)
-        self._tell(refused)
+        self._note_refused(refused)
 
     def _stamped_blocks(
         self, channels: Iterable[str] | None, between: tuple[int, int] | None = None
@@ -162,9 +162,9 @@ class LogReader:
                     yield message.log_ns, block_from_bytes(message.data)[0]
             except WireError as error:
                 _refuse(refused, topic, error)
-        self._tell(refused)
+        self._note_refused(refused)
 
-    def _tell(self, refused: Mapping[str, tuple[int, str]]) -> None:
+    def _note_refused(self, refused: Mapping[str, tuple[int, str]]) -> None:
         """Add what could not be used to `damage`: topic → number of messages, and why the first."""
         for topic, (number, why) in refused.items():
             line = f"{topic}: {number} messages cannot be used ({why})"
