@@ -2,7 +2,7 @@
 
 A candidate's columns are reduced by the model's (Frisch, Waugh, Lovell). Its score S is the fall of the weighted
 squares. Chance is a wild bootstrap of the scores by blocks (Kline and Santos 2012): each block's part of the score
-keeps its size and gets a random sign, with the candidate itself taken out of the residual. S ÷ its mean over these
+keeps its size and gets a random sign, after the candidate is fitted to the residual. S ÷ its mean over these
 draws is compared with the largest of all candidates' (max-score statistic, Westfall and Young 1993).
 """
 
@@ -183,7 +183,7 @@ def _known_offsets(fitted: ChainFit) -> tuple[JointEffect, ...]:
 
 
 def _reduced(columns: Array, basis: Array) -> Array | None:
-    """Columns less their projection on a basis; None where nothing is left."""
+    """Columns less their projection on a basis; None where nothing remains."""
     rest = columns - basis @ (basis.T @ columns)
     rest -= basis @ (basis.T @ rest)
     whole = np.linalg.norm(columns, axis=0)
@@ -234,7 +234,7 @@ def _tested(trials: Sequence[_Trial], residual: Array, rows: _Rows) -> list[Join
         G = X.T @ X
         beta = np.asarray(np.linalg.solve(G, X.T @ residual), float)
         score = float(beta @ G @ beta)
-        # The candidate is out of the residual: only chance is left in its parts.
+        # The candidate is out of the residual: only chance remains in its parts.
         parts = np.zeros((rows.blocks, X.shape[1]))
         np.add.at(parts, rows.block, X * (residual - X @ beta)[:, None])
         drawn = signs @ parts * np.sqrt(rows.blocks / (rows.blocks - 1.0))
@@ -273,7 +273,7 @@ def _gain(X: Array, residual: Array, rows: _Rows) -> tuple[float, bool]:
         inside = rows.fold == number
         beta = np.linalg.lstsq(X[~inside], residual[~inside], rcond=None)[0]
         after[inside] -= X[inside] @ beta
-    before, left = np.bincount(rows.joint, residual**2), np.bincount(rows.joint, after**2)
+    before, remaining = np.bincount(rows.joint, residual**2), np.bincount(rows.joint, after**2)
     acts = np.bincount(rows.joint, np.sum(X**2, axis=1)) > _INDEPENDENT * np.sum(X**2)
-    share = np.where(acts, 1.0 - left / np.maximum(before, 1e-300), 0.0)
-    return float(np.max(share)), bool(np.any(acts & (before - left > rows.inexact)))
+    share = np.where(acts, 1.0 - remaining / np.maximum(before, 1e-300), 0.0)
+    return float(np.max(share)), bool(np.any(acts & (before - remaining > rows.inexact)))

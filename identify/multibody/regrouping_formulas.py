@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Sequence
 from fractions import Fraction
 from functools import cache
@@ -31,6 +32,7 @@ _REACH = (1, 2, 3, 99)
 _SPARE = 4
 """Number of tables in excess of the number of monomials, for validation."""
 _SAME = 1e-8
+_SQUARE = re.compile(r"^(.*\*)?cos\(([^()]*)\)\*\*2$")
 
 
 def closed_forms(base: BaseParameters, scaled: ScaledChain) -> tuple[tuple[str, ...], ...]:
@@ -213,7 +215,7 @@ def _of_degree(lengths: Sequence[str], degree: int) -> list[str]:
 
 def _product(factors: Sequence[str]) -> str:
     """Factors with powers, ``D3**2*cos(A)``; blanks are 1."""
-    present = [f for f in factors if f.strip()]
+    present = [f for f in factors if f.strip() not in ("", "1")]
     parts = [f"{f}**{n}" if (n := present.count(f)) > 1 else f for f in dict.fromkeys(present)]
     return "*".join(sorted(parts, key=lambda f: "(" in f)) or "1"
 
@@ -231,7 +233,7 @@ def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[
     if not monomials:
         return None
     fit = len(monomials) + 1
-    solution = np.linalg.lstsq(A[:fit], series[:fit], rcond=None)[0]
+    solution = _fewest(np.asarray(np.linalg.lstsq(A[:fit], series[:fit], rcond=None)[0], float), monomials)
     scale = float(np.max(np.abs(series)))
     kept = np.flatnonzero(np.abs(solution) > 1e-6 * np.max(np.abs(solution)))
     if not kept.size:
@@ -248,6 +250,29 @@ def _fitted(series: Array, A: Array, monomials: Sequence[str], angles: Sequence[
     terms = [(text, monomials[int(m)]) for text, m in zip(recognised, kept, strict=True)]
     out = join([(text, m) if m != "1" else ("1", text) for text, m in terms]).replace("+ -", "- ")
     return out if len(out) <= _LONGEST else ""
+
+
+def _fewest(coefficients: Array, monomials: Sequence[str]) -> Array:
+    """Coefficients of the same sum with fewer terms, by m cos² + m sin² = m of each angle and monomial m.
+
+    Least squares shares a coefficient between the three, which are dependent.
+    """
+    out, size = coefficients.copy(), float(np.max(np.abs(coefficients)))
+    place = {m: i for i, m in enumerate(monomials)}
+    identity = np.array([-1.0, 1.0, 1.0])
+    for text in monomials:
+        found = _SQUARE.match(text)
+        if not found:
+            continue
+        whole, angle = found.group(1) or "", found.group(2)
+        names = whole.rstrip("*") or "1", text, f"{whole}sin({angle})**2"
+        if any(name not in place for name in names):
+            continue
+        three = [place[name] for name in names]
+        now = out[three]
+        others = [now, *(now - identity * (now[i] * identity[i]) for i in range(3))]
+        out[three] = min(others, key=lambda c: int(np.count_nonzero(np.abs(c) > 1e-6 * size)))
+    return out
 
 
 def _recognised(c: float, angles: Sequence[float]) -> str:

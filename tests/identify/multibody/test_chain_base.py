@@ -191,3 +191,18 @@ def test_absent_parameters_and_friction() -> None:
             Chain.from_table([{"j": 1, **bad}])
     with pytest.raises(ValueError, match="ZZ9; did you mean 'ZZ"):
         base_parameters(chain, parameters=["ZZ9"])
+
+
+@pytest.mark.parametrize(
+    ("second", "relation"),
+    [
+        ({"alpha": "E"}, "ZZ1 + sin(E)**2*YY2"),
+        ({"gamma": "E", "alpha": "pi/2"}, "ZZ1 + YY2"),
+        ({"alpha": "E", "r": "R"}, "ZZ1 + sin(E)**2*YY2 + 2*R*sin(E)**2*MZ2 + R**2*sin(E)**2*M2"),
+        ({"alpha": "E", "d": "D", "r": "R"},
+         "ZZ1 + sin(E)**2*YY2 + 2*R*sin(E)**2*MZ2 + (D**2 + R**2*sin(E)**2)*M2"),
+    ],
+)  # fmt: skip
+def test_formulas_are_reduced(second: dict[str, str], relation: str) -> None:
+    """cos² + sin² = 1 is used: no sum of thirds, as least squares shares a coefficient between dependent terms."""
+    assert base_parameters(Chain.from_table([{"j": 1}, {"j": 2, "ant": 1, **second}])).relation(0) == relation
