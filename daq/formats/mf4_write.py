@@ -14,6 +14,8 @@ from lacet.daq.errors import RunError
 from lacet.daq.rig import WHEEL_REFERENCES
 from lacet.daq.run import BRAKES, METADATA_KEYS, Run
 
+PROGRAM = b"lacet\0\0\0"
+"""Program that wrote a file, by its identification block, bytes 16 to 24."""
 METADATA = "lacet-run.json"
 RIG = "rig.toml"
 VEHICLE = "vehicle.toml"
@@ -33,6 +35,7 @@ def write_mf4(run: Run, path: Path, start_ns: int | None = None) -> None:
     from asammdf import Signal as Column
 
     with MDF(version="4.10") as mdf:
+        mdf.identification.program_identification = PROGRAM
         if start_ns is not None:
             mdf.header.start_time = datetime.fromtimestamp(start_ns / 1e9, UTC)
         mdf.header.comment = f"{run.name}: a run of lacet; channels in SI units (lacet info --channels)"
@@ -56,6 +59,12 @@ def write_mf4(run: Run, path: Path, start_ns: int | None = None) -> None:
             mdf.save(path, overwrite=True, compression=2)
         except OSError as cause:
             raise RunError(path, [f"cannot be written: {cause.strerror}"]) from None
+
+
+def is_written_here(path: Path) -> bool:
+    """Whether `write_mf4` wrote a file."""
+    with path.open("rb") as stream:
+        return stream.read(24)[16:] == PROGRAM
 
 
 def attached(mdf: Any) -> dict[str, str]:

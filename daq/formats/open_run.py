@@ -7,6 +7,7 @@ from pathlib import Path
 from lacet.daq.errors import RunError
 from lacet.daq.formats import exchange, mf4
 from lacet.daq.formats.log_run import read_run
+from lacet.daq.formats.mf4_write import is_written_here
 from lacet.daq.maps.channel_map import ChannelMap
 from lacet.daq.maps.mapped_run import map_beside, mapped_run
 from lacet.daq.run import Run
@@ -71,7 +72,7 @@ def open_log(path: str | Path, map: ChannelMap | None) -> Run:
 
 
 def is_own(file: Path) -> bool:
-    """Whether a file is one of lacet's own: a log, an exchange table, or an MDF file with a map of its own."""
+    """Whether a file is one of lacet's own: a log, an exchange table, an MDF file of lacet or with its own map."""
     return file.is_file() and (_is_own_log(file) if file.suffix.lower() == ".mcap" else _is_own_table(file))
 
 
@@ -81,7 +82,7 @@ def _is_own_log(file: Path) -> bool:
 
 
 def _is_own_table(file: Path) -> bool:
-    """Whether a table has the columns of an exchange table, or an MDF file an own map beside it."""
+    """Whether a table has columns of an exchange table, or an MDF file an own map beside it, or lacet as its writer."""
     if file.suffix.lower() in exchange.SUFFIXES:
         return exchange.is_exchange_table(file)
-    return file.suffix.lower() in mf4.SUFFIXES and mf4.map_beside(file) is not None
+    return file.suffix.lower() in mf4.SUFFIXES and (mf4.map_beside(file) is not None or is_written_here(file))

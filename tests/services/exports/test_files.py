@@ -19,6 +19,7 @@ from asammdf import MDF
 
 import lacet
 from benchmarks.stories.page import not_printed, play, steps
+from lacet.daq.blocks import Flag
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.rig import Rig
 from lacet.daq.sources.open_source import opened
@@ -26,6 +27,7 @@ from lacet.daq.sources.source import read_all
 from lacet.daq.vehicle import Vehicle
 from lacet.services.commands.__main__ import main
 from tests.identify.cars import CAR, piece
+from tests.services.commands.test_json import conforms
 from tests.support.tables import written
 
 COMMONROAD = {
@@ -125,7 +127,9 @@ def test_tables_and_json_agree(study: Path, tmp_path: Path, capsys: pytest.Captu
         name: tuple(p["interval95"]) for name, p in known.items()
     }
     assert {row["kind"] for row in table} == {"parameter", "whole vehicle", "derived"}
-    body = json.loads(exported(study, tmp_path / "r.json").read_text(encoding="utf-8"))
+    said = tmp_path / "said.json"
+    body = json.loads(exported(study, tmp_path / "r.json", "--json", str(said)).read_text(encoding="utf-8"))
+    assert conforms(said, "export")["form"] == "results"
     assert {p["name"] for p in body["parameters"]} == set(known)
     errors = pq.read_table(exported(study, tmp_path / "e.parquet", "--as", "errors")).to_pylist()
     scores = body["rows"]["used"]
@@ -178,11 +182,17 @@ def test_a_run_is_read_again_and_by_asammdf_alone(tmp_path: Path, capsys: pytest
 
 def test_samples_not_to_be_used_are_marked_invalid(tmp_path: Path) -> None:
     run = piece("sine", 4.0, 6.0)
-    run.signals["imu.rate"].flags[20:30] |= 2
+    run.signals["imu.rate"].flags[20:30] |= np.uint8(Flag.RANGE)
     lacet.export(run, tmp_path / "sine.mf4")
-    np.testing.assert_array_equal(
-        open_run(tmp_path / "sine.mf4").signals["imu.rate"].usable, run.signals["imu.rate"].usable
-    )
+    usable = open_run(tmp_path / "sine.mf4").signals["imu.rate"].usable
+    assert np.flatnonzero(~usable).tolist() == list(range(20, 30))
+
+
+def test_a_map_for_other_logs_in_the_folder_is_not_for_it(tmp_path: Path) -> None:
+    """lacet's own MDF files say who wrote them."""
+    lacet.export(piece("sine", 4.0, 6.0), tmp_path / "sine.mf4")
+    (tmp_path / "map.toml").write_text('format = "lacet-map 1"\n[channels]\n"laser.fl.hub" = "AnotherName"\n')
+    assert len(open_run(tmp_path / "sine.mf4").signals) == 36
 
 
 @pytest.mark.parametrize(
