@@ -12,7 +12,7 @@ from lacet.identify.chains.model import ChainModel, standard_effects
 from lacet.identify.chains.samples import Recorded
 from lacet.identify.multibody.chain import Chain
 from lacet.services.library.chains import IdentifiedChain, identify_chain
-from tests.identify.chains.robots import FRICTION, RATE, URDF, Record, simulated
+from tests.identify.chains.robots import FRICTION, RATE, URDF, Record, motion, simulated
 
 CHAIN = Chain.from_urdf(URDF)
 NOISE = (2e-5, 0.05)
@@ -256,3 +256,17 @@ def test_intervals_hold_the_truth_in_95_percent():
         inside.append(np.abs(found.fitted.x - truth(found)) <= half)
     share = float(np.mean(inside))
     assert 0.92 < share < 0.985
+
+
+def test_a_joint_that_follows_another_has_no_column():
+    """A sliding mimic joint: q and tau are the free joints', and exact torques give the parameters back."""
+    text = URDF.replace('name="j3" type="revolute"', 'name="j3" type="prismatic"')
+    mimic = '<axis xyz="0 1 0"/><mimic joint="j2" multiplier="0.3" offset="0.1"/>'
+    chain = Chain.from_urdf(text.replace('<axis xyz="0 1 0"/>', mimic))
+    known = {**chain.given, "FV2": 2.0}
+    q, qd, qdd = motion(7)
+    free = [x[:, :2] for x in (q, qd, qdd)]
+    tau = chain.coupling.torques(chain.inverse_dynamics(*chain.coupling.states(*free), known))
+    found = identify_chain(chain, free[0], tau, rate=RATE, cutoff=CUTOFF).fitted
+    expected = found.base.grouping() @ np.array([known.get(name, 0.0) for name in found.base.names])
+    np.testing.assert_allclose(found.x, expected, atol=1e-3)
