@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -106,12 +107,18 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
             table = _read_csv(file, problems)
             beside = file.with_suffix(".json")
             text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
+            columns = _columns(file, table.column_names, lambda name: table[name], problems)
+            del table
         else:
             with pq.ParquetFile(file) as source:  # pq.read_table loads pandas, half a second of start-up
-                table = source.read()
-            text = ((table.schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
+                schema = source.schema_arrow
+                # One column after the other: a run of an hour is large, and the whole table would be there twice.
+                columns = _columns(file, schema.names, lambda name: source.read([name])[name], problems)
+            text = ((schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
     except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
         raise RunError(file, [f"cannot be read as a table (truncated or another kind of file?): {cause}"]) from None
+    finally:
+        pa.default_memory_pool().release_unused()
     try:
         metadata = json.loads(text)
         if not isinstance(metadata, dict):
@@ -119,19 +126,30 @@ def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], l
     except ValueError as cause:
         problems.append(f"metadata is not valid JSON and was left out: {cause}")
         metadata = {}
-    if twice := [name for name, n in Counter(table.column_names).items() if n > 1]:
+    return columns, metadata, problems
+
+
+def _columns(
+    file: Path, names: Sequence[str], read: Callable[[str], pa.ChunkedArray], problems: list[str]
+) -> dict[str, NDArray[np.float64]]:
+    """Columns of numbers by name, missing ones NaN; what is not numbers is left out and reported."""
+    if twice := [name for name, n in Counter(names).items() if n > 1]:
         raise RunError(file, [f"{', '.join(twice)}: more than one column of that name; give each its own"])
     # Array.to_numpy loads pandas, a second of start-up, and so does a scalar made of a number of Python's.
     missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
     columns: dict[str, NDArray[np.float64]] = {}
-    for name in table.column_names:
+    for name in names:
+        column = read(name)
         try:
-            filled = table[name].cast(pa.float64()).fill_null(missing)
-            chunks = [np.asarray(np.from_dlpack(chunk), np.float64) for chunk in filled.chunks]
-            columns[name] = chunks[0] if len(chunks) == 1 else np.concatenate([np.zeros(0), *chunks])
+            filled = column.cast(pa.float64()).fill_null(missing)
         except pa.ArrowException:
             problems.append(f"column '{name}' is not numbers and was left out")
-    return columns, metadata, problems
+            continue
+        # Copied, so that nothing of the file stays in memory.
+        columns[name] = np.concatenate(
+            [np.zeros(0), *(np.asarray(np.from_dlpack(chunk), np.float64) for chunk in filled.chunks)]
+        )
+    return columns
 
 
 def _read_csv(file: Path, problems: list[str]) -> pa.Table:
@@ -170,7 +188,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
 def _signals(
     t: NDArray[np.float64], table: dict[str, NDArray[np.float64]], problems: list[str]
 ) -> tuple[dict[str, Signal], list[str]]:
-    """Signals of the table's columns grouped by channel, and the faults that leave nothing usable."""
+    """Signals of the table's columns by channel, and the faults that leave nothing usable; the table is emptied."""
     finite = np.isfinite(t)
     forward = np.ones(len(t), bool)
     if len(t) > 1:
@@ -186,7 +204,8 @@ def _signals(
     jumped = np.where(np.diff(np.flatnonzero(keep), prepend=-1) > 1, np.uint8(Flag.CLOCK), np.uint8(0))
     stamps, whole = t[keep], bool(np.all(keep))
     grouped: dict[str, dict[int, NDArray[np.float64]]] = {}
-    for column, values in table.items():
+    for column in list(table):
+        values = table.pop(column)  # not twice in memory
         if column not in COLUMNS:
             problems.append(f"column '{column}' is not a channel and was left out{nearest(column, COLUMNS)}")
             continue
@@ -199,6 +218,6 @@ def _signals(
         if lacking:
             problems.append(f"{name} was left out: {', '.join(lacking)} missing")
             continue
-        values = np.stack([parts[i] for i in range(channel.width)], axis=1)
+        values = np.stack([parts.pop(i) for i in range(channel.width)], axis=1)
         signals[name] = signal_of(name, stamps, values, jumped)
     return signals, [] if signals else ["no column is a channel of the vocabulary (see docs/channels.md)"]

@@ -143,7 +143,7 @@ def _load(args: argparse.Namespace, progress: Progress) -> tuple[Loaded, Model]:
     """The runs and the model: a study's own, or the base model for runs given one by one."""
     folders = [path for path in args.runs if path.is_dir()]
     if not folders:
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress, args.map)
+        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), progress, args.map, raw=True)
         model = Model.of(base_model(loaded.vehicle, loaded.reference))
         known = catalogue(loaded.vehicle, loaded.reference)
     else:
@@ -152,7 +152,7 @@ def _load(args: argparse.Namespace, progress: Progress) -> tuple[Loaded, Model]:
         study = Study.open(folders[0])
         filters = study.filters if args.cutoff is None else default_filters(args.cutoff)
         rig, vehicle = args.rig or study.folder / "rig.toml", args.vehicle or study.folder / "vehicle.toml"
-        loaded = load(study.paths(), rig, vehicle, filters, progress)
+        loaded = load(study.paths(), rig, vehicle, filters, progress, raw=True)
         model = study.model(study.version(), loaded.reference)
         known = study.effects(loaded.reference)
     rigs = {drive.recording.rig.text for drive in loaded.prepared}

@@ -80,7 +80,8 @@ def run(args: argparse.Namespace) -> int:
     """Fit and print; 3 when a run was damaged or left out, or nothing is identifiable."""
     with Line("identify") as line:
         line.progress(planned(_stretches(args)))
-        loaded = load(args.runs, args.rig, args.vehicle, default_filters(args.cutoff), line.progress, args.map)
+        filters = default_filters(args.cutoff)
+        loaded = load(args.runs, args.rig, args.vehicle, filters, line.progress, args.map, raw=args.instruments)
         known = catalogue(loaded.vehicle, loaded.reference)
         model = Model.of([*base_model(loaded.vehicle, loaded.reference), *(find_effect(k, known) for k in args.add)])
         line.progress(ServiceStep(ServiceStage.FITTING))

@@ -32,8 +32,8 @@ from lacet.services.render.rows import row_absence, run_notes
 class Loaded:
     """Prepared runs with their vehicle and rig, and warnings for the user, one line each.
 
-    `runs` : the runs that they were prepared from, without the channels left out; `sheet` : sentences on noise that the
-    rig's sensor sheet states too large or too small, so that the measured one is used.
+    `runs` : the runs as read, without the channels left out, where `load` was asked to keep them; `sheet` : sentences
+    on noise that the rig's sensor sheet states too large or too small, so that the measured one is used.
     """
 
     vehicle: Vehicle
@@ -53,10 +53,11 @@ class Loaded:
 class ReadyRun:
     """A run without what is left out of it, and prepared.
 
-    `sound` : whether units, signs and values raised no doubt; `noise` : measured noise of its channels.
+    `run` : as read, None where it is not kept; `sound` : whether units, signs and values raised no doubt; `noise` :
+    measured noise of its channels.
     """
 
-    run: Run
+    run: Run | None
     prepared: PreparedRun
     sound: bool
     noise: tuple[NoiseLevel, ...]
@@ -133,10 +134,12 @@ def load(
     filters: Filters | None = None,
     progress: Progress = silent,
     channel_map: str | Path | None = None,
+    raw: bool = False,
 ) -> Loaded:
     """The runs of files, prepared for fitting; `progress` receives the number prepared.
 
-    `channel_map` : map of logs that other systems wrote; lacet's own are read without it.
+    `channel_map` : map of logs that other systems wrote; lacet's own are read without it. `raw` : keep the runs as read
+    as well, which are larger than what is prepared of them.
 
     A run that cannot be used is left out with its reason, as long as another can. Runs of the same name are
     distinguished by their folders. Raises the error of the first when none can, UsageError when a run is given twice or
@@ -160,7 +163,9 @@ def load(
             warnings += [f"{run.name}: {problem}" for problem in run.problems]
             sensors = sensors or find_rig(run, rig)
             car = car or find_vehicle(run, vehicle)
-            ready.append(prepare_run(run, car, sensors if rig else find_rig(run, rig), filters, warnings))
+            one = prepare_run(run, car, sensors if rig else find_rig(run, rig), filters, warnings)
+            ready.append(one if raw else replace(one, run=None))
+            del run, one  # before the next one is read
         except (RunError, NotIdentifiable) as error:
             failed.append(error)
             warnings.append(f"left out: {error}")
@@ -174,7 +179,7 @@ def load(
         raise UsageError("the runs have different wheel references (contact and hub): identify them apart")
     warnings += map(channels.from_equations, column_faults([one.prepared for one in ready if one.sound]))
     wrong = tuple(sensor_report.sheet_noise(levels))
-    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready), wrong)
+    return Loaded(car, sensors, drives, tuple(warnings), tuple(one.run for one in ready if one.run is not None), wrong)
 
 
 def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, warnings: list[str]) -> ReadyRun:
