@@ -62,7 +62,7 @@ The present commit alone, with start-up. What is waited for at a page has its ti
 ## Long runs
 
 The present commit alone, with start-up; one run, the reference car's tables of sine steering and rough road repeated,
-250 Hz; measured once; caches cold.
+125 Hz; measured once; caches cold.
 
 {long}
 
