@@ -98,7 +98,7 @@ def scores_of(fitted: ChainFit, residual: Array, measured: Array, floor: Array) 
             continue
         variance = float(np.var(y))
         explained = 100.0 * (1.0 - float(np.var(r)) / variance) if variance else 0.0
-        out.append(JointScore(name, float(np.mean(np.square(r))) ** 0.5, float(floor[k]), explained))
+        out.append(JointScore(name, float(np.linalg.norm(r)) / len(r) ** 0.5, float(floor[k]), explained))
     return tuple(out)
 
 

@@ -138,7 +138,7 @@ def quietest(runs: Sequence[Sequence[NoiseLevel]]) -> tuple[NoiseLevel, ...]:
     least: dict[tuple[str, str], NoiseLevel] = {}
     for level in (level for levels in runs for level in levels if level.sigma is not None):
         here = least.setdefault((level.sensor, level.family), level)
-        if level.sigma < here.sigma:
+        if here.sigma is not None and level.sigma is not None and level.sigma < here.sigma:
             least[level.sensor, level.family] = level
     return tuple(least.values())
 
@@ -204,9 +204,12 @@ def _band(channel: str, signal: Signal, band: tuple[float, float]) -> Array:
 def white_noise(values: Array) -> Array:
     """(k,) σ of white noise with the density that series (N, k) have at the upper end of their spectra."""
     if len(values) < 2 * _SEGMENT:
-        return np.zeros(values.shape[1])
-    variances = _band_variance(values, _UPPER)
-    return np.asarray([_middle(variances[:, k])[0] ** 0.5 for k in range(values.shape[1])], float)
+        return np.zeros(len(values.T))
+    variances: Array = _band_variance(values, _UPPER)
+    out = np.zeros(len(values.T))
+    for k in range(len(out)):
+        out[k] = _middle(variances[:, k])[0] ** 0.5
+    return out
 
 
 def _band_variance(values: Array, band: tuple[float, float]) -> Array:
