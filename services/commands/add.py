@@ -24,6 +24,7 @@ version; lacet undo DIR goes back, lacet remove DIR EFFECT takes any effect out.
 
   lacet add DIR anti_roll_bar.front
   lacet add DIR --best                      what the last diagnosis proposed
+  lacet add DIR bump_stop.front             its gap and exponent are those that fit these runs best
   lacet add DIR bump_stop.front --shape gap=0.03"""
 
 FAR = 10.0
@@ -64,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
         if p["name"] in names:
             value, half = tables.number(p["value"], p["half95"]), tables.number(p["half95"], p["half95"])
             print(f"  {p['name']} = {value} ± {half} {p['unit']}")
+    for name, constant in after.effects[key].items():
+        print(f"  {key}.{name} = {constant:.3g} (SI{'' if shape else ', as these runs show it'})")
     for p in after.result["not_identifiable"]:
         if p["name"] in names:
             print(f"  {p['name']}: not identifiable: {p['why']}")

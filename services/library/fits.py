@@ -13,8 +13,9 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
+from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.selection.score_tests import Candidate
-from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.services.library.display import html_table, shortened
@@ -205,7 +206,7 @@ def add(
     ----------
     fitted : the fit of the present model.
     effect : an effect of the catalogue by its key, several keys, a user's own effect, or a candidate of a ranking with
-        its shape constants.
+        its shape constants; those of a key are searched on the runs, so that the effects explain most together.
     progress : as for `fit`.
 
     Raises
@@ -221,9 +222,18 @@ def add(
     """
     if effect is None:
         raise UsageError("there is no effect to add: the ranking proposes none (its explain() says why)")
+    given = list(effect) if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]
     model = fitted.model
-    for one in effect if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]:
-        model += _found(fitted.runs, one)
+    added = [_found(fitted.runs, one) for one in given]
+    for one in added:
+        model += one
+    keys = [one for one in given if isinstance(one, str)]
+    free = [one for one in added if one.key in keys and one.grids]
+    if free:
+        floor = fitted.noise_floor(SCORE_DRAWS)
+        with one_thread():
+            for one in constants_by_runs(fitted.details, floor, free):
+                model = model.without(one.key) + one
     return _fitted(model, fitted.runs, fitted.details.options, progress)
 
 

@@ -14,6 +14,7 @@ from lacet.identify.progress import silent
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.selection.diagnose import Diagnosis
+from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.validation.noise_floor import SCORE_DRAWS
 from lacet.identify.validation.score import compare
 from lacet.services.cache.store import FOLDER
@@ -186,14 +187,22 @@ class Session:
                 added(changes[-1])
 
     def add(self, key: str, shape: Mapping[str, float] | None = None) -> Version:
-        """Add an effect to the current version, with these shape constants or those found by the last diagnosis."""
+        """Add an effect to the current version, with these shape constants.
+
+        Without them they are those of the version's diagnosis, or where there is none, those at which the effect
+        explains most on the runs used.
+        """
         version = self.study.version()
         if key in version.effects:
             raise UsageError(f"{key} is in the model already (version {version.number})")
         effect = find_effect(key, self.study.effects(self.runs.reference(version)))
         if shape is None:
             found = (self.study.diagnosis() or {}).get("candidates", [])
-            shape = next((c["shape"] for c in found if c["effect"] == key), {})
+            shape = next((c["shape"] for c in found if c["effect"] == key and c["shape"]), None)
+        if shape is None and effect.grids:
+            with one_thread():
+                fitted, floor = self.values.fitted(version), self.values.floor(version)
+                (effect,) = constants_by_runs(fitted, floor, [effect], self.progress)
         return self.record({**version.effects, key: {**effect.shape, **(shape or {})}}, f"added {key}")
 
     def remove(self, key: str) -> Version:

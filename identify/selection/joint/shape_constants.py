@@ -16,10 +16,30 @@ import numpy as np
 from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, Stage, Step, silent
+from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.candidate_columns import solved
+from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
+from lacet.identify.validation.noise_floor import NoiseFloor
+
+
+def constants_by_runs(
+    fitted: Fit, floor: NoiseFloor, effects: Sequence[Effect], progress: Progress = silent
+) -> list[Effect]:
+    """The effects with the shape constants at which they explain most together of what a fit leaves on its runs.
+
+    Nothing is asked of them: they need not be missing. `floor` : noise floor of the fit.
+    """
+    if not any(effect.grids for effect in effects):
+        return list(effects)
+    begun = [replace(e, shape={**{name: values[0] for name, values in e.grids.items()}, **e.shape}) for e in effects]
+    progress(Step(Stage.SHAPE_CONSTANTS, subject=", ".join(effect.key for effect in effects)))
+    space = ScoreTests.of(Linearisation.of(fitted, floor), begun, 0, None, progress)
+    known = [effect for effect in begun if effect.key in space.effects]
+    found = {effect.key: effect for effect in with_best_constants(space, known, progress)}
+    return [found.get(effect.key, effect) for effect in begun]
 
 
 def with_best_constants(

@@ -23,7 +23,7 @@ from lacet.identify.selection.joint.refits import (
     only_standing,
 )
 from lacet.identify.selection.joint.rivals import rivals
-from lacet.identify.selection.joint.shape_constants import refined, with_best_constants
+from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
 from lacet.identify.selection.rest import Rest
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
@@ -93,6 +93,13 @@ def test_constants_searched_together_explain_more_than_one_after_the_other(space
     chosen = [*LAWS, replace(KNOWN[STOP.key], shape={"gap": 0.02, "n": 1.0})]
     *_, stop = with_best_constants(space, chosen)
     assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+def test_an_effect_that_is_added_without_a_ranking_gets_the_constants_of_the_runs(fitted: Fit, floor: NoiseFloor):
+    *bars, stop = constants_by_runs(fitted, floor, [*LAWS, KNOWN[STOP.key]])
+    assert bars == LAWS
+    assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+    assert stop.shape["n"] == pytest.approx(STOP.shape["n"], abs=0.2)
 
 
 def test_where_nothing_is_missing_nothing_is_found():
