@@ -143,7 +143,7 @@ class Rig:
     sensors: tuple[Sensor, ...]
     text: str
     folder: Path | None = None
-    path: str = "rig"
+    path: str = field(default="rig", compare=False)
 
     @classmethod
     def load(cls, path: str | Path, kept: bool = False) -> Rig:
