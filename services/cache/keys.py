@@ -30,7 +30,18 @@ from lacet.services.cache.store import FOLDER
 
 SCHEMA = 1
 """Version of what is stored; another one makes everything anew."""
-ROOMS = ("multibody", "signals", "car", "effects", "regression", "validation", "properties", "selection", "design")
+ROOMS = (
+    "multibody",
+    "signals",
+    "car",
+    "effects",
+    "regression",
+    "validation",
+    "properties",
+    "selection",
+    "design",
+    "chains",
+)
 """Rooms of `lacet.identify` from bottom to top, as the import contracts have them."""
 _IDENTIFY = Path(str(lacet.identify.__file__)).parent
 _SERVICES = Path(str(lacet.services.__file__)).parent

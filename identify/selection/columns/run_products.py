@@ -152,7 +152,7 @@ def at_zeros(normal: Array, gain: Array) -> Array:
     """(w, w) products of the columns less their regression `gain` (z, w) on the zeros."""
     z = len(gain)
     # Half of the quadratic term in each of the two that are each other's transposes: one product of full size.
-    across = gain.T @ (normal[:z, z:] - 0.5 * normal[:z, :z] @ gain)
+    across = gain.T @ (normal[:z, z:] - normal[:z, :z] @ gain / 2.0)
     out = normal[z:, z:] - across
     out -= across.T
     return out
