@@ -222,18 +222,17 @@ def add(
     """
     if effect is None:
         raise UsageError("there is no effect to add: the ranking proposes none (its explain() says why)")
-    given = list(effect) if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]
-    model = fitted.model
-    added = [_found(fitted.runs, one) for one in given]
-    for one in added:
-        model += one
-    keys = [one for one in given if isinstance(one, str)]
-    free = [one for one in added if one.key in keys and one.grids]
+    model, free = fitted.model, list[Effect]()
+    for one in effect if isinstance(effect, Iterable) and not isinstance(effect, str) else [effect]:
+        added = _found(fitted.runs, one)
+        model += added
+        if isinstance(one, str) and added.grids:
+            free.append(added)
     if free:
-        floor = fitted.noise_floor(SCORE_DRAWS)
+        floor, told = fitted.noise_floor(SCORE_DRAWS), in_words(progress) if progress else silent
         with one_thread():
-            for one in constants_by_runs(fitted.details, floor, free):
-                model = model.without(one.key) + one
+            found = {one.key: one for one in constants_by_runs(fitted.details, floor, free, told)}
+        model = Model.of(found.get(one.key, one) for one in model.effects)
     return _fitted(model, fitted.runs, fitted.details.options, progress)
 
 
