@@ -229,9 +229,9 @@ def add(
         if isinstance(one, str) and added.grids:
             free.append(added)
     if free:
-        floor, told = fitted.noise_floor(SCORE_DRAWS), in_words(progress) if progress else silent
+        floor, steps = fitted.noise_floor(SCORE_DRAWS), in_words(progress) if progress else silent
         with one_thread():
-            found = {one.key: one for one in constants_by_runs(fitted.details, floor, free, told)}
+            found = {one.key: one for one in constants_by_runs(fitted.details, floor, free, steps)}
         model = Model.of(found.get(one.key, one) for one in model.effects)
     return _fitted(model, fitted.runs, fitted.details.options, progress)
 
