@@ -64,10 +64,12 @@ class ParameterConstancy:
     @property
     def rejected(self) -> bool:
         """Whether constant parameters are rejected: runs differ by more than chance, and by enough to matter."""
-        return (
-            self.p <= SELECTION.failing_chance
-            and self.further - float(np.mean(self.null)) > SELECTION.inconstant_share * self.common
-        )
+        return self.differ_by_more_than(SELECTION.inconstant_share)
+
+    def differ_by_more_than(self, share: float) -> bool:
+        """Whether runs differ by more than chance, and by this share of what the law explains."""
+        by_chance = float(np.mean(self.null))
+        return self.p <= SELECTION.failing_chance and self.further - by_chance > share * self.common
 
 
 def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:

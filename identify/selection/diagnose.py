@@ -28,6 +28,7 @@ from lacet.identify.selection.joint.refits import (
     Joint,
     beside_of,
     continued,
+    exchanged,
     found_together,
     not_part_of_the_rest,
     only_standing,
@@ -178,6 +179,10 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
             rest = Rest.of(joint.space, joint.laws)
     if joint.base is None:
         return joint, rest
+    other = exchanged(joint, seed, progress)
+    if other is not joint:
+        joint = continued(other, seed, progress)
+        rest = Rest.of(joint.space, joint.laws)
     return not_part_of_the_rest(joint, rest, seed, progress)
 
 
@@ -316,7 +321,8 @@ def _not_constant(
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
     standing, first = list(found), joint.first
-    # Where more remains than a law may be inexact, the law may stand in for it: any change from run to run counts.
+    # Where more remains than a law may be inexact, the law may stand in for it: any change from run to run counts,
+    # beyond that by which the parameters of a law that is not exact differ.
     doubted = {
         law.key
         for law in joint.laws
@@ -327,7 +333,8 @@ def _not_constant(
         for c in standing:
             progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
             runs = chow_test(first, c, [other for other in standing if other.key != c.key])
-            if runs is not None and (runs.rejected or (runs.p <= SELECTION.failing_chance and c.key in doubted)):
+            least = SELECTION.law_inexactness**2 if c.key in doubted else SELECTION.inconstant_share
+            if runs is not None and runs.differ_by_more_than(least):
                 rejected[c.key] = runs
         if not rejected:
             break

@@ -50,6 +50,15 @@ class AddedLaw:
 
 def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
     """The physical effects beyond the base model in the fit of `space`, in the model's order."""
+    return _added(space, space.fitted.model.physics)
+
+
+def added_faults(space: ScoreTests) -> tuple[AddedLaw, ...]:
+    """The sensor faults in the fit of `space`, in the same form: their force is what they change in the rows."""
+    return _added(space, space.fitted.model.faults)
+
+
+def _added(space: ScoreTests, effects: Sequence[Effect]) -> tuple[AddedLaw, ...]:
     fitted, known = space.fitted, space.regression
     model = known.sums.layout.model
     names, turn = list(fitted.columns), known.sums.turn
@@ -57,8 +66,8 @@ def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
     spread, drawn = inverse[:, :model] @ turn.T, inverse @ space.null[known.nuisance]
     theta = fitted.theta[fitted.place] + turn @ known.gain[:model, known.sums.layout.right]
     out: list[AddedLaw] = []
-    for effect in fitted.model.effects:
-        if effect.base or effect.as_physics is None:
+    for effect in effects:
+        if effect.base:
             continue
         at = [names.index(q.name) for q in effect.parameters if q.name in names]
         if not at:
@@ -133,3 +142,11 @@ class Rest:
     def excess(self) -> float:
         """Weighted squares above the floor in the unlisted rows."""
         return self.lack.excess(self.unlisted)
+
+    def beside(self, law: AddedLaw) -> float:
+        """Weighted squares above the floor in the unlisted rows, each by the law's force in it ÷ that in its main row.
+
+        A sensor's fault changes most rows a little, and has its force in a few.
+        """
+        most = max(law.row_force.values(), default=0.0)
+        return sum(self.lack.excess([row]) * law.row_force.get(row, 0.0) / most for row in self.unlisted if most > 0.0)

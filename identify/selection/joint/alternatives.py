@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.identify.effects.base import Effect
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.rest import AddedLaw
@@ -30,16 +31,21 @@ class Alternative:
 
     Attributes
     ----------
-    key : the candidate.
+    effect : the candidate, at the shape constants of its grid at which it explains most.
     margin : weighted squares that the law explains more than the candidate in its place.
     p : probability of such a margin where the candidate is the truth.
     correlation : canonical correlation of their columns, everything else removed.
     """
 
-    key: str
+    effect: Effect
     margin: float
     p: float
     correlation: float
+
+    @property
+    def key(self) -> str:
+        """The candidate's key."""
+        return self.effect.key
 
 
 def alternatives(space: ScoreTests, law: AddedLaw) -> list[Alternative]:
@@ -120,4 +126,4 @@ class _InPlaceOf:
         # Of the law's columns, everything but the candidate removed, and the candidate's.
         shared = across @ spread @ across.T
         correlation = float(np.sqrt(np.clip(np.max(np.linalg.eigvals(own @ shared).real), 0.0, 1.0)))
-        return Alternative(trial.effect.key, float(margin[0]), p, correlation)
+        return Alternative(trial.effect, float(margin[0]), p, correlation)

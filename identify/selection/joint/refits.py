@@ -16,8 +16,10 @@ from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.joint.alternatives import alternatives
+from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.selection.joint.subset_search import inexactness_of, search
-from lacet.identify.selection.rest import AddedLaw, Rest, added_laws
+from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -54,6 +56,12 @@ class Joint:
     def keys(self) -> tuple[str, ...]:
         """Keys of the effects found."""
         return tuple(effect.key for effect in self.effects)
+
+    @property
+    def fit(self) -> Fit:
+        """A new fit with all of them; only where runs can be fitted here."""
+        assert self.base is not None
+        return self.base.with_effects(self.added) if self.added else self.base
 
     def based_on(self, space: ScoreTests) -> Joint:
         """The same effects in the model of another fit, which further ones are added to."""
@@ -151,14 +159,38 @@ def only_standing(joint: Joint, seed: int, progress: Progress = silent) -> Joint
         joint = without_effect(joint, weakest.key, seed, progress)
 
 
+def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same with each law for which a candidate explains more in its place exchanged for it, and fitted again.
+
+    The search compared them beside fewer effects, and with the noise of another model.
+    """
+    tried: set[str] = set()
+    while True:
+        better = [
+            (nearest, law)
+            for law in joint.laws
+            if law.key in joint.keys and law.key not in tried
+            for nearest in alternatives(joint.space, law)[:1]
+            if nearest.margin < -SELECTION.least_refinement_fall and nearest.key not in tried
+        ]
+        if not better:
+            return joint
+        nearest, law = min(better, key=lambda pair: pair[0].margin)
+        tried |= {law.key, nearest.key}
+        without = _less(joint, law.key)
+        rival = constants_by_runs(without.fit, joint.space.floor, [nearest.effect], progress)
+        other = _fitted(replace(without, added=(*without.added, *rival)), seed, progress)
+        joint = other if nearest.key in other.keys else joint
+
+
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
     """The same without effects found that explain no more than is unlisted in their rows, and what then remains.
 
     What explains less than half of what is there may be a part of the same unknown cause.
     """
     while rest.unlisted:
-        found = [law for law in joint.laws if law.key in joint.keys]
-        weakest = _weakest([law for law in found if law.force <= rest.lack.excess(law.rows & set(rest.unlisted))])
+        found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
+        weakest = _weakest([one for one in found if one.force <= rest.beside(one)])
         if weakest is None:
             break
         joint = without_effect(joint, weakest.key, seed, progress)
@@ -168,13 +200,19 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
 
 def without_effect(joint: Joint, key: str, seed: int, progress: Progress = silent) -> Joint:
     """The same without one of the effects found, which is not tried again."""
+    joint = _less(joint, key)
+    joint = replace(joint, dropped=joint.dropped | {key})
+    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(joint.keys)))
+    return beside_of(joint, _tests_of(joint, joint.fit, [key], seed, progress), progress)
+
+
+def _less(joint: Joint, key: str) -> Joint:
+    """The same less one of the effects found, still with the tests beside it."""
     assert joint.base is not None
-    base, added = joint.base.without_effects([key]), tuple(e for e in joint.added if e.key != key)
-    progress(Step(Stage.FIT_WITH_EFFECTS, subject=", ".join(k for k in joint.keys if k != key)))
-    space = _tests_of(joint, base.with_effects(added) if added else base, [key], seed, progress)
-    effects = tuple(effect for effect in joint.effects if effect.key != key)
-    joint = replace(joint, base=base, added=added, effects=effects, dropped=joint.dropped | {key})
-    return beside_of(joint, space, progress)
+    return replace(
+        joint, base=joint.base.without_effects([key]), added=tuple(e for e in joint.added if e.key != key),
+        effects=tuple(effect for effect in joint.effects if effect.key != key),
+    )  # fmt: skip
 
 
 def _weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:

@@ -150,6 +150,15 @@ def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, fu
     assert said.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
 
 
+def test_the_parameters_of_a_law_that_is_not_exact_may_differ_by_as_much():
+    """A rest beside it makes a law doubtful only where runs differ by more than that."""
+    null = np.full(99, 2.0)
+    said = ParameterConstancy({"a": np.zeros(1)}, {"a": np.ones(1)}, 10_000.0, 20.0, null)
+    assert said.p <= 0.01
+    assert not said.differ_by_more_than(SELECTION.law_inexactness**2)
+    assert replace(said, common=1_000.0).differ_by_more_than(SELECTION.law_inexactness**2)
+
+
 def test_the_two_runs_told_are_those_farthest_apart_in_their_own_sigma() -> None:
     values = {"a": np.array([0.0, 1.0]), "b": np.array([9.0, 1.5]), "c": np.array([1.0, 9.0])}
     spread = {"a": np.array([1.0, 0.1]), "b": np.array([9.0, 0.1]), "c": np.array([1.0, 9.0])}

@@ -17,6 +17,7 @@ from lacet.identify.selection.joint.alternatives import alternatives, confidence
 from lacet.identify.selection.joint.refits import (
     Joint,
     beside_of,
+    exchanged,
     fitted_with,
     found_together,
     not_part_of_the_rest,
@@ -25,7 +26,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
-from lacet.identify.selection.rest import Rest
+from lacet.identify.selection.rest import Rest, added_faults, added_laws
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
@@ -217,6 +218,44 @@ def test_what_explains_no_more_than_is_unlisted_in_its_rows_is_no_name(subset: J
         lack = replace(rest.lack, squares={**rest.lack.squares, row: much * damper.force})
         found, _ = not_part_of_the_rest(subset, replace(rest, lack=lack, unlisted=(row,)), 0)
         assert set(found.keys) == names
+
+
+def test_a_law_in_the_model_is_exchanged_for_one_that_explains_more_in_its_place(subset: Joint):
+    """The stop, with the constants of the runs, for a cubic spring; nothing is exchanged for what explains less."""
+    assert exchanged(subset, 0) is subset
+    cubic, base = KNOWN["spring_cubic.rear"], subset.base
+    assert base is not None
+    wrong = [cubic if effect.key == STOP.key else effect for effect in subset.effects]
+    fitted = base.with_effects(wrong)
+    others = [KNOWN[key] for key in KEYS if key not in fitted.model]
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), others, 0)
+    found = exchanged(beside_of(replace(subset, added=tuple(wrong), effects=tuple(wrong)), tests), 0)
+    assert set(found.keys) == set(subset.keys)
+    assert set(found.space.fitted.model.names) == set(subset.space.fitted.model.names)
+    (stop,) = (effect for effect in found.effects if effect.key == STOP.key)
+    assert stop.shape["gap"] == pytest.approx(STOP.shape["gap"], abs=0.002)
+
+
+def test_the_rest_beside_a_law_counts_by_the_laws_force_in_each_row(subset: Joint):
+    """A sensor's fault changes most rows a little: what is unlisted in these is not what it could be a part of."""
+    rest, law = Rest.of(subset.space, subset.laws), subset.laws[0]
+    first, second, *_ = rest.lack.squares
+    known = replace(
+        rest, lack=replace(rest.lack, squares={**rest.lack.squares, first: 7.0, second: 100.0}),
+        unlisted=(first, second),
+    )  # fmt: skip
+    assert known.beside(replace(law, row_force={first: 50.0, second: 0.5})) == pytest.approx(7.0 + 100.0 * 0.01)
+    assert known.beside(replace(law, row_force={})) == 0.0
+
+
+def test_the_force_of_a_fault_in_the_model_is_what_it_changes(fitted: Fit, floor: NoiseFloor):
+    """As many weighted squares as its part of the model's columns, which nothing else explains."""
+    late = KNOWN["sensor_gain.hub.fl"]
+    space = ScoreTests.of(Linearisation.of(fitted.with_effects([late]), floor), [KNOWN["coulomb.rear"]], 0)
+    assert late.key not in {law.key for law in added_laws(space)}
+    (fault,) = added_faults(space)
+    assert fault.key == late.key
+    assert fault.force <= sum(fault.row_force.values()) * (1.0 + 1e-9)
 
 
 def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_does_not():
