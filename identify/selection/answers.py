@@ -11,19 +11,21 @@ from lacet.identify.selection.score_tests import Answer, Candidate, Reason, judg
 from lacet.identify.selection.settings import SELECTION
 
 
-def answered(joint: Joint, found: Sequence[Candidate]) -> tuple[Candidate, ...]:
+def answered(joint: Joint, found: Sequence[Candidate], tied: Sequence[Candidate] = ()) -> tuple[Candidate, ...]:
     """All candidates with their answers: those found first, then by what each takes away alone, untestable ones last.
 
-    A candidate that stands out alone and not beside the effects found stands in for the one it is most like.
+    A candidate that stands out alone and not beside the effects found stands in for the one it is most like. `tied` :
+    those of the set found that are not named, as others do as well beside an unlisted cause.
     """
-    keys, first = {c.key for c in found}, joint.first
+    keys, first = {c.key for c in (*found, *tied)}, joint.first
     beside = {c.key: c for c in joint.beside}
     tested = sorted(
         (c for c in joint.alone if c.tested and c.key not in keys),
         key=lambda c: (c.p > SELECTION.level(first.draws), -strength(c)),
     )
     others = [_answered(c, joint, found, beside.get(c.key)) for c in tested]
-    return (*found, *others, *(c for c in joint.alone if not c.tested and c.key not in keys))
+    undecided = [replace(c, answer=Answer.UNDECIDED, reason=Reason.TIED) for c in tied]
+    return (*found, *undecided, *others, *(c for c in joint.alone if not c.tested and c.key not in keys))
 
 
 def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Candidate | None) -> Candidate:
@@ -32,6 +34,8 @@ def _answered(c: Candidate, joint: Joint, found: Sequence[Candidate], beside: Ca
     tied = next((one.key for one in found if c.key in dict(one.ties)), "")
     if tied:
         return replace(alone, answer=Answer.UNDECIDED, stands_for=tied)
+    if c.key in joint.parts:
+        return replace(alone, answer=Answer.UNDECIDED, reason=Reason.PART_OF_REST)
     if not found or not joint.effects or alone.reason is Reason.CHANCE:
         return replace(alone, answer=Answer.UNDECIDED) if alone.answer is Answer.MISSING else alone
     beside_them = (

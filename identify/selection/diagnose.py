@@ -275,6 +275,8 @@ def _concluded(
     found = [c for c in found if c.key not in not_constant]
     judged_rest = runs.refittable is not None or not found
     unlisted = rest.unlisted if judged_rest else ()
+    tied = [c for c in found if unlisted and any(like < SELECTION.same_correlation for _, like in c.ties)]
+    found = [c for c in found if c.key not in {one.key for one in tied}]
     force = {law.key: law.force for law in joint.laws}
     explained_squares = sum(force.get(c.key, strength(c)) for c in found)
     exceeded = (
@@ -300,10 +302,10 @@ def _concluded(
         verdict = Verdict.UNLISTED
     diagnosis = Diagnosis(
         verdict, tuple(found), tuple(unlisted), rest.small if judged_rest else (),
-        _maybe(joint, found, unlisted, candidates), answered(joint, found), runs.row_ratios(floor), excess, explained,
-        floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
+        _maybe(joint, found, unlisted, candidates), answered(joint, found, tied), runs.row_ratios(floor), excess,
+        explained, floor.count, first.noise_ratio, now.above, first.noise, grounds, first.effects, tuple(formulas),
     )  # fmt: skip
-    if not found or not judged_rest or not_constant:
+    if not found or not judged_rest or not_constant or tied:
         return diagnosis
     return replace(diagnosis, after=_after(joint, rest, candidates, seed, progress))
 

@@ -71,6 +71,10 @@ class Reason(Enum):
     """It takes away no more than the laws found may be inexact (`law_inexactness`)."""
     STANDS_IN = auto()
     """Beside the effects found it takes nothing away that chance does not."""
+    PART_OF_REST = auto()
+    """It was in the set found and explains no more than remains unlisted in its rows."""
+    TIED = auto()
+    """It was in the set found, something unlisted remains, and its `ties` are not rejected in its place."""
     PASSES = auto()
     """It passes every bar."""
 

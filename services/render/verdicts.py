@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Parameter
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
@@ -17,13 +16,16 @@ from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import not_measured
 
+NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
+"""Reasons why an effect of the set found is no name beside an unlisted cause."""
+
 
 def says(d: Diagnosis) -> str:
     """The verdict of a diagnosis in plain sentences with numbers."""
     if d.found:
         text = _missing(d) if len(d.found) == 1 else _several(d)
-        return f"{text}{_remaining(d)}{_small(d)}{_maybe(d)}"
-    return f"{_unlisted(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
+        return f"{text}{_remaining(d)}{_in_part(d)}{_small(d)}{_maybe(d)}"
+    return f"{_unlisted(d)}{_in_part(d)}{_maybe(d)}" if d.unlisted else _nothing(d)
 
 
 def why(d: Diagnosis, c: Candidate) -> str:
@@ -32,7 +34,7 @@ def why(d: Diagnosis, c: Candidate) -> str:
     if found is not None:
         return f"{reason_text(c, d.effects.get(c.key), d.draws)}{_rivals(c)}"
     text = reason_text(c, d.effects.get(c.key), d.draws)
-    if c.answer is not Answer.UNDECIDED:
+    if c.answer is not Answer.UNDECIDED or c.reason in NOT_NAMED:
         return text
     if c.stands_for:
         return f"{text} It cannot be told apart from {c.stands_for}."
@@ -66,6 +68,13 @@ def reason_text(c: Candidate, effect: Effect | None, draws: int) -> str:
         case Reason.IMPLAUSIBLE:
             wrong = _implausible(c, effect)
             return f"{takes} Implausible size: {wrong}, which no car has; something else looks like it ({chance})."
+        case Reason.PART_OF_REST:
+            return (
+                f"{takes} Undecided: no less than it explains remains unlisted in its rows; it may be a part of that "
+                f"cause ({chance})."
+            )
+        case Reason.TIED:
+            return f"{takes} Undecided beside a cause that is not listed: {_tied(c)} cannot be ruled out in its place."
         case _ if c.answer is Answer.MISSING:
             return f"{takes} Its size is {sizes(c, effect.parameters)} (95 %); {chance}."
         case _:
@@ -196,6 +205,15 @@ def _remaining(d: Diagnosis) -> str:
             f"(÷ floor, with all these in the model)."
         )
     return out
+
+
+def _in_part(d: Diagnosis) -> str:
+    """Listed effects that explain part of the error and are not named beside an unlisted cause."""
+    parts = [c for c in d.candidates if c.reason in NOT_NAMED]
+    if not parts:
+        return ""
+    each = "; ".join(f"{c.key}{' or in its place ' if c.ties else ''}{_tied(c)}" for c in parts)
+    return f" These explain a part, and may be a part of what is not listed: {each}. None of them is counted as found."
 
 
 def _small(d: Diagnosis) -> str:
@@ -329,10 +347,14 @@ def _off(tolerances: Mapping[str, float], least: float = 0.0) -> str:
     return ", ".join(f"{name} {size:+.1f}" for name, size in most if abs(size) > least)
 
 
-def _listed(rows: Sequence[Row]) -> str:
+def _tied(c: Candidate) -> str:
+    return _listed([key for key, _ in c.ties], "others")
+
+
+def _listed(names: Sequence[str], kind: str = "rows") -> str:
     most = SELECTION.most_reported
-    shown = ", ".join(rows[:most])
-    return shown if len(rows) <= most else f"{shown} and {len(rows) - most} more rows"
+    shown = ", ".join(names[:most])
+    return shown if len(names) <= most else f"{shown} and {len(names) - most} more {kind}"
 
 
 def _last(q: Parameter) -> str:

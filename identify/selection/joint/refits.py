@@ -38,6 +38,7 @@ class Joint:
     base : the fit to which the effects are added, and `added` those that are; None where runs cannot be fitted here.
     sizes : sensor faults of the base fit that were removed from its runs, with their sizes.
     dropped : keys of effects that were selected and did not stand in a fit.
+    parts : keys of those that stood, and explain no more than remains unlisted in their rows.
     """
 
     first: ScoreTests
@@ -51,6 +52,7 @@ class Joint:
     added: tuple[Effect, ...] = ()
     sizes: Mapping[str, float] = field(default_factory=dict[str, float])
     dropped: frozenset[str] = frozenset()
+    parts: frozenset[str] = frozenset()
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -193,7 +195,7 @@ def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress
         weakest = _weakest([one for one in found if one.force <= rest.beside(one)])
         if weakest is None:
             break
-        joint = without_effect(joint, weakest.key, seed, progress)
+        joint = replace(without_effect(joint, weakest.key, seed, progress), parts=joint.parts | {weakest.key})
         rest = Rest.of(joint.space, joint.laws)
     return joint, rest
 

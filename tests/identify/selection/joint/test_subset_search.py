@@ -10,9 +10,12 @@ from typing import cast
 import numpy as np
 import pytest
 
+from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
+from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.columns.linearisation import Linearisation
+from lacet.identify.selection.diagnose import _as_found, _concluded
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -27,10 +30,11 @@ from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
 from lacet.identify.selection.rest import Rest, added_faults, added_laws
-from lacet.identify.selection.score_tests import Candidate, ScoreTests
+from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.services.render.verdicts import says, why
 from tests.identify import cars
 from tests.identify.exact_car import KNOWN, MODEL, driven, exact, fit_of, theta
 from tests.identify.selection.exact_ranking import DRAWS
@@ -256,6 +260,23 @@ def test_the_force_of_a_fault_in_the_model_is_what_it_changes(fitted: Fit, floor
     (fault,) = added_faults(space)
     assert fault.key == late.key
     assert fault.force <= sum(fault.row_force.values()) * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize(("correlation", "named"), [(0.9, False), (0.99, True)])
+def test_beside_an_unlisted_cause_a_law_that_another_equals_is_no_name(subset: Joint, correlation: float, named: bool):
+    """Unless the two are one law on these runs."""
+    bar, other = "anti_roll_bar.front", "coulomb.rear"
+    found = [_as_found(subset, effect, DRAWS) for effect in subset.effects]
+    found = [replace(c, ties=((other, correlation),)) if c.key == bar else c for c in found]
+    rest = replace(Rest.of(subset.space, subset.laws), unlisted=(Row("chassis.fx"),))
+    runs, floor = subset.first.linearisation.runs, subset.first.floor
+    said = _concluded(runs, floor, subset, rest, found, dict(subset.first.effects), 0, silent)
+    assert ({c.key for c in said.found} == set(subset.keys)) == named
+    assert said.unlisted
+    told = [c for c in said.candidates if c.reason is Reason.TIED]
+    assert [c.key for c in told] == ([] if named else [bar])
+    assert (f"{bar} or in its place {other}" in says(said)) != named
+    assert all(c.answer is Answer.UNDECIDED and other in why(said, c) for c in told)
 
 
 def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_does_not():
