@@ -72,7 +72,7 @@ test-vcan: .venv/.dev
 
 # -P: benchmarks/coverage.py is not the package of that name, which Numba looks for.
 benchmark: .venv/.dev
-	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
+	@for file in $(filter-out %_seeds.py %/coverage.py %/campaign.py %/forces.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(PY) -P "$$file" || exit 1; done
 	@$(PY) -m benchmarks.workbench_draw
 
 first-work: .venv/.dev

@@ -40,6 +40,7 @@ ROOMS = (
     "properties",
     "selection",
     "design",
+    "wheel_loads",
     "chains",
 )
 """Rooms of `lacet.identify` from bottom to top, as the import contracts have them."""

@@ -1,0 +1,223 @@
+"""Are the wheel forces of a run without dynamometers right, and do their bands hold? Simulated campaigns.
+
+Each campaign draws noise, zeros, gains and latencies of its instruments anew, identifies the simulated car from four
+runs with dynamometers, and estimates the wheel forces of other manoeuvres from which the dynamometers were taken. The
+truth is the simulator's, without noise.
+
+    python -m benchmarks.forces                   # writes docs/benchmarks/forces.md
+    python -m benchmarks.forces --campaigns 2     # a shorter look, printed only
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lacet.daq.formats.open_run import open_run
+from lacet.daq.rig import Rig
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import FitOptions, fit
+from lacet.identify.signals.filters import Filters
+from lacet.identify.signals.reconstruct import bring_together
+from lacet.identify.validation.score import compare
+from lacet.identify.wheel_loads.known_car import KnownCar
+from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
+from lacet.identify.wheel_loads.measured_forces import ForceError, errors
+from lacet.identify.wheel_loads.observer import estimate_forces
+from lacet.identify.wheel_loads.outputs import FORCES, EstimatedForces
+from lacet.identify.wheel_loads.without_dynamometers import LOADS
+from lacet.services.one_thread import one_thread
+from lacet.simulate import Sheet, exchange_run, find_car, make_manoeuvre
+from lacet.simulate import run as drive
+from lacet.simulate.motion import SimulatedMotion
+from lacet.simulate.vehicle_file import vehicle_text
+from tests.identify import cars
+
+PAGE = Path(__file__).parents[1] / "docs" / "benchmarks" / "forces.md"
+CAR = "peugeot-406"
+BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
+USED: tuple[tuple[str, Mapping[str, Any]], ...] = (
+    ("sinus", {"duration": 15.0}),
+    ("rough", {"duration": 15.0}),
+    ("braking", {"duration": 12.0}),
+    ("liftoff", {"duration": 15.0}),
+)
+"""Manoeuvres that the car is identified from."""
+HELD: tuple[tuple[str, Mapping[str, Any]], ...] = (
+    ("sweep", {"duration": 20.0}),
+    ("rough", {"duration": 15.0, "speed": 25.0}),
+    ("spiral", {"duration": 20.0}),
+    ("braking", {"duration": 12.0, "speed": 33.0}),
+    ("kerb", {"duration": 12.0}),
+)
+"""Manoeuvres whose wheel forces are estimated."""
+CAMPAIGNS = 20
+
+
+@dataclass(frozen=True)
+class Line:
+    """A force of a held-out run: its name, error, half of its band, mean over the run [N]."""
+
+    campaign: int
+    run: str
+    name: str
+    error: ForceError
+    half: float
+
+
+@cache
+def motion(name: str, settings: tuple[tuple[str, Any], ...], seed: int) -> SimulatedMotion:
+    """A drive, simulated once for all campaigns."""
+    return drive(find_car(CAR), make_manoeuvre(name, **dict(settings)), [], seed, settle=1.0, step=0.001)
+
+
+def without_loads(run: Run) -> Run:
+    """The run as a car without dynamometers records it: wheel speeds, no loads."""
+    return replace(run, signals={name: signal for name, signal in run.signals.items() if name not in LOADS})
+
+
+def campaign(number: int, held: Sequence[tuple[str, Mapping[str, Any]]] = HELD) -> Iterator[Line]:
+    """One campaign: the car identified, and the forces of each held-out run against the simulator's."""
+    rig, filters = Rig.load(CAR), Filters()
+    vehicle = Vehicle.parse(vehicle_text(find_car(CAR)))
+    sheet = Sheet(gains=True, latencies=True, seed=1000 + number)
+
+    def measured(moved: SimulatedMotion, seed: int) -> Run:
+        return exchange_run(moved, rig, 100 * number + seed, sheet=sheet)
+
+    used = [measured(motion(name, tuple(some.items()), 1), k) for k, (name, some) in enumerate(USED)]
+    runs = [PreparedRun.of(run, vehicle, rig) for run in used]
+    fitted = fit(Model.of(base_model(vehicle, rig.wheel_reference)), runs, FitOptions(draws=4))
+    car = KnownCar(fitted, lack_of_fit([compare(fitted, run, draws=8) for run in runs]))
+    for k, (name, some) in enumerate(held):
+        moved = motion(name, tuple(some.items()), 2)
+        hidden = PreparedRun.of(without_loads(measured(moved, 50 + k)), vehicle, rig, filters)
+        estimated = estimate_forces(car, hidden, seed=number)
+        exact = exchange_run(moved, rig, 0, sheet=Sheet(zeros=False), noise=0.0)
+        truth = PreparedRun(bring_together(exact, vehicle, rig, filters, on=hidden.recording.t))
+        yield from lines_of(number, name, estimated, truth, exact=True)
+
+
+def reference_car() -> Iterator[Line]:
+    """Each run of the independent reference car, from the other three, against its dynamometers."""
+    vehicle, rig = cars.reference_car()
+    known = catalogue(vehicle, rig.wheel_reference)
+    model = Model.of(base_model(vehicle, rig.wheel_reference)) + known[BARS[0]] + known[BARS[1]]
+    runs = {name: PreparedRun.of(open_run(cars.CAR / f"{name}.parquet"), vehicle, rig) for name in cars.RUNS}
+    for name, held in runs.items():
+        others = [run for other, run in runs.items() if other != name]
+        fitted = fit(model, others)
+        car = KnownCar(fitted, lack_of_fit([compare(fitted, run, draws=8) for run in others]))
+        yield from lines_of(0, name, estimate_forces(car, held), held, exact=False)
+
+
+def lines_of(number: int, name: str, estimated: EstimatedForces, run: PreparedRun, exact: bool) -> Iterator[Line]:
+    """The forces of a run against measured or exact ones."""
+    for force, error in errors(estimated, run, exact).items():
+        half = float(np.nanmean(estimated[force].half95))
+        yield Line(number, name, force, replace(error, measured=np.zeros(0)), half)
+
+
+def kind_of(name: str) -> str:
+    """A force's kind: its name, without the wheel."""
+    return "wheel.{c}.force_estimated.z" if name.endswith("z") else name
+
+
+HEAD = (
+    "| force | runs | error about its mean [N] | ÷ floor | worst | its mean, RMS [N] | ± 95 % [N] | inside |\n"
+    "|---|---|---|---|---|---|---|---|"
+)
+
+
+def table(lines: Sequence[Line]) -> str:
+    """Error, band and part of the time inside it, by kind of force."""
+    out = [HEAD]
+    for kind in dict.fromkeys(kind_of(name) for name in FORCES):
+        some = [line for line in lines if kind_of(line.name) == kind]
+        if not some:
+            continue
+        rms, offset = (
+            float(np.sqrt(np.mean(np.square([getattr(line.error, what) for line in some]))))
+            for what in ("rms", "offset")
+        )
+        floors = [line.error.floors for line in some]
+        half, inside = (float(np.mean(a)) for a in ([x.half for x in some], [100.0 * x.error.inside for x in some]))
+        runs = len({(line.campaign, line.run) for line in some})
+        out.append(
+            f"| `{kind}` | {runs} | {rms:.0f} | {np.median(floors):.2f} | {max(floors):.2f} | {offset:.0f} "
+            f"| {half:.0f} | {inside:.1f} % |"
+        )
+    return "\n".join(out)
+
+
+def page(lines: Sequence[Line], reference: Sequence[Line]) -> str:
+    """The page of the study."""
+    vertical = [line for line in lines if line.name.endswith("z")]
+    within = 100.0 * np.mean([line.error.floors <= 2.0 for line in vertical])
+    parts = [
+        "# Wheel forces without dynamometers",
+        "",
+        "Written by `python -m benchmarks.forces`; what the columns mean is in [forces.md](../forces.md).",
+        "",
+        f"**Simulated.** {len({line.campaign for line in lines})} campaigns: noise, zeros, gains and latencies of all",
+        "instruments are drawn from the sensor sheet, the Peugeot is identified from four runs with dynamometers",
+        f"({', '.join(name for name, _ in USED)}), and of {len(HELD)} other runs without dynamometers the forces are",
+        "estimated, by the same instruments. The truth is the simulator's, without noise. A floor is that of the row:",
+        "the suspension's for vertical forces, that of the chassis along x or y for the others; ÷ floor is the median",
+        "over runs and wheels. The mean error is what zeros and gains of the study's dynamometers and of the run's own",
+        "sensors leave; it lasts for a run, so that *inside* is judged over runs. Vertical forces within two floors of",
+        f"their row: {within:.0f} % of runs and wheels.",
+        "",
+        table(lines),
+        "",
+        "By run, vertical forces:",
+        "",
+        HEAD.replace("| force |", "| run |"),
+    ]
+    for name, _ in HELD:
+        own = table([line for line in vertical if line.run == name]).splitlines()[-1]
+        parts.append(f"| {name} |" + own.split("|", 2)[2])
+    parts += [
+        "",
+        "**Reference car.** Each of its four runs from the other three, against its own dynamometers, of which the",
+        "zeros are taken away as `lacet compare` takes them.",
+        "",
+        table(reference),
+        "",
+    ]
+    return "\n".join(parts)
+
+
+def main() -> int:
+    """Run the campaigns, and print or write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaigns", type=int, help=f"number of campaigns (default: {CAMPAIGNS}); printed only")
+    args = parser.parse_args()
+    lines: list[Line] = []
+    with one_thread():
+        reference = [*reference_car()]
+        for number in range(args.campaigns or CAMPAIGNS):
+            lines += campaign(number)
+            print(f"campaign {number + 1}", file=sys.stderr)
+    text = page(lines, reference)
+    if args.campaigns:
+        print(text)
+    else:
+        PAGE.write_text(text, encoding="utf-8")
+        print(f"{PAGE}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

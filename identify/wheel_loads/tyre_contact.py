@@ -1,0 +1,218 @@
+"""Loads of the four wheels as a function of the few forces that are unknown, at each instant."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from lacet.daq.channels import CORNERS
+from lacet.daq.vehicle import Corner
+from lacet.identify.car.motion import CornerMotion, Motion
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import AXLES
+from lacet.identify.multibody.vectors import Array, cross, dot, turned
+from lacet.identify.wheel_loads.settings import Assumptions, Tolerance
+
+_AT_FIRST = 5000.0
+"""1 σ of the difference of the axles' longitudinal forces before the car's is known [N]: that of hard braking."""
+_WEAK = 1e-6
+"""Strength that holds every unknown near 0 ÷ that of the axles' difference: a wheel none of whose rows is usable for a
+while then follows from the others as far as they go."""
+
+UNKNOWNS = (*(f"z.{c}" for c in CORNERS), *(f"{k}.{axle}" for k in "xy" for axle in AXLES))
+"""Unknown forces: vertical at each wheel, longitudinal and lateral of each axle [N]."""
+
+
+def prior_difference(sigma: Array) -> tuple[Array, Array]:
+    """What is assumed of the difference of the axles' longitudinal forces: 0 ± `sigma` (N,) [N].
+
+    (N, unknowns) what one newton of it adds to the normal equations' right side, (N, unknowns, unknowns) to the matrix.
+    """
+    direction = np.zeros(len(UNKNOWNS))
+    direction[[UNKNOWNS.index(f"x.{axle}") for axle in AXLES]] = 1.0, -1.0
+    square = np.outer(direction, direction) + _WEAK * np.eye(len(UNKNOWNS))
+    weight = sigma[:, None] ** -2.0
+    return weight * direction, weight[..., None] * square
+
+
+@dataclass(frozen=True)
+class WheelLoad:
+    """Force [N] and moment about the wheel centre [N·m] of a wheel in body axes, (3, N) each."""
+
+    force: Array
+    moment: Array
+
+
+WheelLoads = Mapping[str, WheelLoad]
+"""Loads by corner."""
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """A quantity of one place that is assumed: its name, 1 σ, and the loads per unit of it, by corner."""
+
+    name: str
+    sigma: float
+    loads: WheelLoads
+
+
+class WheelAxes:
+    """Axes of a wheel on the road: z the road's normal, x in the wheel's plane and the road's, y to the left.
+
+    Those of TYDEX (W axes). `arm` is the place of contact from the wheel centre (3, N) [m].
+    """
+
+    def __init__(self, wheel: CornerMotion):
+        n, self.z = wheel.spin_axis, wheel.normal
+        x = cross(n, self.z)
+        tilt = np.linalg.norm(x, axis=0)
+        self.x = x / tilt
+        self.y = cross(self.z, self.x)
+        self.down = -(self.z - dot(n, self.z) * n) / tilt
+        self.radius = wheel.height / tilt
+        self.arm = self.radius * self.down
+
+
+class TyreContact:
+    """How the unknown forces make the wheels' loads, with what is assumed of the contact between tyre and road.
+
+    Parameters
+    ----------
+    motion : of the run; its loads are not used.
+    outboard : corner → mass outboard of the transducer [kg], with ``hub`` loads; empty with ``contact`` loads.
+    share : axle → (N,) part of its lateral force that the left wheel has.
+    difference : (N,) 1 σ of the difference of the axles' longitudinal forces [N].
+    """
+
+    def __init__(
+        self, motion: Motion, corners: Mapping[str, Corner], assumed: Assumptions, outboard: Mapping[str, float],
+        share: Mapping[str, Array] | None = None, difference: Array | None = None,
+    ):  # fmt: skip
+        self.motion, self.vehicle, self.assumed, self.outboard = motion, corners, assumed, outboard
+        self.axes = {c: WheelAxes(wheel) for c, wheel in motion.corners.items()}
+        self.share = share or {axle: np.full(motion.t.size, 0.5) for axle in AXLES}
+        self.difference = np.full(motion.t.size, _AT_FIRST) if difference is None else difference
+
+    def divided(self, values: Array) -> TyreContact:
+        """The same with forces divided as the unknowns suggest, of which `values` (8, N) are known."""
+        share: dict[str, Array] = {}
+        for axle in AXLES:
+            part = self._left_part(values, axle) - 0.5
+            share[axle] = 0.5 + part * (1.0 - self.assumed.degression.mean)
+        along = np.abs(np.sum([values[UNKNOWNS.index(f"x.{axle}")] for axle in AXLES], axis=0))
+        difference = self.assumed.axles.sigma * along + self.assumed.axles_force.sigma
+        out = TyreContact(self.motion, self.vehicle, self.assumed, self.outboard, share, difference)
+        out.axes = self.axes
+        return out
+
+    @staticmethod
+    def _left_part(values: Array, axle: str) -> Array:
+        """(N,) part of an axle's vertical load on its left wheel, between 0 and 1."""
+        left, right = (values[UNKNOWNS.index(f"z.{c}")] for c in AXLES[axle])
+        total = np.maximum(left + right, 1.0)
+        return np.clip(left / total, 0.0, 1.0)
+
+    def load(self, c: str, x: Array | float = 0.0, y: Array | float = 0.0, z: Array | float = 0.0) -> WheelLoad:
+        """Load of a wheel with these forces at its contact [N], with trail and rolling resistance; linear in them."""
+        axes, mean = self.axes[c], self.assumed
+        force = axes.x * x + axes.y * y + axes.z * z
+        moment = cross(axes.arm, force) - axes.z * (mean.trail.mean * y)
+        moment = moment - axes.y * (mean.rolling.mean * self._rolling[c] * z) + axes.x * (mean.shift.mean * z)
+        return WheelLoad(force, moment)
+
+    @cached_property
+    def _rolling(self) -> dict[str, Array]:
+        """Corner → loaded radius with the sign of the wheel's speed [m]; 0 at rest."""
+        return {c: axes.radius * np.tanh(self.motion.corners[c].spin) for c, axes in self.axes.items()}
+
+    def per_unit(self) -> list[WheelLoads]:
+        """Loads per newton of each of the unknowns."""
+        out: list[WheelLoads] = [{c: self.load(c, z=1.0)} for c in CORNERS]
+        out += [{c: self.load(c, x=0.5) for c in wheels} for wheels in AXLES.values()]
+        for axle, (left, right) in AXLES.items():
+            share = self.share[axle]
+            out.append({left: self.load(left, y=share), right: self.load(right, y=1.0 - share)})
+        return out
+
+    def constant(self) -> WheelLoads:
+        """Loads that do not depend on the unknowns: weight, inertia and gyroscopic moment outboard of a transducer."""
+        zero = np.zeros_like(next(iter(self.axes.values())).z)
+        out: dict[str, WheelLoad] = {}
+        for c in CORNERS:
+            moment = zero
+            if mass := self.outboard.get(c, 0.0):
+                moment = mass * cross(self.axes[c].arm, self.motion.corners[c].centre_accel)
+                moment = moment + self.assumed.spin_inertia.mean * self._spin_moment(c)
+            out[c] = WheelLoad(zero, moment)
+        return out
+
+    def _spin_moment(self, c: str) -> Array:
+        """(3, N) moment of the outboard parts' spin, per unit of their moment of inertia ÷ m R0²."""
+        wheel = self.motion.corners[c]
+        turning, n = turned(wheel.axes, wheel.axle.omega), wheel.spin_axis
+        momentum = self.outboard[c] * self.vehicle[c].tyre_radius ** 2
+        return -momentum * (wheel.spin_accel * n + (wheel.spin + dot(turning, n)) * cross(turning, n))
+
+    def loads(self, values: Array) -> WheelLoads:
+        """Loads at values (8, N) of the unknowns [N]."""
+        out = dict(self.constant())
+        for part, value in zip(self.per_unit(), values, strict=True):
+            for c, load in part.items():
+                out[c] = WheelLoad(out[c].force + load.force * value, out[c].moment + load.moment * value)
+        return out
+
+    def assumptions(self, values: Array, grounds: Sequence[str]) -> list[Assumed]:
+        """Everything assumed, at values (8, N) of the unknowns; `grounds` : corners with a measured road."""
+        size = self.assumed
+        at = dict(zip(UNKNOWNS, values, strict=True))
+        out: list[Assumed] = []
+
+        def add(name: str, tolerance: Tolerance, loads: WheelLoads) -> None:
+            out.append(Assumed(name, tolerance.sigma, loads))
+
+        for axle, (left, right) in AXLES.items():
+            x, y = at[f"x.{axle}"], at[f"y.{axle}"]
+            part = self._left_part(values, axle) - 0.5
+            both = ((left, 1.0), (right, -1.0))
+            for name, tolerance, lateral in (
+                ("toe", size.toe, np.ones_like(y)), ("division of lateral force", size.proportion, y),
+                ("degression", size.degression, -part * y),
+            ):  # fmt: skip
+                add(f"{name}, {axle}", tolerance, {c: self.load(c, y=sign * lateral) for c, sign in both})
+            for name, tolerance, along in (
+                ("longitudinal difference", size.longitudinal, x),
+                ("longitudinal force difference", size.longitudinal_force, np.ones_like(x)),
+            ):
+                add(f"{name}, {axle}", tolerance, {c: self.load(c, x=sign * along) for c, sign in both})
+            for c, share in ((left, self.share[axle]), (right, 1.0 - self.share[axle])):
+                axes, z, lateral = self.axes[c], at[f"z.{c}"], share * y
+                none = np.zeros_like(axes.z)
+                force = axes.x * (0.5 * x) + axes.y * lateral + axes.z * z
+                radius = size.radius if c in grounds else size.radius_unmeasured
+                add(f"trail, {c}", size.trail, {c: WheelLoad(none, -axes.z * lateral)})
+                add(f"shift of load, {c}", size.shift, {c: WheelLoad(none, axes.x * z)})
+                add(f"rolling resistance, {c}", size.rolling, {c: WheelLoad(none, -axes.y * (self._rolling[c] * z))})
+                add(f"loaded radius, {c}", radius, {c: WheelLoad(none, cross(axes.down, force))})
+                if self.outboard.get(c):
+                    spin = WheelLoad(none, self._spin_moment(c))
+                    add(f"spin inertia outboard, {c}", size.spin_inertia, {c: spin})
+        return out
+
+    def in_rows(self, loads: WheelLoads, rows: Sequence[Row]) -> Array:
+        """(rows, N) left sides that these loads alone make, without torques on the wheels."""
+        moved = with_loads(self.motion, loads, torques=False)
+        return np.stack([moved.measured(row) for row in rows])
+
+
+def with_loads(motion: Motion, loads: WheelLoads, torques: bool = True) -> Motion:
+    """The motion with these wheel loads, 0 at other corners; with or without the torques on the wheels."""
+    corners: dict[str, CornerMotion] = {}
+    for c, wheel in motion.corners.items():
+        zero = np.zeros_like(wheel.normal)
+        load = loads.get(c, WheelLoad(zero, zero))
+        still = {} if torques else {"torque": zero[0], "torque_work": zero[0]}
+        corners[c] = replace(wheel, force=load.force, moment=load.moment, **still)
+    return replace(motion, corners=corners)

@@ -1,0 +1,118 @@
+"""The unknown forces and the loads they make: identities, without any run."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CORNERS
+from lacet.daq.errors import NotIdentifiable
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.motion import Motion
+from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.effects.base import AXLES
+from lacet.identify.multibody.vectors import cross, dot
+from lacet.identify.wheel_loads.measured_forces import forces_of
+from lacet.identify.wheel_loads.outputs import SUMS
+from lacet.identify.wheel_loads.run_constants import information, per_wheel_mass
+from lacet.identify.wheel_loads.settings import STANDARD
+from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, TyreContact, prior_difference, with_loads
+from lacet.identify.wheel_loads.without_dynamometers import LOADS, placed, rows_of
+from tests.identify import cars
+
+VEHICLE, RIG = cars.reference_car()
+VEHICLE = cars.with_tables(VEHICLE)
+
+
+def motion_of(seed: int, reference: str = "contact") -> Motion:
+    rig = cars.in_reference(RIG, reference, {"wheels": "body"})
+    return build_motion(cars.recording(cars.random_signals(seed), VEHICLE, rig))
+
+
+def contact_of(motion: Motion) -> TyreContact:
+    values = np.random.default_rng(5).uniform(1500.0, 4500.0, (len(UNKNOWNS), motion.t.size))
+    return TyreContact(motion, VEHICLE.corners, STANDARD, {}).divided(values)
+
+
+def test_the_forces_of_the_loads_are_the_unknowns() -> None:
+    motion = motion_of(1)
+    values = np.random.default_rng(2).normal(0.0, 1000.0, (len(UNKNOWNS), motion.t.size))
+    loads = contact_of(motion).loads(values)
+    np.testing.assert_allclose(forces_of(with_loads(motion, loads)), SUMS @ values, atol=1e-8)
+
+
+def test_a_load_acts_at_the_contact_with_trail_and_rolling_resistance() -> None:
+    motion = motion_of(3)
+    contact = contact_of(motion)
+    for c in CORNERS:
+        axes, load = contact.axes[c], contact.load(c, 300.0, 2000.0, 4000.0)
+        about_contact = load.moment - cross(axes.arm, load.force)
+        np.testing.assert_allclose(dot(about_contact, axes.z), -STANDARD.trail.mean * 2000.0)
+        rolling = -STANDARD.rolling.mean * 4000.0 * axes.radius * np.tanh(motion.corners[c].spin)
+        np.testing.assert_allclose(dot(about_contact, axes.y), rolling)
+        np.testing.assert_allclose(dot(about_contact, axes.x), 0.0, atol=1e-9)
+
+
+def test_what_is_assumed_changes_no_force_of_an_axle() -> None:
+    motion = motion_of(4)
+    values = np.random.default_rng(6).uniform(500.0, 4500.0, (len(UNKNOWNS), motion.t.size))
+    contact = contact_of(motion)
+    names: set[str] = set()
+    for one in contact.assumptions(values, CORNERS):
+        names.add(one.name)
+        np.testing.assert_allclose(forces_of(with_loads(motion, one.loads)), 0.0, atol=1e-8, err_msg=one.name)
+        assert one.sigma > 0.0
+        assert np.any(contact.in_rows(one.loads, ROWS) != 0.0), one.name
+    assert len(names) == 5 * len(AXLES) + 4 * len(CORNERS)
+
+
+def test_a_mass_at_a_wheel_is_a_body_in_every_row() -> None:
+    """At rest on a level road a kilogram more is its weight, in the suspension row and in those of the chassis."""
+    motion = motion_of(7)
+    rows = [Row("chassis.fz"), Row("chassis.mx"), Row("suspension.fl"), Row("suspension.fr"), Row("tyre.fl")]
+    wheel = motion.corners["fl"]
+    found = per_wheel_mass(motion, "fl", rows)
+    np.testing.assert_allclose(found[0], wheel.centre_accel[2])
+    np.testing.assert_allclose(found[1], cross(wheel.centre, wheel.centre_accel)[0])
+    np.testing.assert_allclose(found[2], dot(wheel.centre_accel, wheel.dp_ds))
+    assert not np.any(found[3:])
+    outboard = per_wheel_mass(replace(motion, reference="hub"), "fl", rows)
+    assert not np.any(outboard[:4])
+    np.testing.assert_allclose(outboard[4], -dot(wheel.centre_accel, wheel.normal))
+
+
+def test_the_constants_are_those_of_one_large_least_squares() -> None:
+    """Eliminating the unknowns of every instant gives what all equations together give."""
+    rng = np.random.default_rng(8)
+    n, rows, q, axles = 6, 12, 5, rng.uniform(500.0, 900.0, 6)
+    C, K, rest = rng.normal(size=(n, rows, q)), rng.normal(size=(n, rows, len(UNKNOWNS))), rng.normal(size=(n, rows))
+    weight = rng.uniform(0.5, 2.0, (n, rows))
+    weight[2, 3] = 0.0
+    normal, right = information(C, K, rest, weight, axles)
+    found = np.linalg.solve(normal + np.eye(q), right)
+    lines, sides = [np.eye(q + n * len(UNKNOWNS))[:q]], [np.zeros(q)]
+    priors = np.linalg.cholesky(prior_difference(axles)[1]).transpose(0, 2, 1)
+    for i in range(n):
+        own = np.zeros((rows + len(UNKNOWNS), q + n * len(UNKNOWNS)))
+        place = slice(q + i * len(UNKNOWNS), q + (i + 1) * len(UNKNOWNS))
+        root = np.sqrt(weight[i])[:, None]
+        own[:rows, :q], own[:rows, place], own[rows:, place] = root * C[i], root * K[i], priors[i]
+        lines.append(own)
+        sides.append(np.concatenate([-root[:, 0] * rest[i], np.zeros(len(UNKNOWNS))]))
+    every = np.linalg.lstsq(np.concatenate(lines), np.concatenate(sides), rcond=None)[0]
+    np.testing.assert_allclose(found, every[:q], rtol=1e-7)
+
+
+def test_what_is_lacking_is_named_with_what_to_add() -> None:
+    record = cars.recording(cars.random_signals(9, 200), VEHICLE, RIG)
+    assert set(rows_of(placed(record, {}), ROWS)) >= {Row("chassis.fz"), Row("suspension.fl")}
+    values = {k: v for k, v in record.signals.value.items() if k not in (*LOADS, "camera.rl.steer", "laser.fr.ground")}
+    poor = replace(record, signals=replace(record.signals, value=values))
+    with pytest.raises(NotIdentifiable, match=r"exact: .* the least to be added: camera\.rl\.steer$"):
+        rows_of(placed(poor, {}), ROWS)
+    with pytest.raises(NotIdentifiable, match=r"neither suspension\.rr nor tyre\.rr"):
+        rows_of(placed(record, {}), [row for row in ROWS if row not in ("suspension.rr", "tyre.rr")])
+    with pytest.raises(NotIdentifiable, match=r"not identified chassis\.mz: its runs need dynamometers"):
+        rows_of(placed(record, {}), [row for row in ROWS if row != "chassis.mz"])

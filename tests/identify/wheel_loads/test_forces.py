@@ -1,0 +1,78 @@
+"""Wheel forces of the reference car with its dynamometers hidden, against what they measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CORNERS
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import Fit
+from lacet.identify.wheel_loads.known_car import Changes, KnownCar
+from lacet.identify.wheel_loads.measured_forces import errors
+from lacet.identify.wheel_loads.observer import estimate_forces
+from lacet.identify.wheel_loads.outputs import EstimatedForces
+from lacet.identify.wheel_loads.without_dynamometers import LOADS
+from tests.support.once import once
+
+SECONDS = slice(0, 1500)
+"""Twelve seconds of a run."""
+
+
+def hidden(drive: PreparedRun) -> PreparedRun:
+    """Some seconds of a run whose dynamometers are taken off."""
+    record = drive.recording.at(SECONDS)
+    values = {name: value for name, value in record.signals.value.items() if name not in LOADS}
+    usable = {name: value for name, value in record.usable.items() if name not in LOADS}
+    return PreparedRun(replace(record, signals=replace(record.signals, value=values), usable=usable))
+
+
+@pytest.fixture(scope="module")
+def found(fitted: Fit, drives: dict[str, PreparedRun]) -> dict[str, EstimatedForces]:
+    """The forces of two runs without dynamometers."""
+    car = KnownCar(fitted)
+    return once("wheel_forces", lambda: {n: estimate_forces(car, hidden(drives[n])) for n in ("sine", "rough")})
+
+
+def test_vertical_forces_are_within_two_floors(
+    found: dict[str, EstimatedForces], drives: dict[str, PreparedRun]
+) -> None:
+    for name, forces in found.items():
+        seen = errors(forces, PreparedRun(drives[name].recording.at(SECONDS)))
+        for c in CORNERS:
+            error = seen[f"wheel.{c}.force_estimated.z"]
+            assert error.floors < 2.0, (name, c, error.floors)
+            assert abs(error.offset) < 80.0, (name, c)  # of 4 kN: two zeros of a dynamometer, and gains of 0.3 %
+            assert error.inside > 0.9, (name, c, error.inside)
+        for axle in ("front", "rear"):
+            assert seen[f"axle.{axle}.force_estimated.y"].inside > 0.9
+        assert seen["car.force_estimated.x"].inside > 0.9
+
+
+def test_bands_are_no_wider_than_two_percent_of_a_load(found: dict[str, EstimatedForces]) -> None:
+    for forces in found.values():
+        for c in CORNERS:
+            one = forces[f"wheel.{c}.force_estimated.z"]
+            assert float(np.max(one.half95)) < 0.02 * float(np.mean(one.value))
+            assert float(np.mean(one.half95)) > 2.0 * one.parts["noise"]
+
+
+def test_axles_are_not_told_apart_where_nothing_does(found: dict[str, EstimatedForces]) -> None:
+    """The run does not say whether its brakes act, so that no row of a free wheel's spin holds."""
+    for forces in found.values():
+        assert forces["car.force_estimated.x"].determined.all()
+        assert not forces["axle.front.force_estimated.x"].determined.any()
+
+
+def test_a_mass_that_came_off_is_in_the_band(
+    found: dict[str, EstimatedForces], fitted: Fit, drives: dict[str, PreparedRun]
+) -> None:
+    """A change of mass that is not known exactly widens the band; its constants are told with the others."""
+    lighter = estimate_forces(KnownCar(fitted), hidden(drives["sine"]), Changes(mass=-6.0, mass_sigma=2.0))
+    name = "wheel.fl.force_estimated.z"
+    assert np.mean(lighter[name].half95) > np.mean(found["sine"][name].half95)
+    masses = [one for one in lighter.constants if one.kind == "mass"]
+    assert [one.mean for one in masses] == [-6.0] * 4
+    assert all(0.0 < one.sigma_after <= one.sigma for one in masses)
