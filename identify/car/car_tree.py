@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lacet.daq.vehicle import Corner, KinematicTable
 from lacet.identify.multibody.chain import Chain, Joint
 from lacet.identify.multibody.vectors import Array, rotation, rpy
+from lacet.identify.signals.spline import CubicSpline
 
 CORNER_OF_BRANCH = ("rl", "rr", "fl", "fr")
 """Corners of the branches, in the paper's order."""
@@ -113,16 +113,16 @@ def kinematics(corner: Corner, travel: Array) -> KinematicSlopes:
     low, high = corner.table.travel[0], corner.table.travel[-1]
     inside = np.clip(travel, low, high)
     signs = np.array([[corner.side], [1.0], [-corner.side], [-corner.side], [1.0]])
-    slope = spline(inside, 1).T
+    slope = spline.at(inside, 1)
     beyond = np.where((travel < low) | (travel > high), 0.0, 1.0)
-    change = spline(inside).T + slope * (travel - inside)
-    return KinematicSlopes(signs * change, signs * slope, signs * spline(inside, 2).T * beyond)
+    change = spline.at(inside) + slope * (travel - inside)
+    return KinematicSlopes(signs * change, signs * slope, signs * spline.at(inside, 2) * beyond)
 
 
-def table_spline(table: KinematicTable) -> scipy.interpolate.CubicSpline:
+def table_spline(table: KinematicTable) -> CubicSpline:
     """The natural cubic spline through a bench table's five columns."""
-    columns = np.stack([table.half_track, table.half_wheelbase, table.toe, table.camber, table.pitch], axis=1)
-    return scipy.interpolate.CubicSpline(table.travel, columns, bc_type="natural")
+    columns = np.stack([table.half_track, table.half_wheelbase, table.toe, table.camber, table.pitch])
+    return CubicSpline.of(table.travel, columns, natural=True)
 
 
 def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
@@ -137,11 +137,11 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
         return zero, zero, zero
     spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination)
     turned = steer + corner.side * corner.static_toe  # toe-in steers the left wheel to the right
-    return spline(turned), spline(turned, 1), spline(turned, 2)
+    return spline.at(turned)[0], spline.at(turned, 1)[0], spline.at(turned, 2)[0]
 
 
 @lru_cache(maxsize=64)
-def _kingpin_spline(caster: float, lean: float) -> scipy.interpolate.CubicSpline:
+def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
     """Carrier pitch by its yaw [rad], for an axis that leans rearward by `caster` and to the right by `lean` [rad]."""
     axis = np.array([-math.tan(caster), -math.tan(lean), 1.0])
     axis = axis / np.linalg.norm(axis)
@@ -151,7 +151,7 @@ def _kingpin_spline(caster: float, lean: float) -> scipy.interpolate.CubicSpline
     # Elements of the rotation about `axis` (Rodrigues) that give the three angles.
     yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
     pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
-    return scipy.interpolate.CubicSpline(yaw, pitch)
+    return CubicSpline.of(yaw, pitch[None])
 
 
 def carrier_axes(steer: Array, camber: Array, pitch: Array) -> Array:

@@ -204,9 +204,9 @@ def _column_noise(question: Question, pieces: Sequence[Piece], sigma: Mapping[Ro
     assert piece.zeros is not None
     z = len(piece.zeros.sigma)
     moved: list[dict[Row, Array]] = []
-    for run in piece.prepared.noisy([2003, piece.run], loads=True):
-        noisy = replace(piece, prepared=run, sensitivity=piece.sensitivity.on(run.recording))
-        moved.append(dict(question.columns(noisy)))
+    for noisy in piece.noisy([2003, piece.run]):
+        own = replace(noisy, sensitivity=piece.sensitivity.on(noisy.prepared.recording))
+        moved.append(dict(question.columns(own)))
     share = sum(map(_samples, pieces)) / _samples(piece)
     parts = [(plus - moved[1][row])[:, z:] * (0.5 * np.sqrt(share) / sigma[row]) for row, plus in moved[0].items()]
     return _merged(np.zeros((0, question.width)), *parts)

@@ -214,6 +214,10 @@ class PhysicalEffect(Effect):
     def columns(self, motion: Motion) -> dict[str, Array]:
         """Right-hand side per unit of each parameter: row → (p, N) in the row's unit; rows not acted on are absent."""
 
+    def parts(self) -> Sequence[PhysicalEffect]:
+        """Effects, each in rows of its own, whose columns together are this effect's; by default itself."""
+        return (self,)
+
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:
         """Right-hand side for parameter values (p,): row → (N,)."""
         return {row: np.asarray(values) @ columns for row, columns in self.columns(motion).items()}
@@ -275,6 +279,10 @@ class SuspensionForce(PhysicalEffect):
     @abstractmethod
     def law(self, travel: Array, rate: Array) -> Array:
         """(N,) force per unit of the parameter [N], from travel [m] and its rate [m/s]; (p, N) for several of them."""
+
+    def parts(self) -> Sequence[PhysicalEffect]:
+        """The same force at each corner: the variants of two axles and four corners need the law four times."""
+        return [replace(self, where=corner) for corner in self.corners()]
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """The law in the suspension rows of the corners acted on, or its expectation."""

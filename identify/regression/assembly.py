@@ -14,7 +14,7 @@ from lacet.daq.set_aside import ArraysOnDisk, DiskSpace
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import PhysicalEffect, SensorFault
 from lacet.identify.multibody.vectors import Array
-from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.prepared_run import ColumnKey, PreparedRun, column_key
 from lacet.identify.regression.sensitivity import ExpansionPoint, Input, Sensitivity, SlopesByInput
 from lacet.identify.regression.sensor_offsets import PayloadSpread, Zeros, with_payload, zeros_of
 from lacet.identify.regression.tolerances import SheetEntry, sheet_responses
@@ -23,6 +23,21 @@ KEPT = 4 * 3600.0
 """Pieces of long runs are kept on disk, without their full-rate motion, until they are this long together [s].
 
 It bounds the file: a minute takes some tens of MB."""
+
+
+@dataclass
+class SensorResponses:
+    """Responses of a piece to errors of its sensors, filtered, as far as they were computed.
+
+    `faults` by fault and `sheet` by entry of the sensor sheet, row → (n,); `of_draws` those of the piece with simulated
+    noise, by sign and seed of the draw.
+    """
+
+    faults: dict[ColumnKey, Mapping[Row, Array]] = field(default_factory=dict[ColumnKey, Mapping[Row, Array]])
+    sheet: dict[SheetEntry, dict[Row, Array]] = field(default_factory=dict[SheetEntry, dict[Row, Array]])
+    of_draws: dict[tuple[int, ...], SensorResponses] = field(
+        default_factory=dict[tuple[int, ...], "SensorResponses"], repr=False
+    )
 
 
 @dataclass(frozen=True)
@@ -41,6 +56,7 @@ class Piece:
     zeros : the run's sensor zeros; None where the equations have none.
     sensitivity : derivatives of the residual by the channels; None where none were computed.
     weights : row → (n,) square roots of the samples' weights; None where all weights are equal.
+    responses : to errors of the sensors, for the channels of `prepared`.
     """
 
     run: int
@@ -53,11 +69,30 @@ class Piece:
     zeros: Zeros | None
     sensitivity: Sensitivity | None
     weights: Mapping[Row, Array] | None
+    responses: SensorResponses = field(default_factory=SensorResponses, repr=False, compare=False)
 
     def uncached(self) -> Piece:
         """The equations without cached intermediate results: motion at full rate, interpolated slopes, columns."""
         sensitivity = None if self.sensitivity is None else self.sensitivity.uncached()
-        return replace(self, prepared=self.prepared.uncached(), sensitivity=sensitivity)
+        return replace(self, prepared=self.prepared.uncached(), sensitivity=sensitivity, responses=SensorResponses())
+
+    def noisy(self, seed: Sequence[int]) -> Iterator[Piece]:
+        """The piece with a draw of noise added to all channels, and with it subtracted; what is computed is kept."""
+        for sign, run in zip((1, -1), self.prepared.noisy(seed, loads=True, keep=True), strict=True):
+            yield replace(
+                self, prepared=run, responses=self.responses.of_draws.setdefault((sign, *seed), SensorResponses())
+            )
+
+    def fault_responses(self, faults: Sequence[SensorFault]) -> list[Mapping[Row, Array]]:
+        """Changes of the residual per unit of each fault, of which there are none without sensitivities."""
+        if self.sensitivity is None:
+            return [{} for _ in faults]
+        known, run = self.responses.faults, self.prepared
+        fresh = {key: fault for fault in faults if (key := column_key(fault)) not in known}
+        # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
+        sensitivity = self.sensitivity.on(run.recording)
+        known |= zip(fresh, run.decimated_each(map(sensitivity.fault, fresh.values())), strict=True)
+        return [known[column_key(fault)] for fault in faults]
 
 
 @dataclass(frozen=True)
@@ -244,9 +279,12 @@ class Assembly:
         return found
 
     @staticmethod
-    def noisy_sheet_responses(piece: Piece, sensitivity: Sensitivity) -> dict[SheetEntry, dict[Row, Array]]:
-        """Responses to the sensor sheet of a piece with simulated noise, by its `sensitivity`; not cached."""
-        return sheet_responses(piece.prepared, sensitivity)
+    def noisy_sheet_responses(piece: Piece) -> dict[SheetEntry, dict[Row, Array]]:
+        """Responses to the sensor sheet of a piece with simulated noise (`Piece.noisy`)."""
+        known = piece.responses.sheet
+        if not known and piece.sensitivity is not None:
+            known |= sheet_responses(piece.prepared, piece.sensitivity.on(piece.prepared.recording))
+        return known
 
     def motion_responses(self) -> MotionResponses:
         """Responses for runs of the same motions with other noise. Raises ValueError for a long run in pieces."""

@@ -59,7 +59,7 @@ class Model:
         """Number of the parameters of the physical effects; the parameters of the sensor faults follow them."""
         return sum(len(effect.parameters) for effect in self.physics)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Parameter names."""
         return tuple(p.name for p in self.parameters)

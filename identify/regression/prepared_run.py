@@ -21,7 +21,7 @@ from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect, PhysicalEffect
-from lacet.identify.effects.user_files import checked_columns
+from lacet.identify.effects.user_files import checked_columns, is_own
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.decimation import comb, decimated
@@ -33,8 +33,8 @@ PIECE = 60.0
 """Longer runs are worked on in pieces of about this length [s]: memory does not grow with their full-rate motion."""
 _OVERVIEW = 50.0
 """Least rate of the overview of a long run [Hz]: above twice the pre-filter's usual cut-off."""
-TOGETHER = 8
-"""Number of series that are filtered together."""
+_TOGETHER = 120_000
+"""Samples of the series that are filtered together: so many stay in the cache."""
 
 
 ColumnKey = tuple[str, tuple[tuple[str, float], ...]]
@@ -102,15 +102,17 @@ class PreparedRun:
     offset : index of its first sample in the run that it is a piece of; 0 for a whole run.
     index : row → indices of the kept samples, where they are known already; None to compute them.
     is_piece : whether it is a piece of a longer run, which is not divided again.
+    columns : columns of effects that are known already, to which those computed are added.
     """
 
     def __init__(
         self, recording: Recording, offset: int = 0, index: Mapping[Row, NDArray[np.intp]] | None = None,
-        is_piece: bool = False,
+        is_piece: bool = False, columns: dict[ColumnKey, Mapping[Row, Array]] | None = None,
     ):  # fmt: skip
         self.recording, self.offset, self._index, self._is_piece = recording, offset, index, is_piece
         self._noisy: dict[tuple[int, ...], Sequence[NoisyColumns]] = {}
-        self._columns: dict[ColumnKey, Mapping[Row, Array]] = {}
+        self._columns = {} if columns is None else columns
+        self._of_draws: dict[tuple[int, ...], dict[ColumnKey, Mapping[Row, Array]]] = {}
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
@@ -178,8 +180,9 @@ class PreparedRun:
 
     def columns(self, effect: PhysicalEffect) -> Mapping[Row, Array]:
         """An effect's columns after the parallel filter, at the kept samples: row → (p, n); of a long run on disk."""
-        self.prepare([effect])
-        return self._columns[column_key(effect)]
+        if (key := column_key(effect)) not in self._columns:
+            self.prepare([effect])
+        return self._columns[key]
 
     def effect_columns(self, effect: Effect, sensitivity: Sensitivity | None) -> Mapping[Row, Array]:
         """Columns of a physical effect, or of a sensor fault by its `sensitivity`: row → (p, n); none without one."""
@@ -194,15 +197,17 @@ class PreparedRun:
         return self.decimated_each([rows])[0]
 
     def decimated_each(self, found: Iterable[Mapping[Row, Array]]) -> list[dict[Row, Array]]:
-        """`decimated` of each mapping, several series filtered at once, which costs hardly more than one."""
+        """`decimated` of each mapping, many series filtered at once, which costs hardly more than a few."""
         out: list[dict[Row, Array]] = []
         batch: list[tuple[dict[Row, Array], Row, Array]] = []
+        held = 0
         for rows in found:
             out.append({})
-            batch += [(out[-1], row, series) for row, series in rows.items() if row in self.index]
-            if sum(series[..., 0].size for _, _, series in batch) >= TOGETHER:
+            batch += (fresh := [(out[-1], row, series) for row, series in rows.items() if row in self.index])
+            held += sum(series.size for _, _, series in fresh)
+            if held >= _TOGETHER:
                 self._through_filter(batch)
-                batch = []
+                batch, held = [], 0
         self._through_filter(batch)
         return out
 
@@ -214,9 +219,10 @@ class PreparedRun:
         moving = np.any(flat, axis=-1)
         found = np.zeros((len(flat), self.comb.size))
         found[moving] = decimated(flat[moving], self.recording.filters)
+        kept = {row: self.kept(row) for row in {row for _, row, _ in batch}}
         start = 0
         for place, row, series in batch:
-            stop, keep = start + series[..., 0].size, self.kept(row)
+            stop, keep = start + series[..., 0].size, kept[row]
             place[row] = found[start:stop, keep].reshape(*series.shape[:-1], len(keep))
             start = stop
 
@@ -239,10 +245,16 @@ class PreparedRun:
             # All effects of a piece together, so that its motion is made once.
             space, effects = DiskSpace(), [effect for _, effect in fresh]
             parts = [[space.put(columns) for columns in part.each_column(effects)] for part in self.pieces()]
-            done: list[Mapping[Row, Array]] = [JoinedOnDisk(columns) for columns in zip(*parts, strict=True)]
-        else:
-            done = [*self.decimated_each(checked_columns(effect, self.motion) for _, effect in fresh)]
-        self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
+            done = [JoinedOnDisk(columns) for columns in zip(*parts, strict=True)]
+            self._columns |= {key: columns for (key, _), columns in zip(fresh, done, strict=True)}
+            return
+        made_of = {key: [(column_key(part), part) for part in _parts(effect)] for key, effect in fresh}
+        missing = {key: part for some in made_of.values() for key, part in some if key not in self._columns}
+        found = self.decimated_each(checked_columns(part, self.motion) for part in missing.values())
+        self._columns |= zip(missing, found, strict=True)
+        for key, some in made_of.items():
+            each = [self._columns[part].items() for part, _ in some]
+            self._columns[key] = {row: columns for rows in each for row, columns in rows}
 
     def each_column(self, effects: Sequence[PhysicalEffect]) -> list[Mapping[Row, Array]]:
         """`columns` of each of the effects."""
@@ -301,11 +313,11 @@ class PreparedRun:
         step = max(1, int(self.recording.filters.rate / _OVERVIEW)) if self.is_long else 1
         return self if step == 1 else PreparedRun(self.recording.thinned(step), is_piece=True)
 
-    def noisy(self, seed: Sequence[int], loads: bool = False) -> Iterator[PreparedRun]:
+    def noisy(self, seed: Sequence[int], loads: bool = False, keep: bool = False) -> Iterator[PreparedRun]:
         """Two copies of this run: with one draw of simulated channel noise added, and with the same draw subtracted.
 
         Wheel loads get noise only with `loads`: in the base model they stand on the left side only, where noise brings
-        no bias.
+        no bias. With `keep` this run keeps the columns of effects on the copies for when the draw is asked for again.
         """
         recording = self.recording
         values = recording.signals.value
@@ -315,7 +327,8 @@ class PreparedRun:
         for sign in (1, -1):
             moved = {**values, **{name: values[name] + sign * noise[name] for name in moving}}
             noisy = recording.with_signals(Signals.differentiated(moved, recording.filters.rate))
-            yield PreparedRun(noisy, self.offset, self.index, self._is_piece)
+            columns = self._of_draws.setdefault((sign, loads, *seed), {}) if keep else None
+            yield PreparedRun(noisy, self.offset, self.index, self._is_piece, columns)
 
     def noisy_columns(self, effects: Sequence[PhysicalEffect], seed: Sequence[int]) -> Sequence[NoisyColumns]:
         """Columns with a draw of noise added, and with it subtracted, wheel loads without noise; cached by `seed`."""
@@ -334,6 +347,11 @@ class PreparedRun:
         """What an effect needs that is not measured in this run; None where it can be computed."""
         needs = effect.lacks(self.kept_motion)
         return Unmeasured(self.name, needs) if needs else None
+
+
+def _parts(effect: PhysicalEffect) -> Sequence[PhysicalEffect]:
+    """The `parts` of an effect; a user's law may ask where it is, and stays whole."""
+    return (effect,) if is_own(type(effect)) else effect.parts()
 
 
 def column_key(effect: Effect) -> ColumnKey:

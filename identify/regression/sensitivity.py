@@ -102,6 +102,14 @@ class CombSlopes:
             for key, rows in self.coarse.items()
         }
 
+    @cached_property
+    def orders(self) -> Mapping[tuple[str, int], Sequence[int]]:
+        """Channel, component → those of its `_PARTS` that any row depends on, in order."""
+        out: dict[tuple[str, int], list[int]] = {}
+        for name, k, order in sorted(self.coarse):
+            out.setdefault((name, k), []).append(order)
+        return out
+
 
 @dataclass(frozen=True)
 class Sensitivity:
@@ -179,14 +187,17 @@ class Sensitivity:
         out: dict[Row, Array] = {}
         term = np.empty(next((change.shape[1:] for change in perturbation.values()), ()))
         for channel, change in perturbation.items():
-            orders = {order for name, _, order in self.slopes if name == channel}
+            moving = [k for k, part in enumerate(change) if np.any(part[..., 0]) or np.any(part)]
+            orders = {order for k in moving for order in self.taken.orders.get((channel, k), ())}
+            if not orders:
+                continue
             series = [change, derivative(change, rate) if orders - {0} else change]
             series.append(derivative(series[1], rate) if 2 in orders else change)
             if orders & {_MEAN, _MEAN_RATE}:
                 series += self._expected(channel, series[:2], None if other is None else other[channel])
-            for k in range(change.shape[0]):
-                for order in sorted(orders):
-                    for row, slope in self.slopes.get((channel, k, order), {}).items():
+            for k in moving:
+                for order in self.taken.orders.get((channel, k), ()):
+                    for row, slope in self.slopes[channel, k, order].items():
                         if row in out:
                             out[row] += np.multiply(slope, series[order][k], out=term)
                         else:

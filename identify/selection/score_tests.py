@@ -273,9 +273,12 @@ class ScoreTests:
     @cached_property
     def best_tests(self) -> Mapping[str, ScoreTest]:
         """Tests of the effects at their best shapes, by key, without effects that the model explains completely."""
+        by_key: dict[str, list[ScoreTest]] = {key: [] for key in self.effects}
+        for one in self._tests:
+            if one.key in by_key:
+                by_key[one.key].append(one)
         out: dict[str, ScoreTest] = {}
-        for key in self.effects:
-            tests = [one for one in self._tests if one.key == key]
+        for key, tests in by_key.items():
             # A gap passed once by a hair leaves a column of nothing, in which noise taken off looks like a fall.
             shown = [one for one in tests if self._shows(one)] or tests
             if shown:
@@ -339,15 +342,20 @@ class ScoreTests:
     def _tolerances_of(self, trial: Trial) -> NDArray[np.intp]:
         """Positions among the nuisance columns of the tolerances that may be equivalent to a fault."""
         mine = trial.effect.sheet_entries
+        return np.array([i for i, entries in self._entries_of_tolerances.items() if mine & entries], np.intp)
+
+    @cached_property
+    def _entries_of_tolerances(self) -> Mapping[int, frozenset[tuple[str, str]]]:
+        """Position among the nuisance columns of each tolerance → its entries of the sensor sheet."""
         faults = {other.place.start: other.effect for other in self.layout.trials if other.fault}
         first, model = self.layout.model + len(self.layout.sheet), self.layout.model
-        out: list[int] = []
+        out: dict[int, frozenset[tuple[str, str]]] = {}
         for position in self.columns.tolerances:
             place = int(self.regression.nuisance[position])
-            entry = self.layout.sheet[place - model][:2] if place < first else None
-            if mine & ({entry} if entry else faults[place].sheet_entries):
-                out.append(position)
-        return np.array(out, np.intp)
+            out[position] = (
+                frozenset((self.layout.sheet[place - model][:2],)) if place < first else faults[place].sheet_entries
+            )
+        return out
 
     @cached_property
     def _latency_positions(self) -> NDArray[np.intp]:
@@ -419,8 +427,7 @@ class ScoreTests:
         # Shares of a regression, as products of coefficient and covariance, in the model's own parameters.
         p = self.layout.model
         gain = self.regression.gain[:, k]
-        turned = np.linalg.solve(self.sums.turn, np.eye(p))
-        parts = (self.sums.turn @ gain[:p]) * (turned.T @ total[:p, k])
+        parts = (self.sums.turn @ gain[:p]) * np.linalg.solve(self.sums.turn.T, total[:p, k])
         shares: dict[str, float] = {}
         selected = {i: t.effect.key for t in self.columns.selected for i in range(t.place.start, t.place.stop)}
         names = [name.rsplit(".", 1)[0] for name in self.fitted.columns]

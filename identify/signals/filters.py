@@ -15,6 +15,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from lacet.identify.signals.spline import CubicSpline
+
 Array = NDArray[np.float64]
 
 
@@ -144,7 +146,7 @@ def bring_to_grid(t: Array, values: Array, grid: Array, cutoff: float | None, or
     step = (t[-1] - t[0]) / (len(t) - 1)
     uniform = t[0] + step * np.arange(len(t))
     if np.max(np.abs(t - uniform)) > 1e-3 * step:
-        values = scipy.interpolate.CubicSpline(t, values)(uniform)
+        values = CubicSpline.of(t, values.T).at(uniform).T
     series = np.ascontiguousarray(values.T)
     if cutoff is not None and cutoff < 0.45 / step:
         series = zero_phase(series, cutoff, 1.0 / step, order)
@@ -156,4 +158,4 @@ def _cubic(t: Array, series: Array, grid: Array) -> Array:
     position = (grid - t[0]) / (t[1] - t[0])
     if np.max(np.abs(position - np.rint(position))) < 1e-9:
         return series[:, np.rint(position).astype(np.intp)]
-    return np.ascontiguousarray(scipy.interpolate.CubicSpline(t, series, axis=1)(grid))
+    return CubicSpline.of(t, series).at(grid)

@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from functools import reduce
+from itertools import permutations
 from typing import Final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CHANNELS, CORNERS
@@ -140,9 +140,10 @@ def exchanged_wheels(run: PreparedRun) -> Mapping[str, str]:
             slope = float(centred @ load / (centred @ centred))
             misfit = float(np.var(load - slope * centred) / np.var(load))
             cost[i, j] = misfit if slope > 0 else 1.0
-    wheels, places = scipy.optimize.linear_sum_assignment(cost)
-    own, best = float(np.trace(cost)), float(cost[wheels, places].sum())
-    moved = {corners[i]: corners[j] for i, j in zip(wheels, places, strict=True) if i != j}
+    each = range(len(corners))
+    places = min(permutations(each), key=lambda places: float(cost[each, places].sum()))
+    own, best = float(np.trace(cost)), float(cost[each, places].sum())
+    moved = {corners[i]: corners[j] for i, j in zip(each, places, strict=True) if i != j}
     if (
         not moved
         or best > _CLEAR * own

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import scipy
 
 from lacet.daq.channels import CHANNELS
 from lacet.daq.rig import Sensor
@@ -16,6 +15,7 @@ from lacet.identify.effects.base import Parameter, SensorFault
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import derivative
 from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.signals.spline import CubicSpline
 from lacet.identify.signals.time_base import late
 
 _GROUPS: dict[str, tuple[str, ...]] = {
@@ -79,9 +79,7 @@ class SensorLatency(SensorFault):
         """The channel read τ later, by cubic interpolation (exact for any τ, not to first order)."""
         value, shift = recording.signals.value[channel], p * recording.filters.rate
         samples = np.arange(value.shape[1], dtype=float)
-        return np.asarray(
-            scipy.interpolate.CubicSpline(samples, value, axis=1)(np.clip(samples + shift, 0, samples[-1]))
-        )
+        return CubicSpline.of(samples, value).at(np.clip(samples + shift, 0, samples[-1]))
 
     @property
     def tolerance(self) -> str:

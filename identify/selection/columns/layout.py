@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from lacet.identify.effects.base import Effect, with_places
 from lacet.identify.regression.tolerances import SheetEntry
@@ -57,8 +58,17 @@ class Layout:
         for name, values in effect.grids.items():
             sides = _between(sorted(values), effect.shape[name])
             around = [({**shape, name: at}, weight * w) for shape, weight in around for at, w in sides]
-        places = {_constants(t.effect): t.place for t in self.trials if t.effect.key == effect.key}
+        places = self._places[effect.key]
         return [(places[tuple(sorted(shape.items()))], weight) for shape, weight in around if weight > 0.0]
+
+    @cached_property
+    def _places(self) -> Mapping[str, Mapping[tuple[tuple[str, float], ...], slice]]:
+        """Key of an effect → its shape constants → place of the trial."""
+        out: dict[str, dict[tuple[tuple[str, float], ...], slice]] = {}
+        for trial in self.trials:
+            if trial.effect.shape.keys() >= trial.effect.grids.keys():
+                out.setdefault(trial.effect.key, {})[_constants(trial.effect)] = trial.place
+        return out
 
     def of_keys(self, sizes: Mapping[str, float]) -> Iterator[tuple[slice, float]]:
         """Place of each trial whose effect is a key of `sizes`, with its size."""

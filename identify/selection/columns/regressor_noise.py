@@ -83,7 +83,8 @@ class RegressorNoise:
         totals: dict[Row, Array] = {}
         for row, total in self.totals.items():
             there = np.flatnonzero(np.any(total, axis=0))  # of a row, few columns hold noise
-            totals[row] = weights[:, there] @ total[np.ix_(there, there)] @ weights[:, there].T
+            part = weights[:, there]
+            totals[row] = _combined(part, _combined(part, total[np.ix_(there, there)]).T)
         return replace(self, labels=labels, totals=totals)
 
     def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
@@ -118,6 +119,17 @@ class RegressorNoise:
             totals[row], sigma[row] = np.zeros((width, width)), float(arrays[f"sigma|{row}"])
             totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
         return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
+
+
+def _combined(weights: Array, columns: Array) -> Array:
+    """(v, n) `weights` (v, w) @ `columns` (w, n): most of these combinations are one column as it is, or none."""
+    if not len(columns):
+        return np.zeros((len(weights), columns.shape[1]))
+    one = np.argmax(weights != 0.0, axis=1)
+    out = columns[one] * weights[np.arange(len(weights)), one][:, None]
+    several = np.count_nonzero(weights, axis=1) > 1
+    out[several] = weights[several] @ columns
+    return out
 
 
 def regressor_labels(fitted: FittedModel, layout: Layout) -> tuple[str, ...]:
@@ -191,8 +203,7 @@ def _piece_products(
         places = np.concatenate([np.arange(z), z + active]).astype(np.intp)
         out[row] = places, np.zeros((len(places), len(places)))
     for draw in range(pairs):
-        for run in piece.prepared.noisy([2003, *place, draw], loads=True):
-            noisy = replace(piece, prepared=run)
+        for noisy in piece.noisy([2003, *place, draw]):
             for row, (columns, active) in columns_of(fitted, layout, piece, sigma, noisy):
                 columns[:, -1] -= columns[:, :p] @ fitted.solution + zeros[row] @ values
                 before, there = clean[row]

@@ -88,16 +88,13 @@ def sensor_columns(
     faults = [(t.place, fault) for t in layout.trials if (fault := t.effect.as_fault) is not None]
     if piece.sensitivity is None or not (faults or layout.sheet):
         return out
-    # Sensitivities may be another run's of the same motion; the noise in these columns must be this one's.
-    run = (noisy or piece).prepared
-    sensitivity = piece.sensitivity.on(run.recording)
     assembly = fitted.assembly
-    responses = assembly.noisy_sheet_responses(noisy, sensitivity) if noisy else assembly.own_sheet_responses(piece)
+    responses = assembly.noisy_sheet_responses(noisy) if noisy else assembly.own_sheet_responses(piece)
     for place, entry in enumerate(layout.sheet, start=layout.model):
         for row, series in responses.get(entry, {}).items():
             if row in out and np.any(series):
                 out[row].append((slice(place, place + 1), series[None]))
-    found = run.decimated_each(sensitivity.fault(fault) for _, fault in faults)
+    found = (noisy or piece).fault_responses([fault for _, fault in faults])
     for (place, _), response in zip(faults, found, strict=True):
         for row, series in response.items():
             if row in out and np.any(series):

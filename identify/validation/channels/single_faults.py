@@ -18,6 +18,7 @@ import scipy
 from lacet.daq.channels import COLUMNS
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording
+from lacet.identify.signals.spline import CubicSpline
 from lacet.identify.validation.channels.fault_columns import BLOCKS, LATE, FaultColumns, FaultEstimate
 
 _CHANCE: Final = 1e-4
@@ -311,5 +312,5 @@ def _earlier(recording: Recording, column: str, delay: float) -> Recording:
     values = recording.signals.value[channel.name].copy()
     samples = np.arange(values.shape[1], dtype=float)
     at = np.clip(samples + delay * recording.filters.rate, 0.0, samples[-1])
-    values[place] = scipy.interpolate.CubicSpline(samples, values[place])(at)
+    values[place] = CubicSpline.of(samples, values[place][None]).at(at)[0]
     return recording.with_signals(recording.signals.changed({channel.name: values}, recording.filters.rate))

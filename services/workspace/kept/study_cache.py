@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import TypeVar
 
 from lacet.identify.effects.base import Effect
-from lacet.identify.effects.catalogue import base_model
+from lacet.identify.effects.catalogue import base_model, effect_classes
 from lacet.identify.effects.language.compiled import OneLine
 from lacet.identify.effects.user_files import is_own
-from lacet.services.cache.keys import key_of, run_digests, text_digest
+from lacet.services.cache.keys import key_of, run_digests, service_sources, text_digest
 from lacet.services.cache.store import Store
 from lacet.services.workspace.study import Study, Version
 
@@ -56,13 +56,26 @@ class StudyCache:
         own = [_definition(cls) for cls in sorted(model, key=lambda cls: cls.name)]
         if catalogue:
             own = [text_digest(file) for file in sorted((study.folder / "effects").glob("*")) if file.is_file()]
-        filters = [study.filters.rate, study.filters.pre_cutoff, study.filters.fit_cutoff, study.filters.order]
         return key_of(
-            room, None if catalogue else model, [*filters, study.filters.edge],
+            room, None if catalogue else model, self._filters,
             [[key, dict(shape)] for key, shape in version.effects.items()], sorted(set(version.effects) - set(known)),
             [one for one in own if one], self.runs_key(held=False),
             text_digest(study.folder / "rig.toml"), text_digest(study.folder / "vehicle.toml"), *more,
         )  # fmt: skip
+
+    def recordings_key(self, held: bool) -> str:
+        """Key of the runs themselves, used or held out, as they are read, checked and brought to one grid."""
+        folder, base = self.study.folder, [cls for cls in effect_classes().values() if cls.base]
+        return key_of(
+            "validation", base, self._filters, held, self.runs_key(held), text_digest(folder / "rig.toml"),
+            text_digest(folder / "vehicle.toml"), service_sources("render", "workspace"),
+        )  # fmt: skip
+
+    @property
+    def _filters(self) -> list[float | None]:
+        """The settings of the filters."""
+        filters = self.study.filters
+        return [filters.rate, filters.pre_cutoff, filters.fit_cutoff, filters.order, filters.edge]
 
     def runs_key(self, held: bool) -> list[list[str]]:
         """Names and digests of the contents of the runs used, or of those held out."""

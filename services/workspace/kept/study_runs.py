@@ -6,9 +6,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Vehicle
 from lacet.identify.progress import silent
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
+from lacet.services.workspace.kept.run_records import is_short, restored_runs, runs_record
+from lacet.services.workspace.kept.study_cache import StudyCache
 from lacet.services.workspace.loading import Loaded, check_reference, load
 from lacet.services.workspace.study import Study, Version
 
@@ -26,8 +30,21 @@ class StudyRuns:
         """The runs used, with rig and vehicle, and what is to be said about all runs read."""
         if self._loaded is None:
             self.progress(ServiceStep(ServiceStage.READING_RUNS, total=len(self.study.used), subject="used"))
-            self._loaded = self._read(self.study.paths(), "used")
+            self._loaded = self._kept("used")
         return self._loaded
+
+    def _kept(self, kind: str) -> Loaded:
+        """The runs used or held out: as they are kept in the study, or read, and kept unless they are long."""
+        cache, held = StudyCache(self.study), kind != "used"
+        key = cache.recordings_key(held)
+        kept = cache.store.load("runs", key)
+        if kept is not None:
+            folder = self.study.folder
+            return restored_runs(kept, Rig.load(folder / "rig.toml"), Vehicle.load(folder / "vehicle.toml"))
+        loaded = self._read(self.study.paths(held), kind)
+        if is_short(loaded):
+            cache.store.save("runs", key, runs_record(loaded))
+        return loaded
 
     def _read(self, paths: Sequence[Path], kind: str) -> Loaded:
         folder = self.study.folder
@@ -43,7 +60,7 @@ class StudyRuns:
             self._held = ()
             if self.study.held:
                 self.progress(ServiceStep(ServiceStage.READING_RUNS, total=len(self.study.held), subject="held out"))
-                loaded = self._read(self.study.paths(held=True), "held out")
+                loaded = self._kept("held out")
                 check_reference(self.loaded.reference, loaded.reference)
                 known = self.loaded.warnings
                 warnings = (*known, *(w for w in loaded.warnings if w not in known))

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Bend, expected_columns
+from lacet.identify.car.rows import Row
+from lacet.identify.effects.base import Bend, SuspensionForce, expected_columns
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
@@ -37,6 +38,22 @@ def calm(seconds: float) -> Recording:
 def measured(record: Recording, seed: int) -> PreparedRun:
     """The drive with the sheet's noise."""
     return PreparedRun(exact.driven(record, seed).recording.smoothed())
+
+
+@pytest.mark.parametrize("key", ["coulomb.front", "bump_stop.rear", "spring_cubic.front"])
+def test_columns_of_an_axle_are_those_of_its_corners(key: str) -> None:
+    """Whether the corners were asked for before or not: to 1e-10 the law's own columns, filtered."""
+    effect = exact.KNOWN[key].shapes()[0]
+    assert isinstance(effect, SuspensionForce)
+    drive = measured(calm(6.0), 0)
+    expected = drive.decimated({Row.parse(row): series for row, series in effect.columns(drive.motion).items()})
+    first, then = drive.uncached(), drive.uncached()
+    then.prepare(effect.parts())
+    for one in (first, then):
+        found = one.columns(effect)
+        assert list(found) == list(expected)
+        for row, columns in expected.items():
+            np.testing.assert_allclose(found[row], columns, rtol=1e-10, atol=1e-10 * np.max(np.abs(columns)))
 
 
 def test_friction_and_damping_have_no_bias() -> None:

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from lacet.identify.car.rows import Row
 from lacet.identify.multibody.vectors import Array
+from lacet.identify.regression.assembly import SensorResponses
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
@@ -39,6 +41,39 @@ def test_without_noise_nothing_is_shifted(fitted: Fit, floor: NoiseFloor, space:
         assert np.all(np.abs(small) <= 1e-2 * np.abs(large) + 1e-9), row
 
 
+def test_columns_of_a_draw_that_were_kept_are_those_of_the_draw_made_anew(
+    space: ScoreTests, fitted: Fit, floor: NoiseFloor
+):
+    """A ranking leaves them behind for the next one: physics with the run, sensor faults and sheet with the piece."""
+    (piece,) = fitted.assembly.pieces_of(0)
+    anew = replace(piece, prepared=piece.prepared.uncached(), responses=SensorResponses())
+    assert space.noise.labels
+    assert piece.responses.of_draws
+    for kept, fresh in zip(piece.noisy([2003, 0, 0]), anew.noisy([2003, 0, 0]), strict=True):
+        assert kept.responses.faults
+        assert not fresh.responses.faults
+        found, expected = (dict(columns_of(fitted, space.layout, piece, floor.sigma, one)) for one in (kept, fresh))
+        assert found.keys() == expected.keys()
+        for row, (columns, active) in expected.items():
+            np.testing.assert_array_equal(found[row][1], active)
+            np.testing.assert_allclose(found[row][0], columns, rtol=1e-10, atol=1e-10, err_msg=row)
+
+
+def test_combinations_of_the_columns_hold_the_combined_noise() -> None:
+    """Most are one column, some are two with weights, one is none; a row without noise keeps none."""
+    rng = np.random.default_rng(3)
+    part = rng.standard_normal((4, 9))
+    total = np.zeros((6, 6))
+    total[np.ix_([0, 2, 3, 5], [0, 2, 3, 5])] = part @ part.T
+    first, second = Row.parse("suspension.fl"), Row.parse("tyre.rr")
+    noise = RegressorNoise(tuple("abcdef"), {first: total, second: np.zeros((6, 6))}, {first: 1.0, second: 1.0})
+    weights = np.eye(6)[[0, 1, 2, 3, 4, 4, 1, 5]]
+    weights[5], weights[6] = [0.0, 0.0, 0.3, 0.7, 0.0, 0.0], 0.0
+    moved = noise.at(tuple("abcdefgh"), weights)
+    np.testing.assert_allclose(moved.totals[first], weights @ total @ weights.T, rtol=1e-10, atol=1e-12)
+    assert not np.any(moved.totals[second])
+
+
 def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fitted: Fit, floor: NoiseFloor):
     """Products of each candidate with the residual, everything else taken out, with the draws and without them."""
     sums, layout = space.sums, space.layout
@@ -58,7 +93,7 @@ def test_noise_is_what_the_same_draws_do_sample_by_sample(space: ScoreTests, fit
     def products(noisy: PreparedRun | None) -> dict[str, Array]:
         out = {}
         for row, (columns, active) in columns_of(
-            fitted, layout, piece, floor.sigma, noisy and replace(piece, prepared=noisy)
+            fitted, layout, piece, floor.sigma, noisy and replace(piece, prepared=noisy, responses=SensorResponses())
         ):
             columns[:, -1] -= columns[:, : layout.model] @ fitted.solution
             series = columns @ combined[active] - zeros[row] / floor.sigma[row] @ nuisance

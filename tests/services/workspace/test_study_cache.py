@@ -15,6 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 import lacet.services.workspace.kept.kept_values
+import lacet.services.workspace.kept.study_runs
 from lacet.daq.formats.exchange import write_table
 from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.effects.base import Effect
@@ -23,8 +24,11 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.validation.noise_floor import NoiseFloor, floor_of
+from lacet.services.cache.records import to_record
+from lacet.services.workspace.kept import run_records
 from lacet.services.workspace.kept.kept_values import VERSIONS_AT_HAND
 from lacet.services.workspace.kept.study_cache import StudyCache
+from lacet.services.workspace.kept.study_runs import StudyRuns
 from lacet.services.workspace.results import diagnosis_result
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study, Version
@@ -116,7 +120,7 @@ def kept(folder: Path) -> dict[str, list[Path]]:
 
 def test_each_value_is_made_anew_alone(folder: Path, calls: dict[str, int]):
     first = diagnosed(folder)
-    assert set(kept(folder)) == {"fit", "floor", "noise", "ranking"}
+    assert set(kept(folder)) == {"fit", "floor", "noise", "ranking", "runs"}
     for file in kept(folder)["ranking"]:
         file.unlink()
     assert diagnosed(folder) == first
@@ -230,6 +234,32 @@ def test_a_session_holds_few_versions_and_reads_the_others_again(folder: Path, c
     for one, theta in zip(versions, first, strict=True):
         np.testing.assert_array_equal(session.values.fitted(one).theta, theta)
     assert calls["fit"] == 1, "read, not fitted again"
+
+
+def test_runs_kept_in_the_study_are_the_runs_to_the_last_bit(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    """They are read anew when the rig says something else, and where they are too long to be kept."""
+    reading = lacet.services.workspace.kept.study_runs
+    read, count = reading.load, []
+    monkeypatch.setattr(reading, "load", lambda *args: (count.append(1), read(*args))[1])
+    first, again = (StudyRuns(Study.open(folder)).loaded for _ in range(2))
+    assert len(count) == 1
+    assert (again.vehicle, again.rig, again.warnings, again.sheet) == (
+        first.vehicle, first.rig, first.warnings, first.sheet,
+    )  # fmt: skip
+    for one, other in zip(again.prepared, first.prepared, strict=True):
+        assert one.recording.rig == other.recording.rig
+        kept, made = (
+            to_record(vars(replace(drive.recording, rig=replace(first.rig, folder=None)))) for drive in (one, other)
+        )
+        assert kept.tree == made.tree
+        for array, expected in zip(kept.arrays, made.arrays, strict=True):
+            np.testing.assert_array_equal(array, expected)
+    rig = folder / "rig.toml"
+    rig.write_text(rig.read_text(encoding="utf-8") + "\n# another\n", encoding="utf-8")
+    monkeypatch.setattr(run_records, "LONGEST", 1.0)
+    for _ in range(2):
+        assert StudyRuns(Study.open(folder)).loaded.rig.sensors == first.rig.sensors
+    assert len(count) == 3
 
 
 def test_a_preview_is_kept_for_its_effect_its_constants_and_its_run(folder: Path):
