@@ -22,6 +22,7 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.columns.candidate_columns import CandidateColumns
 from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.layout import Layout, Trial
+from lacet.identify.selection.columns.regressor_noise import combined
 from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.settings import SELECTION
 
@@ -289,6 +290,6 @@ def beside(
     for trial in layout.trials[len(kept) :]:
         for place, weight in plain.interpolation(trial.effect) if trial.effect.key in tried else []:
             weights[trial.place, place] = weight * np.eye(place.stop - place.start)
-    noise = weights @ before.column_noise @ weights.T
+    noise = combined(weights, before.column_noise)
     inside = PartialRegression(sums, nuisance, before.prior, noise, before.prior_side)
     return inside, layout.trials[len(kept) :]

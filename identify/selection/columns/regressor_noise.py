@@ -84,7 +84,7 @@ class RegressorNoise:
         for row, total in self.totals.items():
             there = np.flatnonzero(np.any(total, axis=0))  # of a row, few columns hold noise
             part = weights[:, there]
-            totals[row] = _combined(part, _combined(part, total[np.ix_(there, there)]).T)
+            totals[row] = combined(part, total[np.ix_(there, there)])
         return replace(self, labels=labels, totals=totals)
 
     def products(self, sums: CrossProducts, noise_ratio: Mapping[Row, float], sigma: Mapping[Row, float]) -> Array:
@@ -119,6 +119,11 @@ class RegressorNoise:
             totals[row], sigma[row] = np.zeros((width, width)), float(arrays[f"sigma|{row}"])
             totals[row][np.ix_(there, there)] = arrays[f"total|{row}"]
         return cls(tuple(str(label) for label in arrays["labels"]), totals, sigma)
+
+
+def combined(weights: Array, products: Array) -> Array:
+    """(v, v) products of combinations, by `weights` (v, w), of columns that have these symmetric products (w, w)."""
+    return _combined(weights, _combined(weights, products).T)
 
 
 def _combined(weights: Array, columns: Array) -> Array:

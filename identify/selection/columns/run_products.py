@@ -54,13 +54,14 @@ class RunProducts:
                 noise[block.row], squares[block.row] = np.zeros((z + w, draws)), np.zeros(draws)
             both = np.concatenate([block.zeros, block.columns], axis=1)
             place = np.concatenate([np.arange(z), z + block.active])
-            square, whole = np.ix_(place, place), np.zeros((len(place), len(place)))
+            # Indices of one dimension: NumPy adds at these three times as fast as at those of two.
+            square, whole = np.add.outer((z + w) * place, place).ravel(), np.zeros(len(place) ** 2)
             for fold in range(SELECTION.folds):
                 part = both[(first + block.number) % SELECTION.folds == fold]
-                products = part.T @ part
-                inside[fold][square] += products
+                products = (part.T @ part).ravel()
+                inside[fold].reshape(-1)[square] += products
                 whole += products
-            by_row[block.row][square] += whole
+            by_row[block.row].reshape(-1)[square] += whole
             noise[block.row][place] += (both.T @ block.draws.T)[:, block.choice]
             squares[block.row] += np.sum(block.draws**2, axis=1)[block.choice]
         return cls(z, inside, by_row, noise, squares)
