@@ -82,10 +82,13 @@ _OPTIONAL = (
     ("brake.pressure", (), "Pa", "body", 100.0, 2e4, "brake line pressure above the air's, 0 when released"),
 )
 _RECORDED = (
-    # Named by quantity, whatever instrument measures it. No equation uses them; travel stands in for the hub laser.
+    # Named by quantity, whatever instrument measures it. No equation needs them; some stand in for a channel that is
+    # not there (identify.car.sources).
     ("suspension.{c}.travel", (), "m", "body", 250.0, 0.0003, "suspension travel, compression positive"),
+    ("damper.{c}.travel", (), "m", "body", 250.0, 0.0002, "potentiometer on the damper, compression positive"),
     ("damper.{c}.force", (), "N", "body", 500.0, 20.0, "force in the damper, compression positive"),
     ("pushrod.{c}.force", (), "N", "body", 500.0, 20.0, "force in the pushrod, compression positive"),
+    ("hub.{c}.load", (), "N", "carrier", 500.0, 30.0, "vertical wheel load alone, by a one-axis load cell"),
     ("scale.{c}.load", (), "N", "body", 10.0, 20.0, "load on a corner scale"),
     ("hub.{c}.accel", XYZ, "m/s²", "carrier", 500.0, 0.5, "specific force at the wheel carrier"),
     ("steering.angle", (), "rad", "body", 100.0, 0.002, "angle of the steering wheel, left positive"),

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lacet.daq.channels import AXES, CHANNELS, COLUMNS, CORNERS, FAMILIES
+from lacet.daq.channels import AXES, CHANNELS, COLUMNS, CORNERS
 from lacet.daq.errors import RigError, nearest
 from lacet.daq.shipped import DRIVERS, driver_files, find_shipped
 from lacet.daq.toml_reader import Reader, dotted
@@ -42,6 +42,24 @@ DEFAULT_TOLERANCE: dict[str, float] = {
     "shaft.torque.gain": 0.005,
     "brake.torque.zero": 10.0,
     "brake.torque.gain": 0.01,
+    "suspension.travel.zero": 0.0005,
+    "suspension.travel.gain": 0.002,
+    "damper.travel.zero": 0.0005,
+    "damper.travel.gain": 0.002,
+    "hub.load.zero": 20.0,
+    "hub.load.gain": 0.003,
+    "pushrod.force.zero": 20.0,
+    "pushrod.force.gain": 0.005,
+    "scale.load.zero": 10.0,
+    "scale.load.gain": 0.001,
+    "steering.angle.zero": 0.01,
+    "car.speed.zero": 0.05,
+    "car.speed.gain": 0.02,
+    "gnss.speed.zero": 0.02,
+    "car.lateral_accel.zero": 0.05,
+    "car.lateral_accel.gain": 0.01,
+    "car.yaw_rate.zero": 0.002,
+    "car.yaw_rate.gain": 0.01,
     "latency": 0.002,
     # Drift of the zeros during warm-up, per minute.
     "wheel.force.drift": 2.0,
@@ -379,4 +397,4 @@ def _check_unique(reader: Reader, sensors: tuple[Sensor, ...]) -> None:
         reader.fault(f"sensor {name}", "the name stands twice; names are unique in a rig")
 
 
-assert set(DEFAULT_TOLERANCE) <= _sheet_keys(set(FAMILIES))
+assert set(DEFAULT_TOLERANCE) <= _sheet_keys({channel.family for channel in CHANNELS.values()})

@@ -6,13 +6,14 @@ The file format is documented in ``docs/vehicle.md``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.assumptions import Assumption, assumption_of, read_assumptions
 from lacet.daq.channels import CORNERS
 from lacet.daq.errors import VehicleError, nearest
 from lacet.daq.shipped import find_shipped
@@ -45,12 +46,24 @@ class KinematicTable:
 
 
 @dataclass(frozen=True)
+class SteeringTable:
+    """Steer of the front wheels by the angle of the steering wheel, all (n,) [rad], to the left positive.
+
+    `wheel` is strictly increasing; `left`, `right` are changes from straight ahead.
+    """
+
+    wheel: NDArray[np.float64]
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
 class Corner:
     """One corner of the car at design position, body axes.
 
     `position` is the wheel centre [m], setback included; `height` that of the wheel centre above a flat road [m];
     `tyre_radius` the unloaded radius R0 [m]; `caster` (top rearward) and `kingpin_inclination` (top inward) the
-    steering axis [rad]; `static_toe` the toe-in [rad].
+    steering axis [rad]; `static_toe` the toe-in and `static_camber` the camber, top outward positive [rad].
     """
 
     name: str
@@ -63,6 +76,7 @@ class Corner:
     driven: bool
     brakes: str
     table: KinematicTable | None
+    static_camber: float = 0.0
 
     @property
     def side(self) -> int:
@@ -73,6 +87,8 @@ class Corner:
 @dataclass(frozen=True)
 class Vehicle:
     """Geometry and bench tables of a car; `apriori` holds values known beforehand, by parameter name, for comparison.
+
+    `assumed` : values of the file that stand in for channels which are not measured; `steering` : the steering's table.
 
     Examples
     --------
@@ -85,6 +101,19 @@ class Vehicle:
     apriori: Mapping[str, Quantity]
     numbers: Mapping[str, Quantity]
     text: str
+    assumed: Mapping[str, Assumption] = field(default_factory=dict[str, Assumption])
+    steering: SteeringTable | None = None
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance of the axles [m]."""
+        x = {name: corner.position[0] for name, corner in self.corners.items()}
+        return 0.5 * (x["fl"] + x["fr"] - x["rl"] - x["rr"])
+
+    def assumption(self, key: str, corner: str = "") -> Assumption:
+        """What is assumed at a corner, or of the car, where it is not measured (`daq.assumptions.ASSUMABLE`)."""
+        height = self.corners[corner].height if corner else 0.0
+        return assumption_of(self.assumed, key, corner, height)
 
     @classmethod
     def load(cls, path: str | Path) -> Vehicle:
@@ -97,7 +126,9 @@ class Vehicle:
         """The vehicle that a text describes. Raises VehicleError with every fault at once."""
         reader = Reader(text, name, VehicleError, FORMAT)
         root = reader.root
-        reader.known(root, ("format", "name", "description", "geometry", "axle", "corner", "apriori"), "")
+        reader.known(
+            root, ("format", "name", "description", "geometry", "axle", "corner", "steering", "assumed", "apriori"), ""
+        )
         numbers: dict[str, Quantity] = {}
         geometry = reader.table(root, "geometry", "", required=True)
         reader.known(geometry, ("wheelbase",), "geometry")
@@ -119,7 +150,11 @@ class Vehicle:
             for key, row in reader.table(root, "apriori", "").items()
             if (q := reader.quantity({key: row}, key, "apriori", _unit_of(row))) is not None
         }
-        vehicle = cls(reader.text(root, "name", ""), corners, apriori, numbers, text)
+        vehicle = cls(
+            reader.text(root, "name", ""), corners, apriori, numbers, text,
+            read_assumptions(reader, reader.table(root, "assumed", "")),
+            _steering(reader, reader.table(root, "steering", "")),
+        )  # fmt: skip
         reader.faults = list(dict.fromkeys(reader.faults))
         reader.finish()
         return vehicle
@@ -172,8 +207,7 @@ def _corner(
     height = _required(reader, numbers, rows, "wheel_centre_height", place, "m")
     track = _required(reader, numbers, rows, "track", place, "m")
     setback = _optional(reader, numbers, rows, "setback", place, "m")
-    # Not used by the method (cameras measure the attitude): kept with its source for the file's readers.
-    _optional(reader, numbers, rows, "static_camber", place, "rad")
+    static_camber = _optional(reader, numbers, rows, "static_camber", place, "rad")
     driven = rows.get("driven", False)
     if not isinstance(driven, bool):
         reader.fault(f"{place}.driven", "must be true or false")
@@ -189,6 +223,7 @@ def _corner(
         driven=driven,
         brakes=reader.choice(rows, "brakes", place, ("outboard", "inboard"), "outboard"),
         table=_table(reader, reader.table(rows, "kinematics", place), f"{place}.kinematics"),
+        static_camber=static_camber,
     )
 
 
@@ -211,3 +246,19 @@ def _table(reader: Reader, rows: dict[str, Any], place: str) -> KinematicTable |
             values = None
         columns[key] = np.asarray(values if values is not None else np.zeros(len(travel)), float)
     return KinematicTable(np.asarray(travel, float), **columns)
+
+
+def _steering(reader: Reader, rows: dict[str, Any]) -> SteeringTable | None:
+    if not rows:
+        return None
+    reader.known(rows, ("wheel", "left", "right"), "steering")
+    found = {key: reader.series(rows, key, "steering", "rad") for key in ("wheel", "left", "right")}
+    wheel = found["wheel"]
+    if wheel is None or len(wheel) < 2 or np.any(np.diff(wheel) <= 0):
+        reader.fault("steering.wheel", "needs at least two angles of the steering wheel, strictly increasing")
+        return None
+    for key in ("left", "right"):
+        if (series := found[key]) is None or len(series) != len(wheel):
+            reader.fault(f"steering.{key}", f"needs as many angles as steering.wheel, {len(wheel)}")
+            return None
+    return SteeringTable(*(np.asarray(found[key], float) for key in ("wheel", "left", "right")))

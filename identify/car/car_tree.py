@@ -140,9 +140,22 @@ def kingpin_pitch(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
     return spline.at(turned)[0], spline.at(turned, 1)[0], spline.at(turned, 2)[0]
 
 
+def kingpin_camber(corner: Corner, steer: Array) -> tuple[Array, Array, Array]:
+    """Camber from steering about the inclined kingpin [rad], and its first two derivatives by the steer angle.
+
+    The same turn as in `kingpin_pitch`, its part about x after the steer. All three are (N,).
+    """
+    if corner.caster == 0.0 and corner.kingpin_inclination == 0.0:
+        zero = np.zeros_like(steer)
+        return zero, zero, zero
+    spline = _kingpin_spline(corner.caster, corner.side * corner.kingpin_inclination)
+    turned = steer + corner.side * corner.static_toe
+    return spline.at(turned)[1], spline.at(turned, 1)[1], spline.at(turned, 2)[1]
+
+
 @lru_cache(maxsize=64)
 def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
-    """Carrier pitch by its yaw [rad], for an axis that leans rearward by `caster` and to the right by `lean` [rad]."""
+    """Carrier pitch and camber by its yaw [rad], for an axis leaning rearward by `caster`, right by `lean` [rad]."""
     axis = np.array([-math.tan(caster), -math.tan(lean), 1.0])
     axis = axis / np.linalg.norm(axis)
     delta = np.linspace(-1.0, 1.0, 401)  # rad about the kingpin: beyond any steering lock
@@ -151,7 +164,7 @@ def _kingpin_spline(caster: float, lean: float) -> CubicSpline:
     # Elements of the rotation about `axis` (Rodrigues) that give the three angles.
     yaw = np.arctan2(-(x * y * (1 - c) - z * s), c + y * y * (1 - c))
     pitch = np.arctan2(-(z * x * (1 - c) - y * s), c + z * z * (1 - c))
-    return CubicSpline.of(yaw, pitch[None])
+    return CubicSpline.of(yaw, np.stack([pitch, np.arcsin(y * z * (1 - c) + x * s)]))
 
 
 def carrier_axes(steer: Array, camber: Array, pitch: Array) -> Array:

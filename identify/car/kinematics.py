@@ -12,6 +12,7 @@ from lacet.daq.errors import RunError
 from lacet.daq.rig import Rig
 from lacet.daq.run import Run
 from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.car.body_motion import body_motion
 from lacet.identify.car.car_tree import (
     CARRIER,
     CHASSIS,
@@ -28,6 +29,7 @@ from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.road import Road, RoadPlane
 from lacet.identify.car.rows import Row, Torque
+from lacet.identify.car.sources.completion import completed
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -41,7 +43,7 @@ def reconstruct(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = 
 
     Raises RunError when the run is too short for the filters or has no channel that any row could use.
     """
-    return build_motion(bring_together(run, vehicle, rig, filters or Filters()))
+    return build_motion(completed(bring_together(run, vehicle, rig, filters or Filters())))
 
 
 def build_motion(
@@ -55,10 +57,10 @@ def build_motion(
     still : a motion that differs by channels of the corners `moved` alone, ground lasers apart: other corners are its.
     measured : the rows that the recording measures, where they are known already.
     """
-    grid, signals, vehicle, rig = recording.t, recording.signals, recording.vehicle, recording.rig
+    grid, signals, vehicle, rig = recording.t, recording.completed, recording.vehicle, recording.rig
     values, measured = signals.value, measured or MeasuredRows.of(recording)
     n = grid.size
-    body = _body_motion(signals, rig, n)
+    body = body_motion(signals, rig, n)
     attitude = body_attitude(values, rig)
     road = Road(signals, rig, vehicle, n)
     plane = road.plane(attitude, body.omega)
@@ -73,8 +75,8 @@ def build_motion(
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
-        rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable, channels=frozenset(values),
-        notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
+        rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
+        channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
     )  # fmt: skip
 
 
@@ -137,23 +139,6 @@ def _torques(
     turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
     work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))
     return turned, work, torque(in_spin.shaft) - torque(in_spin.brake)
-
-
-def _body_motion(signals: Signals, rig: Rig, n: int) -> FrameMotion:
-    """Specific force and rates of the body origin, from the inertial unit at its mount."""
-    values, zero = signals.value, np.zeros((3, n))
-    if "imu.rate" not in values:  # the specific force at the origin needs the rates too
-        return FrameMotion(zero, zero, zero)
-    sensor = rig.sensor_of("imu.accel") or rig.sensor_of("imu.rate")
-    R = np.eye(3) if sensor is None or sensor.axes != "sensor" else orientation(sensor.orientation)
-    r = np.zeros((3, 1))
-    if sensor is not None:
-        r = np.asarray(sensor.position.get("", (0.0, 0.0, 0.0)))[:, None]
-    omega, omega_dot = R @ values["imu.rate"], R @ signals.rate["imu.rate"]
-    if "imu.accel" not in values:
-        return FrameMotion(omega, omega_dot, zero)
-    force = R @ values["imu.accel"]
-    return FrameMotion(omega, omega_dot, force - cross(omega_dot, r) - cross(omega, cross(omega, r)))
 
 
 def body_attitude(values: Mapping[str, Array], rig: Rig) -> Array | None:

@@ -40,7 +40,10 @@ class MeasuredRows:
         values = recording.signals.value
         road = Road(recording.signals, recording.rig, recording.vehicle, recording.t.size)
         grounds = () if road.flat else road.grounds
-        torques, left_out = available(values, recording.vehicle, recording.reference, recording.brakes, grounds)
+        torques, left_out = available(
+            values, recording.vehicle, recording.reference, recording.brakes, grounds, recording.sources,
+            recording.measured_elsewhere,
+        )  # fmt: skip
         usable, braking = _usable(recording, torques, grounds)
         why = RowAbsence(Absence.BRAKES_ALWAYS, (PRESSURE,))
         left_out |= {row: why for row, torque in torques.items() if torque.released and not np.any(usable[row])}

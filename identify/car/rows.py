@@ -20,15 +20,18 @@ Torques are positive when they drive (shaft) and when they slow (brake) a wheel 
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from enum import Enum, auto
+from types import MappingProxyType
 
 import numpy as np
 
-from lacet.daq.channels import CORNERS
+from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Corner, Vehicle
+from lacet.identify.signals.for_equations import alternatives
+from lacet.identify.signals.sources import Kind, Source
 
 
 class Row(str):
@@ -108,6 +111,8 @@ class Absence(Enum):
     """Neither the wheel's brake torque nor the time of braking is measured."""
     BRAKES_ALWAYS = auto()
     """The brakes act all the time, and the torques on the wheel are not all measured."""
+    MEASURED_ELSEWHERE = auto()
+    """The row would need assumptions on this run, and another run measures it."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +151,32 @@ def needs(
         own = (f"wheel.{name}.force", f"laser.{name}.ground", hub, *attitude)
         return tuple(dict.fromkeys((*own, *road, *(imu if reference == "hub" else ()))))
     return (moment, speed, *((hub,) if turns else ()), *attitude, "imu.rate")
+
+
+_LEADING: dict[str, tuple[str, str]] = {
+    # Components of wheel force and of the inertial unit (specific force xyz, rates pqr) that no assumption may replace:
+    # the row is an equation of just these.
+    "fx": ("xy", "x"), "fy": ("y", "y"), "fz": ("z", "z"), "mx": ("yz", "py"), "my": ("xz", "qx"), "mz": ("xy", "ry"),
+}  # fmt: skip
+
+
+def leading(row: Row) -> dict[str, tuple[int, ...]]:
+    """Channels, with their components, that must be measured or derived for a row: what it is an equation of.
+
+    The others may be assumed with a tolerance (`identify.car.sources`).
+    """
+    if row.kind == "chassis":
+        force, inertial = _LEADING[row.place]
+        out = {f"wheel.{c}.force": tuple("xyz".index(k) for k in force) for c in CORNERS}
+        out["imu.accel"] = tuple("xyz".index(k) for k in inertial if k in "xyz")
+        out["imu.rate"] = tuple("pqr".index(k) for k in inertial if k in "pqr")
+        return out
+    force, hub = {f"wheel.{row.place}.force": (2,)}, {f"laser.{row.place}.hub": (0,)}
+    if row.kind == "suspension":
+        return {**force, **hub, "imu.accel": (2,)}
+    if row.kind == "tyre":
+        return {**force, **hub, f"laser.{row.place}.ground": (0,)}
+    return {f"wheel.{row.place}.moment": (1,), f"wheel.{row.place}.speed": (0,)}
 
 
 def _turns(corner: Corner) -> bool:
@@ -235,17 +266,57 @@ def _shaft_slope(corner: Corner) -> float:
     return float(pitch + _LARGE_CAMBER * toe)
 
 
+_NEVER_ASSUMED = ("imu.accel", "imu.rate", "imu.attitude", "laser.ground")
+"""Families of channels that nothing stands in for by an assumption."""
+
+
+def lacking(row: Row, reference: str, recorded: Container[str]) -> tuple[str, ...]:
+    """The fewest channels that a recording would need besides those `recorded` for a row; empty where it can be formed.
+
+    Torques are not counted, nor what can be assumed or obtained from another channel.
+    """
+    absent = tuple(c for c in needs(row, reference) if c not in recorded)
+    must = {*leading(row)}
+    return tuple(
+        c
+        for c in absent
+        if (c in must or CHANNELS[c].family in _NEVER_ASSUMED) and not any(o in recorded for o in alternatives(c))
+    )
+
+
+def serves(source: Source | None, channel: str, row: Row) -> bool:
+    """Whether what is known of a channel serves a row: its leading components are not assumed."""
+    if source is None or row.kind in source.unfit:
+        return False
+    return all(source.kinds[k] is not Kind.ASSUMED for k in leading(row).get(channel, ()))
+
+
+def _least(row: Row, absent: tuple[str, ...]) -> tuple[str, ...]:
+    """Of absent channels the fewest that would have to be measured: with them the others can be assumed."""
+    needed = {*leading(row)}
+    return tuple(c for c in absent if c in needed or CHANNELS[c].family in _NEVER_ASSUMED) or absent
+
+
 def available(
-    measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...]
-) -> tuple[dict[Row, Torque], dict[Row, RowAbsence]]:
-    """Rows whose left side is measured, row → its torques; and every other row → why it is absent."""
+    measured: Container[str], vehicle: Vehicle, reference: str, brakes: str, grounds: tuple[str, ...],
+    sources: Mapping[str, Source] = MappingProxyType({}), elsewhere: Container[str] = (),
+) -> tuple[dict[Row, Torque], dict[Row, RowAbsence]]:  # fmt: skip
+    """Rows whose left side is known, row → its torques; and every other row → why it is absent.
+
+    `sources` : where channels that are not `measured` come from; `elsewhere` : rows that another run measures,
+    which are not taken on assumptions here.
+    """
     rows: dict[Row, Torque] = {}
     left_out: dict[Row, RowAbsence] = {}
     for row in ROWS:
-        absent = [channel for channel in needs(row, reference, grounds, vehicle) if channel not in measured]
+        needed = needs(row, reference, grounds, vehicle)
+        lacking = tuple(channel for channel in needed if channel not in measured)
+        absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
         torque = torque_in(row, vehicle, measured, brakes)
         if absent:
-            left_out[row] = RowAbsence(Absence.CHANNELS, tuple(absent))
+            left_out[row] = RowAbsence(Absence.CHANNELS, _least(row, absent))
+        elif row in elsewhere and any(sources[channel].kind is Kind.ASSUMED for channel in lacking):
+            left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
         elif torque.missing is not None:
             left_out[row] = torque.missing
         else:

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from lacet.daq.errors import NotIdentifiable
 from lacet.daq.run import Run
 from lacet.identify.car.rows import Row
+from lacet.identify.car.sources.completion import with_sources_of
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.corrected_scores import NOISE_DRAWS
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -113,6 +114,7 @@ def pair_of(run: Run, recording: Recording) -> Pair:
         half = bring_together(
             replace(run, signals=signals), recording.vehicle, recording.rig, recording.filters, recording.t
         )
+        half = with_sources_of(half, recording)
         if absent := [name for name in recording.signals.value if name not in half.signals.value]:
             raise NotIdentifiable(
                 f"{run.name}: {', '.join(absent)} {'has' if len(absent) == 1 else 'have'} too few usable samples to be "

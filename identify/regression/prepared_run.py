@@ -20,6 +20,7 @@ from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import GroundLaserOffset, Motion
 from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.car.sources.completion import completed
 from lacet.identify.effects.base import Effect, PhysicalEffect
 from lacet.identify.effects.user_files import checked_columns, is_own
 from lacet.identify.multibody.vectors import Array
@@ -116,8 +117,11 @@ class PreparedRun:
 
     @classmethod
     def of(cls, run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None = None) -> PreparedRun:
-        """The prepared run of a run as recorded, its channels on one grid. Raises RunError when it is too short."""
-        return cls(bring_together(run, vehicle, rig, filters or Filters()))
+        """The prepared run of a run as recorded, its channels on one grid; what the rows lack is derived or assumed.
+
+        Raises RunError when it is too short.
+        """
+        return cls(completed(bring_together(run, vehicle, rig, filters or Filters())))
 
     def __repr__(self) -> str:
         recording = self.recording

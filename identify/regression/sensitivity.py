@@ -31,11 +31,12 @@ Perturbation = Mapping[str, Array]
 Input = tuple[str, int, int]
 """Input of the equations: a channel, its component, and which of its series, an index of `_PARTS`."""
 
-_PARTS = ("value", "rate", "accel", "mean", "mean_rate")
-"""Series of a channel: it and its derivatives as measured, and what they are expected to be given its record."""
-_STEPS = (1.0, 20.0, 400.0, 1.0, 5.0)
-"""Steps of the finite differences, in the channel's noise [SI]."""
-_MEAN, _MEAN_RATE = 3, 4
+_PARTS = ("value", "rate", "accel", "mean", "mean_rate", "assumed")
+"""Series of a channel: it and its derivatives as measured, and what they are expected to be given its record; and the
+value of an assumption."""
+_STEPS = (1.0, 20.0, 400.0, 1.0, 5.0, 0.1)
+"""Steps of the finite differences, in the channel's noise [SI] or in the assumption's tolerance."""
+_MEAN, _MEAN_RATE, _ASSUMED = 3, 4, 5
 _COPIES = 22
 """Largest number of perturbed copies of a run computed at once: the inputs that move the whole car; a corner's are
 fewer."""
@@ -132,12 +133,17 @@ class Sensitivity:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that any row depends on."""
-        return tuple(dict.fromkeys(name for name, _, _ in self.taken.coarse))
+        return tuple(dict.fromkeys(name for name, _, order in self.taken.coarse if order != _ASSUMED))
+
+    @property
+    def assumptions(self) -> tuple[str, ...]:
+        """Names of the assumptions that any row depends on."""
+        return tuple(name for name, _, order in self.taken.coarse if order == _ASSUMED)
 
     @property
     def _bent(self) -> tuple[str, ...]:
         """Channels in laws that bend."""
-        return tuple(dict.fromkeys(name for name, _, order in self.taken.coarse if order >= _MEAN))
+        return tuple(dict.fromkeys(name for name, _, order in self.taken.coarse if order in (_MEAN, _MEAN_RATE)))
 
     @classmethod
     def of(
@@ -154,12 +160,13 @@ class Sensitivity:
         theta = _active_values(effects, values)
         motion = build_motion(coarse, measured=measured)
         before = residual(motion, active, theta)
-        parts = len(_PARTS) if any(effect.conditional for effect in active) else _MEAN
+        parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
+        parts += [_ASSUMED] * bool(coarse.signals.assumed)
         slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals, parts)}
         unchanged: dict[int, _Copies] = {}
         # Samples do not see each other, so that many changed copies of the run go through in one pass.
-        for corner, group in _groups(coarse.signals, parts, max(1, min(_COPIES, _SAMPLES // comb.size))):
-            steps = [recording.rig.noise(channel) * _STEPS[order] for channel, _, order in group]
+        for corner, group in _groups(coarse, parts, max(1, min(_COPIES, _SAMPLES // comb.size))):
+            steps = [_scale(coarse, one) * _STEPS[one[2]] for one in group]
             if len(group) not in unchanged:
                 unchanged[len(group)] = _Copies.made(len(group), coarse, measured, motion)
             copies = unchanged[len(group)]
@@ -226,6 +233,11 @@ class Sensitivity:
                 out[row] = out.get(row, 0.0) + slope * ones
         return out
 
+    def assumed(self, name: str) -> dict[Row, Array]:
+        """Change of the residual per unit of an assumption, row → (N,)."""
+        ones = np.ones(self.recording.t.size)
+        return {row: slope * ones for row, slope in self.slopes.get((name, 0, _ASSUMED), {}).items()}
+
     def fault(self, fault: SensorFault) -> dict[Row, Array]:
         """Change of the residual per unit of a sensor fault's parameter, row → (N,)."""
         return self.response(fault.changes(self.recording))
@@ -282,23 +294,34 @@ def _active_values(effects: Sequence[PhysicalEffect], values: Array) -> Array:
     return np.asarray(keep)
 
 
-def _inputs(signals: Signals, parts: int) -> list[Input]:
-    """All inputs of a run: every component of every channel, in the first of its `_PARTS`."""
+def _inputs(signals: Signals, parts: Sequence[int]) -> list[Input]:
+    """All inputs of a run: every component of every channel in these of its `_PARTS`."""
     return [
         (channel, k, order)
-        for order, part in enumerate(_PARTS[:parts])
-        for channel, array in getattr(signals, part).items()
+        for order in parts
+        for channel, array in getattr(signals, _PARTS[order]).items()
         for k in range(array.shape[0])
     ]
 
 
-def _groups(signals: Signals, parts: int, most: int) -> list[tuple[str, list[Input]]]:
+def _scale(recording: Recording, one: Input) -> float:
+    """Noise of a channel, or tolerance of an assumption."""
+    name, _, order = one
+    if order != _ASSUMED:
+        return recording.rig.noise(name)
+    assumption = recording.assumptions[name]
+    return assumption.tolerance or abs(assumption.value) or 1.0
+
+
+def _groups(recording: Recording, parts: Sequence[int], most: int) -> list[tuple[str, list[Input]]]:
     """Groups of at most `most` inputs, each with the corner whose motion alone depends on them, or "" for none."""
     by_corner: dict[str, list[Input]] = {}
-    for one in _inputs(signals, parts):
-        channel = CHANNELS[one[0]]
-        # A ground laser turns the road's plane under every wheel.
-        corner = "" if channel.family == "laser.ground" else channel.corner or ""
+    for one in _inputs(recording.signals, parts):
+        corner = ""
+        if not recording.laws:  # which may take one corner's channel for another's
+            # A ground laser turns the road's plane under every wheel.
+            channel = CHANNELS[one[0]]
+            corner = "" if channel.family == "laser.ground" else channel.corner or ""
         by_corner.setdefault(corner, []).append(one)
     return [
         (corner, inputs[start : start + most])

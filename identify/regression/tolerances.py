@@ -1,8 +1,8 @@
-"""Responses of a run's equations to one tolerance of each gain and latency of the sensor sheet."""
+"""Responses of a run's equations to one tolerance of the sensor sheet's gains and latencies, and of assumptions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -15,11 +15,17 @@ from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.signals.time_base import late
 
 SheetEntry = tuple[str, str, int]
-"""Entry of the sensor sheet: ``gain`` or ``latency``, channel, component; a sensor's latency has its first channel."""
+"""Entry of the sensor sheet: ``gain`` or ``latency``, channel, component; a sensor's latency has its first channel.
+Where channels are not measured also ``assumed``, name of the assumption, 0."""
+ASSUMED = "assumed"
 
 
-def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[str, ...]]:
-    """Gains and latencies of the sheet for these channels: entry → the channels that it applies to."""
+def sheet_entries(rig: Rig, sensitivity: Sensitivity) -> dict[SheetEntry, tuple[str, ...]]:
+    """Gains and latencies of the sheet for the channels of a sensitivity, entry → the channels that it applies to.
+
+    And what is assumed where channels are not measured, with no channels.
+    """
+    channels = sensitivity.channels
     out: dict[SheetEntry, tuple[str, ...]] = {}
     first: dict[str, str] = {}
     for channel in channels:
@@ -29,12 +35,17 @@ def sheet_entries(rig: Rig, channels: Iterable[str]) -> dict[SheetEntry, tuple[s
             out[entry] = (*out.get(entry, ()), channel)
         if rig.tolerance(channel, "gain") > 0.0:
             out |= {("gain", channel, k): (channel,) for k in range(CHANNELS[channel].width)}
-    return out
+    return out | {(ASSUMED, name, 0): () for name in sensitivity.assumptions}
 
 
 def entry_name(entry: SheetEntry, rig: Rig) -> str:
-    """Name of an entry of a rig's sensor sheet, ``latency of <sensor>`` or ``gain of <channel.component>``."""
+    """Name of an entry of a rig's sensor sheet, ``latency of <sensor>`` or ``gain of <channel.component>``.
+
+    Of an assumption ``assumed <name>``.
+    """
     what, channel, component = entry
+    if what == ASSUMED:
+        return f"assumed {channel}"
     if what != "latency":
         return f"{what} of {CHANNELS[channel].columns[component]}"
     sensor = rig.sensor_of(channel)
@@ -45,16 +56,19 @@ def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEnt
     """Responses of a run to the sensor sheet: entry → row → (n,) change of Y − W θ for one tolerance, filtered."""
     recording = run.recording
     values, rig = recording.signals.value, recording.rig
-    entries = sheet_entries(rig, sensitivity.channels)
+    entries = sheet_entries(rig, sensitivity)
 
-    def changes() -> Iterator[dict[str, Array]]:
+    def responses() -> Iterator[dict[Row, Array]]:
         for (what, channel, k), members in entries.items():
             if what == "latency":
                 tolerance = rig.tolerance(channel, "latency")
-                yield {name: tolerance * a for name, a in late(members, recording).items()}
-            else:
+                yield sensitivity.response({name: tolerance * a for name, a in late(members, recording).items()})
+            elif what == "gain":
                 change = np.zeros_like(values[channel])
                 change[k] = rig.tolerance(channel, "gain") * values[channel][k]
-                yield {channel: change}
+                yield sensitivity.response({channel: change})
+            else:
+                tolerance = recording.assumptions[channel].tolerance
+                yield {row: tolerance * series for row, series in sensitivity.assumed(channel).items()}
 
-    return dict(zip(entries, run.decimated_each(map(sensitivity.response, changes())), strict=True))
+    return dict(zip(entries, run.decimated_each(responses()), strict=True))

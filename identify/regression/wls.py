@@ -113,13 +113,13 @@ class Fit(FittedModel):
 
     @property
     def sheet_entries(self) -> tuple[SheetEntry, ...]:
-        """Gains and latencies of the sensor sheet that the rows depend on, without those in the model as faults."""
+        """Gains, latencies and assumptions that the rows depend on, without those that the model has as faults."""
         ours = frozenset[tuple[str, str]]().union(*(fault.sheet_entries for fault in self.model.faults))
         found: dict[SheetEntry, None] = {}
         for run, drive in enumerate(self.runs):
             piece = next(self.assembly.pieces_of(run))
             assert piece.sensitivity is not None
-            found |= dict.fromkeys(sheet_entries(drive.recording.rig, piece.sensitivity.channels))
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, piece.sensitivity))
         return tuple(entry for entry in found if entry[:2] not in ours)
 
     def entry_name(self, entry: SheetEntry) -> str:

@@ -1,4 +1,4 @@
-"""A run as the equations take it: without channels that are only recorded, travel as the hub laser it stands in for."""
+"""A run as the equations take it: without channels that nothing needs, travel as the hub laser it stands in for."""
 
 from __future__ import annotations
 
@@ -12,21 +12,57 @@ from lacet.daq.run import Run, Signal
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.multibody.vectors import Array
 
+STAND_INS: dict[str, tuple[str, ...]] = {
+    "wheel.{c}.force": ("hub.{c}.load", "pushrod.{c}.force", "scale.{c}.load"),
+    "camera.fl.steer": ("steering.angle",),
+    "camera.fr.steer": ("steering.angle",),
+    "correvit.speed": ("car.speed", "gnss.speed"),
+    "imu.rate": ("car.yaw_rate",),
+    "imu.accel": ("car.lateral_accel",),
+}
+"""Channel of the equations → channels that may stand in for it where it is not measured, the best first."""
+
+
+_TRAVEL = ("suspension.{c}.travel", "damper.{c}.travel")
+_SPEED = ("correvit.speed", "car.speed", "gnss.speed")
+
+
+def alternatives(channel: str) -> tuple[str, ...]:
+    """Channels that serve as well as one that the equations need, the best first: any of them is enough."""
+    corner = CHANNELS[channel].corner or ""
+    others = {"laser.hub": _TRAVEL, "imu.attitude": _SPEED}.get(CHANNELS[channel].family, ())
+    for pattern, found in STAND_INS.items():
+        if pattern.format(c=corner) == channel:
+            others = found
+    return tuple(other.format(c=corner) for other in others)
+
 
 def for_equations(run: Run, vehicle: Vehicle, rig: Rig) -> Run:
-    """The run with its channels of the equations only.
+    """The run with the channels of its equations only, those that stand in for one that is not measured included.
 
-    A corner with measured travel (a potentiometer) and without a hub laser gets the hub laser's values: the height of
-    its mount above the wheel centre at design height, less the travel.
+    A corner with measured travel and without a hub laser gets the hub laser's values: the height of its mount above the
+    wheel centre at design height, less the travel. A potentiometer on the damper stands in where the vehicle file has a
+    motion ratio.
     """
     signals = {name: signal for name, signal in run.signals.items() if not CHANNELS[name].recorded_only}
+    for pattern, others in STAND_INS.items():
+        for c in CORNERS if "{c}" in pattern else ("",):
+            if pattern.format(c=c) not in run.signals:
+                there = [name for other in others if (name := other.format(c=c)) in run.signals]
+                signals |= {name: run.signals[name] for name in there[:1]}
     for corner in CORNERS:
-        travel, hub = run.signals.get(f"suspension.{corner}.travel"), f"laser.{corner}.hub"
-        if travel is not None and hub not in signals:
-            about = vehicle.corners[corner]
-            design = float(laser_mount(rig, about)[2] - about.position[2])
-            signals[hub] = Signal(travel.t, design - travel.values, travel.flags)
+        hub, damper = f"laser.{corner}.hub", f"damper.{corner}.travel"
+        travel = run.signals.get(f"suspension.{corner}.travel")
+        if hub not in signals and travel is not None:
+            signals[hub] = Signal(travel.t, design_reading(rig, vehicle.corners[corner]) - travel.values, travel.flags)
+        elif hub not in signals and damper in run.signals and vehicle.assumption("motion_ratio", corner).given:
+            signals[damper] = run.signals[damper]
     return run if signals.keys() == run.signals.keys() else replace(run, signals=signals)
+
+
+def design_reading(rig: Rig, corner: Corner) -> float:
+    """Reading of a corner's hub laser at design height [m]."""
+    return float(laser_mount(rig, corner)[2] - corner.position[2])
 
 
 def laser_mount(rig: Rig, corner: Corner) -> Array:

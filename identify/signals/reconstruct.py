@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lacet.daq.assumptions import Assumption
 from lacet.daq.blocks import Flag
 from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RunError
@@ -21,6 +22,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.filters import Filters, bring_to_grid, derivative
 from lacet.identify.signals.for_equations import for_equations
+from lacet.identify.signals.sources import Law, Source
 from lacet.identify.signals.wiener import WienerSmoother, motion_beyond
 
 _GAP = 0.020
@@ -67,6 +69,7 @@ class Signals:
     mean, mean_rate : expected true value and rate of channels, given their whole noisy record (`wiener`); empty where
         signals are exact.
     sigma, rate_sigma : the standard deviations of the true ones from those.
+    assumed : value of each assumption (1, N), by name; empty where every channel is measured.
     """
 
     value: Mapping[str, Array]
@@ -76,6 +79,7 @@ class Signals:
     mean_rate: Mapping[str, Array] = field(default_factory=dict[str, Array])
     sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
     rate_sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    assumed: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @classmethod
     def differentiated(cls, value: Mapping[str, Array], rate: float) -> Signals:
@@ -113,14 +117,17 @@ class Signals:
     def at(self, index: NDArray[np.intp] | slice) -> Signals:
         """The signals at the samples `index`."""
         parts: list[Mapping[str, Array]] = [
-            self.value, self.rate, self.accel, self.mean, self.mean_rate, self.sigma, self.rate_sigma
+            self.value, self.rate, self.accel, self.mean, self.mean_rate, self.sigma, self.rate_sigma, self.assumed
         ]  # fmt: skip
         return Signals(*({name: a[:, index] for name, a in part.items()} for part in parts))
 
 
-_BENT = ("laser.hub",)
+_BENT = ("laser.hub", "damper.travel")
 """Families of channels whose value and rate are arguments of laws that bend within the noise: suspension travel."""
-_DERIVED = {"imu.rate": 1, "wheel.speed": 1, "laser.ground": 1, "laser.hub": 2, "camera.steer": 2, "camera.camber": 2}
+_DERIVED = {
+    "imu.rate": 1, "wheel.speed": 1, "laser.ground": 1, "laser.hub": 2, "camera.steer": 2, "camera.camber": 2,
+    "damper.travel": 2, "steering.angle": 2, "car.yaw_rate": 1,
+}  # fmt: skip
 
 
 def _derived(channel: str) -> int:
@@ -163,6 +170,36 @@ class Recording:
     notes: tuple[RunNote, ...] = ()
     start: float = 0.0
     smoothers: Mapping[str, WienerSmoother] = field(default_factory=dict[str, WienerSmoother])
+    sources: Mapping[str, Source] = field(default_factory=dict[str, Source])
+    laws: tuple[Law[Signals], ...] = ()
+    measured_elsewhere: frozenset[str] = frozenset()
+
+    @property
+    def assumptions(self) -> dict[str, Assumption]:
+        """What is assumed, by name."""
+        return {one.name: one for law in self.laws for one in law.assumptions}
+
+    @property
+    def completed(self) -> Signals:
+        """The signals with the channels that follow from others by the `laws`, at each sample."""
+        signals = self.signals
+        for law in self.laws:
+            found = law.series(signals)
+            signals = replace(
+                signals,
+                value={**signals.value, law.channel: found.value},
+                rate={**signals.rate, law.channel: found.rate},
+                accel={**signals.accel, law.channel: found.accel},
+            )
+            if (given := law.conditional(signals)) is not None:
+                signals = replace(
+                    signals,
+                    mean={**signals.mean, law.channel: given.mean},
+                    mean_rate={**signals.mean_rate, law.channel: given.mean_rate},
+                    sigma={**signals.sigma, law.channel: given.sigma},
+                    rate_sigma={**signals.rate_sigma, law.channel: given.rate_sigma},
+                )
+        return signals
 
     def smoothed(self, beyond: float | None = None) -> Recording:
         """The recording with the conditional distributions that follow from its own noise and motion.
@@ -195,6 +232,8 @@ class Recording:
 
     def with_signals(self, signals: Signals) -> Recording:
         """The recording with these channel values."""
+        if self.signals.assumed and not signals.assumed:
+            signals = replace(signals, assumed=self.signals.assumed)
         return replace(self, signals=signals.conditioned(self.smoothers) if self.smoothers else signals)
 
 

@@ -20,6 +20,7 @@ from lacet.services.commands.progress import Line
 from lacet.services.progress import ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render import tables
 from lacet.services.render.consistency_report import consistency_text, left_open
+from lacet.services.render.row_sources import assumptions_table, sources_table
 from lacet.services.timing.usual import stretch
 from lacet.services.workspace.loading import default_filters, load
 from lacet.services.workspace.report import write_pictures
@@ -126,8 +127,10 @@ def run(args: argparse.Namespace) -> int:
     if lacking := tables.not_derived(result):
         print(f"\nDerived values not determined:\n{lacking}")
     print(f"\n{tables.ranges(result)}")
-    if result["rows_left_out"]:
-        print(f"\nRows left out:\n{tables.left_out(result)}")
+    print(f"\n{sources_table(result['row_sources'])}")
+    if assumed := assumptions_table(result["row_sources"]):
+        print(f"\n{assumed}")
+        print("Give what you know of them in [assumed] of the vehicle file (docs/fewer-instruments.md).")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
         print(f"\nNot identifiable with these runs (--why says why): {names}")

@@ -7,18 +7,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
-from lacet.identify.car.rows import ROWS, needs
+from lacet.identify.car.rows import ROWS, lacking, needs
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.commands.progress import Line
 from lacet.services.render import effect_text, tables
 from lacet.services.render.model_text import print_model
+from lacet.services.render.row_sources import shortened
 from lacet.services.workspace.effect_list import list_effects
 from lacet.services.workspace.model_tree import find_model, model_info
 
@@ -114,19 +115,9 @@ def _effects(vehicle: Vehicle, reference: str, name: str) -> list[dict[str, Any]
 
 
 def _rows(reference: str) -> list[dict[str, Any]]:
-    lines = [[row, row.unit, ", ".join(_shortened(needs(row, reference)))] for row in ROWS]
+    lines = [[row, row.unit, ", ".join(shortened(needs(row, reference)))] for row in ROWS]
     print(tables.table(["row", "unit", "needs"], lines, text_columns=3))
     return [{"row": row, "unit": row.unit, "needs": needs(row, reference)} for row in ROWS]
-
-
-def _shortened(channels: tuple[str, ...]) -> list[str]:
-    """Channels of all four corners as one pattern, ``wheel.*.force``."""
-    patterns: dict[str, list[str]] = {}
-    for name in channels:
-        corner = CHANNELS[name].corner
-        patterns.setdefault(name if corner is None else name.replace(f".{corner}.", ".*."), []).append(name)
-    parts = ([key] if len(names) == len(CORNERS) else names for key, names in patterns.items())
-    return [name for part in parts for name in part]
 
 
 def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
@@ -151,10 +142,12 @@ def _file(path: Path, map: Path | None = None) -> tuple[int, dict[str, Any]]:
         lines.append([name, str(len(s.t)), f"{rate:.1f}", str(int((~s.usable).sum()))])
     print(tables.table(["channel", "samples", "Hz", "unusable"], lines))
     reference = run_.wheel_reference or "contact"
-    absent = {row: [c for c in needs(row, reference) if c not in run_.signals] for row in ROWS}
+    absent = {row: lacking(row, reference, run_.signals) for row in ROWS}
     for row, channels in absent.items():
         if channels:
-            print(f"  {row} cannot be formed: {', '.join(channels)} missing")
+            print(f"  {row} cannot be formed: {', '.join(shortened(channels))} missing")
+    if any(c not in run_.signals for row in ROWS if not absent[row] for c in needs(row, reference)):
+        print("  other rows take what is missing from other channels, or assume it: lacet info --model RUN says how")
     for problem in run_.problems:
         print(f"! {problem}")
     result |= {

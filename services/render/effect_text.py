@@ -29,6 +29,21 @@ def not_measured(lacking: Unmeasured | None) -> str:
     return f"{', '.join(_need(one) for one in lacking.needs)} not measured in {lacking.run}"
 
 
+_PLAIN = {
+    "correvit.speed": "a speed",
+    "imu.attitude": "an attitude, or a speed",
+    "brake.pressure": "the brake pressure",
+    "steering.angle": "the steering wheel's angle",
+}
+
+
+def needed(lacking: Unmeasured | None) -> str:
+    """What an effect needs and a run lacks, in everyday words where there are."""
+    if lacking is None:
+        return ""
+    return ", ".join(_PLAIN.get(one, one) if isinstance(one, str) else _need(one) for one in lacking.needs)
+
+
 def _need(one: str | GroundLaserOffset) -> str:
     if isinstance(one, GroundLaserOffset):
         return f"the road under the wheels (lasers stand {1e3 * abs(one.ahead):.0f} mm from their centres)"

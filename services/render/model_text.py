@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from lacet.services.render import tables
+from lacet.services.render.row_sources import assumptions_table, sources_table
 
 _WIDTH = 118
 
@@ -44,6 +45,10 @@ def _print_parameters(model: Mapping[str, Any]) -> None:
         print(f"With {', '.join(runs)}: {identified}.")
     for why, rows in _alike(model["rows_left_out"]).items():
         print(_wrapped(f"  rows not formed: {', '.join(rows)}: {why}", 4))
+    if model["row_sources"]:
+        print(f"\n{sources_table(model['row_sources'])}")
+        if assumed := assumptions_table(model["row_sources"]):
+            print(f"\n{assumed}")
     if model["wheel_reference"] == "hub":
         print("  Axles and wheels are the parts inboard of the dynamometers: spin inertia of rim and tyre is not seen.")
     head = ["parameter", "unit", "effect", "in principle", *(["with runs"] if runs else []), "stands for"]

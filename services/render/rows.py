@@ -45,6 +45,8 @@ def row_absence(why: RowAbsence) -> str:
                 f"neither the brake torque of this wheel ({first}) nor when the brakes act ({others[0]}) is measured; "
                 f"{declared}"
             )
+        case Absence.MEASURED_ELSEWHERE:
+            return f"another run measures it; here {', '.join(why.channels)} would be assumed"
         case Absence.BRAKES_ALWAYS:
             return f"the brakes act all the time ({first}) and the torques on this wheel are not all measured"
 

@@ -152,15 +152,6 @@ def unknowns(result: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def left_out(result: Mapping[str, Any]) -> str:
-    """Rows without a measured left side by run; rows with the same reason share a line."""
-    alike: dict[tuple[str, str], list[str]] = {}
-    for place, why in result["rows_left_out"].items():
-        run, row = place.rsplit(": ", 1)
-        alike.setdefault((run, why), []).append(row)
-    return "\n".join(f"  {run}: {', '.join(rows)}: {why}" for (run, why), rows in alike.items())
-
-
 def rows(scored: Mapping[str, Mapping[str, Any]]) -> str:
     """Scores of every row of every run."""
     lines = [
@@ -201,9 +192,13 @@ def candidates(result: Mapping[str, Any], most: int = 12) -> str:
         lines,
         text_columns=2,
     )
-    rest = [c["effect"] for c in result["candidates"] if c["answer"] == "not testable"]
+    rest: dict[str, list[str]] = {}
+    for c in result["candidates"]:
+        if c["answer"] == "not testable":
+            rest.setdefault(c.get("short", ""), []).append(c["effect"])
     if rest:
-        text += f"\n  not testable with these runs: {', '.join(_in_families(rest))}"
+        lines = [f"    {', '.join(_in_families(keys))}{why and f' ({why})'}" for why, keys in rest.items()]
+        text += "\n  not testable with these runs:\n" + "\n".join(lines)
     return text
 
 

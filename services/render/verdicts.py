@@ -14,7 +14,7 @@ from lacet.identify.selection.laws.formulas import Formula, Law
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, implausible, is_significant
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
-from lacet.services.render.effect_text import not_measured
+from lacet.services.render.effect_text import needed, not_measured
 
 NOT_NAMED = (Reason.PART_OF_REST, Reason.TIED)
 """Reasons why an effect of the set found is no name beside an unlisted cause."""
@@ -120,6 +120,25 @@ def unit_of(c: Candidate) -> str:
 
 
 # -- the reason of one candidate's answer ------------------------------------------------------------------------------
+
+
+def short_reason(c: Candidate) -> str:
+    """Why a candidate cannot be tested, in a few words; an empty string where it was tested."""
+    if c.answer is not Answer.NOT_TESTABLE:
+        return ""
+    match c.reason:
+        case Reason.NOT_COMPUTABLE:
+            return f"needs: {needed(c.lacks)}"
+        case Reason.NEVER_ACTS:
+            return "never acts in the rows of these runs"
+        case Reason.IN_THE_MODEL:
+            return "the model explains all it does"
+        case Reason.FEW_BLOCKS:
+            return "acts in too few seconds"
+        case Reason.SMALL:
+            return f"hidden by {c.absorbed[0][0]}" if c.absorbed else "too small to stand out"
+        case _:
+            return "what it follows is mostly noise"
 
 
 def _untestable(c: Candidate) -> str:

@@ -18,7 +18,8 @@ from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.open_run import KINDS, is_own, open_run
 from lacet.daq.formats.result import plain
 from lacet.daq.run import Run
-from lacet.identify.car.rows import ROWS, needs
+from lacet.identify.car.rows import ROWS, lacking
+from lacet.services.render.row_sources import shortened
 from lacet.services.workbench.jobs import give_back
 from lacet.services.workbench.run_channels import RunChannels, state_key
 from lacet.services.workbench.session_cache import SessionCache
@@ -178,7 +179,7 @@ def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
     except LacetError as error:
         return _unreadable(path, [str(error)])
     reference = run.wheel_reference or "contact"
-    absent = {row: [c for c in needs(row, reference) if c not in run.signals] for row in ROWS}
+    absent = {row: lacking(row, reference, run.signals) for row in ROWS}
     channels = [_channel(name, run) for name in run.signals]
     says = list(run.problems)
     if losses:
@@ -187,9 +188,10 @@ def summary(path: Path, kept: RunChannels) -> dict[str, Any]:
                if c["samples"] and c["flagged"] > 0.001 * c["samples"]]  # fmt: skip
     if flagged:
         says.append(f"samples that cannot be used: {', '.join(flagged)}")
-    if lacking := [row for row, c in absent.items() if c]:
-        first = lacking[0]
-        says.append(f"rows that cannot be formed: {', '.join(lacking)} ({first} lacks {', '.join(absent[first])})")
+    if left_out := [row for row, c in absent.items() if c]:
+        first = left_out[0]
+        needed = ", ".join(shortened(absent[first]))
+        says.append(f"rows that cannot be formed: {', '.join(left_out)} ({first} lacks {needed})")
     bad = bool(run.problems or losses or flagged)
     return plain(
         {

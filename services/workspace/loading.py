@@ -20,12 +20,14 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.filters import Filters
 from lacet.identify.signals.for_equations import for_equations
 from lacet.identify.signals.noise_level import NoiseLevel, as_measured, measured_noise, quietest
+from lacet.identify.signals.sources import Kind
 from lacet.identify.validation.channels.recorded_faults import recorded_faults
 from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.plausibility import doubtful_channels, exchanged_wheels
 from lacet.services.progress import Progress, ServiceStage, ServiceStep
 from lacet.services.render import channels, plausibility, sensor_report
-from lacet.services.render.rows import row_absence, run_notes
+from lacet.services.render.row_sources import no_rows
+from lacet.services.render.rows import run_notes
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,7 @@ def load(
             warnings.append(f"left out: {error}")
     if not ready or car is None or sensors is None:
         raise failed[0]
+    ready = _assuming_only_what_none_measures(ready)
     levels = quietest([one.noise for one in ready])
     ready = [one.with_noise(levels) for one in ready]
     drives = tuple(one.prepared for one in ready)
@@ -210,16 +213,35 @@ def prepare_run(run: Run, vehicle: Vehicle, rig: Rig, filters: Filters | None, w
         drive = PreparedRun.of(run, vehicle, rig, filters)
     warnings += [f"{run.name}: {note}" for note in run_notes((*drive.recording.notes, *drive.measured_rows.notes))]
     if not drive.rows:
-        found = sorted({row_absence(why) for why in drive.measured_rows.left_out.values()})
-        reasons = "; ".join(found) or "no usable sample outside flagged intervals"
-        raise NotIdentifiable(f"{run.name}: no row of the equations can be formed: {reasons}")
+        raise NotIdentifiable(
+            f"{run.name}: no row of the equations can be formed: {no_rows(drive.measured_rows.left_out)}"
+        )
     return ReadyRun(run, drive, not (recorded or doubts or moved), _noise_in_rows(run, drive))
+
+
+def _assuming_only_what_none_measures(ready: Sequence[ReadyRun]) -> list[ReadyRun]:
+    """The runs, without those rows on assumptions that another of them measures."""
+    measured: set[str] = set()
+    for one in ready:
+        recording = one.prepared.recording
+        for row in one.prepared.rows:
+            needed = needs(row, recording.reference, vehicle=recording.vehicle)
+            kinds = {recording.sources[c].kind for c in needed if c in recording.sources}
+            measured |= {row} if Kind.ASSUMED not in kinds else set()
+    out: list[ReadyRun] = []
+    for one in ready:
+        recording = one.prepared.recording
+        if recording.laws and measured:
+            one = replace(one, prepared=PreparedRun(replace(recording, measured_elsewhere=frozenset(measured))))
+        out.append(one)
+    return out
 
 
 def _noise_in_rows(run: Run, drive: PreparedRun) -> tuple[NoiseLevel, ...]:
     """Measured noise of the channels that the rows of a run need."""
     grounds = tuple(c for c in CORNERS if f"laser.{c}.ground" in drive.recording.signals.value)
     channels = {name for row in drive.rows for name in needs(row, drive.recording.reference, grounds)}
+    channels |= {name for source in drive.recording.sources.values() for name in source.inputs}
     families = {CHANNELS[name].family for name in channels}
     return tuple(level for level in measured_noise([run], drive.recording.rig) if level.family in families)
 

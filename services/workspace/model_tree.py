@@ -16,9 +16,11 @@ from lacet.identify.properties.structural_identifiability import Structure, car_
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.wls import fit
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
+from lacet.identify.validation.row_sources import row_sources
 from lacet.services.cache.store import FOLDER
 from lacet.services.progress import Progress, ServiceStage, ServiceStep, Stretch, planned
 from lacet.services.render.identifiability import joint_position, structurally, unidentified
+from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import row_absence
 from lacet.services.timing.memory import FILE
 from lacet.services.timing.usual import stretch
@@ -94,9 +96,11 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
     progress(ServiceStep(ServiceStage.STRUCTURE))
     found = structure(asked.vehicle, asked.reference, asked.model.physics, asked.brakes, asked.rig)
     by_name: dict[str, Estimate] = {}
+    sources: list[dict[str, Any]] = []
     if asked.loaded is not None:
         progress(ServiceStep(ServiceStage.FITTING))
         fitted = fit(asked.model, asked.loaded.prepared, progress=progress)
+        sources = sources_result(row_sources(fitted))
         by_name = {e.name: e for e in estimates(fitted, runs=fitted.runs)}
     tree = car_tree(asked.vehicle)
     lines = [_parameter(found, i, by_name) for i in range(len(found.names))]
@@ -109,6 +113,7 @@ def model_info(asked: Asked, progress: Progress) -> dict[str, Any]:
             "tree": [{**asdict(joint), "follows": joint_position(joint.follows)} for joint in tree],
             "rows": list(found.rows),
             "rows_left_out": {row: row_absence(why) for row, why in found.left_out.items()},
+            "row_sources": sources,
             "base_rank": found.base.rank,
             "singular_gap": found.base.gap,
             "parameters": lines,

@@ -17,11 +17,13 @@ from lacet.identify.selection.diagnose import Diagnosis
 from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.row_sources import row_sources
 from lacet.identify.validation.score import Comparison, RowScore, pooled_ratio
 from lacet.services.render.consistency_report import body_fault_words, consistency_words
 from lacet.services.render.identifiability import not_derived, open_parameters, rows_not_judged, unidentified
+from lacet.services.render.row_sources import sources_result
 from lacet.services.render.rows import colour_words, row_absence
-from lacet.services.render.verdicts import says, why
+from lacet.services.render.verdicts import says, short_reason, why
 from lacet.services.workspace.loading import Loaded
 from lacet.services.workspace.study import Study
 
@@ -62,6 +64,7 @@ def fit_result(
             "rows": {"used": scores(used), "held": scores(held)},
             "not_judged": [line for part in held for line in rows_not_judged(part)],
             "rows_left_out": left_out,
+            "row_sources": sources_result(row_sources(fitted)),
             "bad_seconds": [asdict(bad) for bad in fitted.bad_seconds()],
             "base_rank": fitted.base.rank,
             "singular_gap": fitted.base.gap,
@@ -120,6 +123,7 @@ def candidate_result(d: Diagnosis, c: Candidate) -> dict[str, Any]:
         "effect": c.key,
         "answer": c.answer.value,
         "why": why(d, c),
+        "short": short_reason(c),
         "gain": c.gain,
         "gain_rms": c.gain_rms,
         "p": c.p,

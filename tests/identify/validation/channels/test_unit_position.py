@@ -65,7 +65,7 @@ def test_runs_that_hardly_turn_say_nothing_of_it() -> None:
 
 
 def test_without_a_row_of_the_chassis_there_is_no_position() -> None:
-    assert unit_position(fitted(RIG, ("sine",), "camera.fl")) == []
+    assert unit_position(fitted(RIG, ("sine",), "wheel.fl.force")) == []
 
 
 def test_a_unit_at_another_place_is_named_when_runs_are_read_beside_anti_roll_bars_that_are_missing() -> None:

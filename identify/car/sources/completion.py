@@ -1,0 +1,231 @@
+"""Choice of a source for each channel that the rows need and a recording lacks: derived if it can be, else assumed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lacet.daq.assumptions import AXLE_OF, Assumption
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.vehicle import Corner
+from lacet.identify.car.sources.attitude import attitude_by_gravity
+from lacet.identify.car.sources.travel import DamperTravel, LoadTravel
+from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
+from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
+from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
+from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
+from lacet.identify.signals.for_equations import design_reading
+from lacet.identify.signals.reconstruct import Recording, Signals
+from lacet.identify.signals.sources import Kind, Law, Method, Source
+
+SPEEDS = ("correvit.speed", "car.speed", "gnss.speed")
+"""Channels whose first component is the forward speed, the best first."""
+LEAST_LOAD = 100.0
+"""Mean load of a wheel below which its travel is not taken from its load [N]."""
+_INERTIAL = ("imu.accel", "imu.rate")
+
+
+def completed(recording: Recording) -> Recording:
+    """The recording with sources for the channels that it lacks; itself where it lacks none.
+
+    Nothing that is measured is replaced. Without wheel forces nothing is assumed: every row needs one.
+    """
+    if recording.laws or recording.sources:
+        return recording
+    return _Completion(recording).done()
+
+
+def with_sources_of(recording: Recording, other: Recording) -> Recording:
+    """A recording of some of another's samples, on the same instants, with the sources of that."""
+    if not other.sources:
+        return recording
+    derived = {name: a for name, a in other.signals.value.items() if name in other.sources}
+    signals = replace(
+        recording.signals, value={**recording.signals.value, **derived}, assumed=dict(other.signals.assumed)
+    )
+    return replace(recording, signals=signals, sources=other.sources, laws=other.laws)
+
+
+@dataclass
+class _Completion:
+    """Sources and laws of a recording, collected in the order in which the laws depend on each other."""
+
+    recording: Recording
+    laws: list[Law[Signals]] = field(default_factory=list[Law[Signals]])
+    sources: dict[str, Source] = field(default_factory=dict[str, Source])
+
+    def done(self) -> Recording:
+        """The recording with what was found."""
+        recording = self.recording
+        speed = next((name for name in SPEEDS if self._has(name)), "")
+        if speed and self._has(*_INERTIAL) and not self._has("imu.attitude"):
+            self._attitude(speed)
+            recording = self.recording
+        for step in (self._damper, self._force, self._travel, self._steer, self._camber, self._speed, self._moment):
+            self._at_corners(step)
+        n = recording.t.size
+        assumed = {one.name: np.full((1, n), one.value) for law in self.laws for one in law.assumptions}
+        usable = dict(recording.usable)
+        for name, source in self.sources.items():
+            masks = [recording.usable[one] for one in source.inputs if one in recording.usable]
+            if masks:
+                usable[name] = np.all(masks, axis=0)
+        signals = replace(recording.signals, assumed=assumed)
+        return replace(recording, signals=signals, usable=usable, sources=self.sources, laws=tuple(self.laws))
+
+    def _at_corners(self, step: Callable[[Corner], None]) -> None:
+        for c in CORNERS:
+            step(self.recording.vehicle.corners[c])
+
+    def _has(self, *channels: str) -> bool:
+        return all(name in self.recording.signals.value for name in channels)
+
+    def _known(self, *channels: str) -> bool:
+        """Whether channels are measured or have a source."""
+        return all(name in self.recording.signals.value or name in self.sources for name in channels)
+
+    def _assume(self, key: str, corner: str = "") -> Assumption:
+        return self.recording.vehicle.assumption(key, corner)
+
+    def _add(
+        self, law: Law[Signals], method: Method, kinds: tuple[Kind, ...], inputs: tuple[str, ...], *unfit: str
+    ) -> None:
+        self.laws.append(law)
+        self.sources[law.channel] = Source(kinds, method, tuple(dict.fromkeys(inputs)), unfit)
+
+    def _all(self, channel: str, kind: Kind) -> tuple[Kind, ...]:
+        return (kind,) * CHANNELS[channel].width
+
+    def _attitude(self, speed: str) -> None:
+        attitude = attitude_by_gravity(self.recording, speed)
+        signals = self.recording.signals
+        self.sources["imu.attitude"] = Source(
+            self._all("imu.attitude", Kind.DERIVED), Method.GRAVITY, (*_INERTIAL, speed)
+        )
+        self.recording = replace(
+            self.recording,
+            signals=replace(signals, value={**signals.value, "imu.attitude": attitude}),
+            rates={**self.recording.rates, "imu.attitude": self.recording.filters.rate},
+        )
+
+    def _force(self, corner: Corner) -> None:
+        c, rig = corner.name, self.recording.rig
+        if self._has(f"wheel.{c}.force") or not self._has(*_INERTIAL):
+            return
+        shares = self._assume("lateral_share", c), self._assume("longitudinal_share", c)
+        hub_loads = self.recording.reference == "hub"
+        outboard = self._assume("outboard_mass", c) if hub_loads else None
+        if self._has(load := f"hub.{c}.load"):
+            kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
+            self._add(LoadCell(corner, load, rig, *shares), Method.LOAD_CELL, kinds, (load, *_INERTIAL))
+        elif self._has(rod := f"pushrod.{c}.force") and (ratio := self._assume("pushrod_ratio", c)).given:
+            law = Pushrod(
+                corner, rig, design_reading(rig, corner), ratio, self._assume("unsprung_mass", c), outboard,
+                self._assume("travel_accel", c), *shares,
+            )  # fmt: skip
+            self._add(law, Method.PUSHROD, (Kind.ASSUMED, Kind.ASSUMED, Kind.DERIVED), (rod, *_INERTIAL))
+        elif self._has(load := f"scale.{c}.load"):
+            kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
+            self._add(LoadCell(corner, load, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
+
+    def _damper(self, corner: Corner) -> None:
+        c, design = corner.name, design_reading(self.recording.rig, corner)
+        if not self._has(f"laser.{c}.hub") and self._has(damper := f"damper.{c}.travel"):
+            law = DamperTravel(corner, design, self._assume("motion_ratio", c))
+            self._add(law, Method.MOTION_RATIO, (Kind.DERIVED,), (damper,))
+
+    def _travel(self, corner: Corner) -> None:
+        c, rig, hub = corner.name, self.recording.rig, f"laser.{corner.name}.hub"
+        design = design_reading(rig, corner)
+        if not self._known(hub) and self._known(f"wheel.{c}.force") and self._has(*_INERTIAL):
+            mean = self._mean_load(c)
+            if mean < LEAST_LOAD:
+                return
+            other = self.recording.vehicle.corners[("r" if c[0] == "f" else "f") + c[1]]
+            law = LoadTravel(
+                corner, other, rig, mean, design, self._assume("static_deflection", c), self._assume("travel", c),
+                self._assume("travel_accel", c), self._assume("travel_accel_other", c),
+            )  # fmt: skip
+            self._add(law, Method.LOAD_TRAVEL, (Kind.ASSUMED,), (f"wheel.{c}.force", *_INERTIAL), "suspension", "tyre")
+
+    def _mean_load(self, c: str) -> float:
+        """Mean load of a wheel over the run [N]."""
+        recording, name = self.recording, f"wheel.{c}.force"
+        if self._has(name):
+            return float(np.mean(np.asarray(recording.signals.value[name][2], float)))
+        law = next(law for law in self.laws if law.channel == name)
+        assumed = {one.name: np.full((1, recording.t.size), one.value) for one in law.assumptions}
+        return float(np.mean(np.asarray(law.series(replace(recording.signals, assumed=assumed)).value[2], float)))
+
+    def _steer(self, corner: Corner) -> None:
+        c, vehicle, rig = corner.name, self.recording.vehicle, self.recording.rig
+        channel, hub, design = f"camera.{c}.steer", f"laser.{c}.hub", design_reading(rig, corner)
+        if self._has(channel) or not self._known(hub, f"wheel.{c}.force"):
+            return
+        zero, kinds = self._assume("toe", c), (Kind.ASSUMED,)
+        other = vehicle.corners[c[0] + ("r" if c[1] == "l" else "l")]
+        if self._has(seen := f"camera.{other.name}.steer"):
+            self._add(SteerOfOther(corner, design, zero, other), Method.OTHER_WHEEL, kinds, (seen,))
+        elif c[0] == "r":
+            self._add(Steer(corner, design, zero), Method.BENCH_TABLE, kinds, (hub,))
+        elif self._has("steering.angle") and (vehicle.steering is not None or self._assume("steering_ratio").given):
+            ratio = self._assume("steering_ratio")
+            if not ratio.given:  # a table's angles, relative to 1
+                ratio = replace(ratio, value=1.0, tolerance=STEERING_TABLE)
+            law = SteeringWheel(corner, design, zero, ratio, vehicle.steering)
+            self._add(law, Method.STEERING_WHEEL, kinds, ("steering.angle", hub))
+        elif self._has(*_INERTIAL) and self._known(*(f"wheel.{one}.force" for one in CORNERS)):
+            speed = self._the_speed()
+            slips = self._assume("slip_angle", "fl"), self._assume("slip_angle", "rl")
+            law = Turning(corner, design, zero, rig, vehicle.wheelbase, speed, *slips)
+            self._add(law, Method.TURN, kinds, tuple(name for name in (*_INERTIAL, speed.channel) if name))
+
+    def _camber(self, corner: Corner) -> None:
+        c, channel = corner.name, f"camera.{corner.name}.camber"
+        needed = f"laser.{c}.hub", f"camera.{c}.steer"
+        if self._has(channel) or not self._known(*needed):
+            return
+        law = Camber(
+            corner, design_reading(self.recording.rig, corner), self._assume("camber", c),
+            self._assume("camber_slope", c),
+        )  # fmt: skip
+        self._add(law, Method.BENCH_TABLE, (Kind.ASSUMED,), needed)
+
+    def _speed(self, corner: Corner) -> None:
+        c = corner.name
+        if self._has(f"wheel.{c}.speed") or not self._known(f"wheel.{c}.force") or not self._has(*_INERTIAL):
+            return
+        speed = self._the_speed()
+        law = RolledSpeed(corner, self.recording.rig, speed, self._assume("loaded_radius", c), self._assume("slip", c))
+        measured = tuple(name for name in (speed.channel, *_INERTIAL) if name)
+        kind, method = (Kind.DERIVED, Method.FROM_SPEED) if speed.channel else (Kind.ASSUMED, Method.NOMINAL_SPEED)
+        self._add(law, method, (kind,), measured)
+
+    def _the_speed(self) -> Speed:
+        """The best measured speed, else that of the run's turns."""
+        for name in SPEEDS:
+            if self._has(name):
+                return Speed(name)
+        recording = self.recording
+        nominal = speed_of_turns(recording.signals, recording.rig, recording.t.size)
+        return Speed("", nominal, self._assume("speed"))
+
+    def _moment(self, corner: Corner) -> None:
+        c, hub_loads = corner.name, self.recording.reference == "hub"
+        needed = f"wheel.{c}.force", f"camera.{c}.steer", *((f"wheel.{c}.speed",) if hub_loads else ())
+        if self._has(f"wheel.{c}.moment") or not self._known(*needed):
+            return
+        outboard = Outboard(self._assume("outboard_mass", c), self._assume("outboard_spin_inertia", c))
+        law = ContactMoment(
+            corner, self.recording.rig, self._assume("loaded_radius", c), self._assume("pneumatic_trail", c),
+            self._assume("friction", c),
+            self._assume("rolling_resistance", c), self._assume("lateral_shift", c), outboard if hub_loads else None,
+        )  # fmt: skip
+        self._add(law, Method.CONTACT, self._all(law.channel, Kind.ASSUMED), needed, "spin")
+
+
+STEERING_TABLE = 0.02
+"""Tolerance of the angles of a steering table, as a fraction."""
+assert set(AXLE_OF) == set(CORNERS)

@@ -1,0 +1,123 @@
+"""Wheel forces from one measured component: a vertical load cell, a corner scale or a pushrod with a force gauge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lacet.daq.assumptions import Assumption
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Corner
+from lacet.identify.car.body_motion import body_motion
+from lacet.identify.car.car_tree import kinematics
+from lacet.identify.multibody.chain import FrameMotion
+from lacet.identify.multibody.vectors import Array, cross
+from lacet.identify.signals.reconstruct import Signals
+from lacet.identify.signals.sources import Law, Series
+
+GRAVITY = 9.80665
+"""Standard gravity [m/s²]."""
+
+
+def corner_motion(corner: Corner, signals: Signals, rig: Rig, n: int) -> tuple[FrameMotion, Array]:
+    """Motion of the body's origin, and the body's specific force at a wheel centre's design position (3, N)."""
+    body = body_motion(signals, rig, n)
+    p = np.asarray(corner.position)[:, None]
+    return body, body.accel + cross(body.omega_dot, p) + cross(body.omega, cross(body.omega, p))
+
+
+def shares(signals: Signals, lateral: Assumption, longitudinal: Assumption, load: Array, accel: Array) -> Array:
+    """(3, N) force of a wheel whose horizontal parts are in proportion to its load and to the acceleration in g."""
+    x = signals.assumed[longitudinal.name][0] * load * accel[0] / GRAVITY
+    y = signals.assumed[lateral.name][0] * load * accel[1] / GRAVITY
+    return np.stack([x, y, load])
+
+
+@dataclass(frozen=True)
+class LoadCell(Law[Signals]):
+    """Wheel force from a vertical load in carrier axes, by a load cell or, of `standing` cars, by a scale.
+
+    `load` : its channel; `weight` : mass between it and the point the wheel forces belong to, above it.
+    """
+
+    corner: Corner
+    load: str
+    rig: Rig
+    lateral: Assumption
+    longitudinal: Assumption
+    weight: Assumption | None = None
+
+    @property
+    def channel(self) -> str:
+        """The wheel force."""
+        return f"wheel.{self.corner.name}.force"
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Shares of the horizontal forces, and the mass in between."""
+        return (self.lateral, self.longitudinal, *((self.weight,) if self.weight else ()))
+
+    def series(self, signals: Signals) -> Series:
+        """The force."""
+        load = signals.value[self.load][0]
+        _, accel = corner_motion(self.corner, signals, self.rig, load.size)
+        if self.weight is not None:
+            load = load - signals.assumed[self.weight.name][0] * GRAVITY
+        force = shares(signals, self.lateral, self.longitudinal, load, accel)
+        return Series(force, np.zeros_like(force), np.zeros_like(force))
+
+
+@dataclass(frozen=True)
+class Pushrod(Law[Signals]):
+    """Wheel force from a pushrod with a force gauge: its force × ratio, and the unsprung mass that it does not carry.
+
+    ratio · P = F·∂p/∂s − inertia along s, of all that is between tyre (or transducer) and pushrod, as one mass at the
+    wheel centre. The travel's acceleration is that of the measured travel, else a part of the body's. `design` :
+    reading of the hub laser at design height [m].
+    """
+
+    corner: Corner
+    rig: Rig
+    design: float
+    ratio: Assumption
+    unsprung: Assumption
+    outboard: Assumption | None
+    follows: Assumption
+    lateral: Assumption
+    longitudinal: Assumption
+
+    @property
+    def channel(self) -> str:
+        """The wheel force."""
+        return f"wheel.{self.corner.name}.force"
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Ratio, masses, travel's part of the acceleration, shares of the horizontal forces."""
+        return tuple(
+            one
+            for one in (self.ratio, self.unsprung, self.outboard, self.follows, self.lateral, self.longitudinal)
+            if one is not None
+        )
+
+    def series(self, signals: Signals) -> Series:
+        """The force."""
+        c = self.corner.name
+        rod = signals.assumed[self.ratio.name][0] * signals.value[f"pushrod.{c}.force"][0]
+        _, accel = corner_motion(self.corner, signals, self.rig, rod.size)
+        mass = signals.assumed[self.unsprung.name][0]
+        if self.outboard is not None:
+            mass = mass - signals.assumed[self.outboard.name][0]
+        hub = signals.accel.get(f"laser.{c}.hub")
+        if hub is None:
+            up = accel[2] - signals.assumed[self.follows.name][0] * (accel[2] - GRAVITY)
+            slope = np.zeros((2, rod.size))
+        else:
+            up = accel[2] - hub[0]
+            # The table of the joints: y to the left, x forward.
+            slope = kinematics(self.corner, self.design - signals.value[f"laser.{c}.hub"][0]).slope[:2]
+        load = rod + mass * up
+        force = shares(signals, self.lateral, self.longitudinal, load, accel)
+        force[2] = load - force[0] * slope[1] - force[1] * slope[0]
+        return Series(force, np.zeros_like(force), np.zeros_like(force))

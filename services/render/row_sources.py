@@ -1,0 +1,170 @@
+"""Where the rows of the equations come from, in words: measured, derived, assumed, or what would have to be added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.identify.car.rows import Absence, Row, RowAbsence
+from lacet.identify.signals.for_equations import alternatives
+from lacet.identify.signals.sources import Method
+from lacet.identify.validation.row_sources import RowKind, RowSource
+from lacet.services.render.rows import row_absence
+from lacet.services.render.tables import number, table
+
+_WORDS = {
+    Method.MOTION_RATIO: "potentiometer ÷ motion ratio",
+    Method.LOAD_TRAVEL: "load and static deflection",
+    Method.LOAD_CELL: "vertical load cell; x and y from load and acceleration",
+    Method.PUSHROD: "pushrod force × ratio + unsprung mass",
+    Method.SCALE: "corner scale",
+    Method.CONTACT: "forces in the contact patch",
+    Method.OTHER_WHEEL: "other wheel of the axle",
+    Method.STEERING_WHEEL: "steering wheel",
+    Method.BENCH_TABLE: "static angle and bench table",
+    Method.TURN: "yaw rate, speed and slip angles",
+    Method.FROM_SPEED: "speed ÷ loaded radius",
+    Method.NOMINAL_SPEED: "speed that the turns give",
+    Method.GRAVITY: "rates and gravity, smoothed",
+    Method.CAR_BUS: "single accelerations and rates",
+}
+_KINDS = {
+    RowKind.MEASURED: "measured",
+    RowKind.DERIVED: "derived",
+    RowKind.ASSUMED: "assumed",
+    RowKind.IMPOSSIBLE: "impossible",
+}
+
+
+def method_words(method: Method) -> str:
+    """How a channel that is not measured is obtained."""
+    return _WORDS[method]
+
+
+def shortened(channels: Iterable[str]) -> list[str]:
+    """Channels with those of all four corners as one pattern, ``wheel.*.force``."""
+    patterns: dict[str, list[str]] = {}
+    for name in channels:
+        corner = CHANNELS[name].corner
+        patterns.setdefault(name if corner is None else name.replace(f".{corner}.", ".*."), []).append(name)
+    parts = ([key] if len(names) == len(CORNERS) else names for key, names in patterns.items())
+    return [name for part in parts for name in part]
+
+
+def to_add(absence: RowAbsence | None) -> str:
+    """The least that would have to be measured for a row that cannot be formed, or why else it is absent."""
+    if absence is None:
+        return "no usable sample outside flagged intervals"
+    if absence.cause is not Absence.CHANNELS:
+        return row_absence(absence)
+    return "needs: " + ", ".join(_with_alternatives(absence.channels))
+
+
+def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
+    """Why no row at all can be formed: what the vertical force on the car needs, which needs least, or the reasons."""
+    if not left_out:
+        return "no usable sample outside flagged intervals"
+    fewest = min(left_out.items(), key=lambda item: (item[1].cause is not Absence.CHANNELS, len(item[1].channels)))
+    return f"{fewest[0]} {to_add(fewest[1])} (lacet info --rows lists what each row needs)"
+
+
+def _with_alternatives(channels: Sequence[str]) -> list[str]:
+    out: list[str] = []
+    for name in shortened(channels):
+        others = alternatives(name.replace(".*.", f".{CORNERS[0]}."))
+        if ".*." in name:
+            others = tuple(other.replace(f".{CORNERS[0]}.", ".*.") for other in others)
+        out.append(f"{name} (or {', '.join(others)})" if others else name)
+    return out
+
+
+def sources_result(sources: Sequence[RowSource]) -> list[dict[str, Any]]:
+    """The sources of the rows as plain data (``docs/json.md``, ``identify``)."""
+    return [
+        {
+            "row": one.row,
+            "unit": one.row.unit,
+            "source": _KINDS[one.kind],
+            "runs": list(one.runs),
+            "derived": {name: method_words(method) for name, method in one.derived.items()},
+            "assumed": {name: method_words(method) for name, method in one.assumed.items()},
+            "assumptions": [
+                {
+                    "name": a.name, "value": a.value, "tolerance": a.tolerance, "unit": a.unit, "given": a.given,
+                    "source": a.source, "moves": moves,
+                }
+                for a, moves in sorted(one.assumptions.items(), key=lambda item: -item[1])
+            ],
+            "moves": one.moved,
+            "size": one.size,
+            "add": to_add(one.absence) if one.kind is RowKind.IMPOSSIBLE else "",
+        }
+        for one in sources
+    ]  # fmt: skip
+
+
+_SHOWN = 2
+"""Assumptions shown in a line of the table, those that move the row most."""
+
+
+def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
+    """The rows by where they come from, alike ones in one line; below, what is not measured and its source."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for one in result:
+        moves = ""
+        if one["source"] == "assumed":
+            most = ", ".join(a["name"] for a in one["assumptions"][:_SHOWN])
+            moves = f"{number(one['moves'], one['moves'])} of {number(one['size'], one['size'])} {one['unit']}: {most}"
+        lacking = _families((*one["derived"], *one["assumed"]))
+        add = one["add"].replace(f".{str(one['row']).partition('.')[2]}.", ".*.")
+        key = (one["source"], lacking, moves, add, ", ".join(one["runs"]))
+        alike.setdefault(key, []).append(str(one["row"]))
+    head = ["rows", "source", "not measured", "assumptions move it by (1 σ)", "to add", "runs"]
+    lines = [[_rows(group), *key] for key, group in alike.items()]
+    used = [k for k in range(len(head)) if k < 2 or any(line[k] for line in lines)]
+    if len({line[-1] for line in lines}) == 1:
+        used.remove(len(head) - 1)
+    out = table([head[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))
+    return f"{out}\n\n{channels}" if (channels := _channels_table(result)) else out
+
+
+def _channels_table(result: Sequence[Mapping[str, Any]]) -> str:
+    """Channels that are not measured, and what they are taken from; an empty text where there are none."""
+    found: dict[tuple[str, str], dict[str, None]] = {}
+    for one in result:
+        for kind in ("derived", "assumed"):
+            for name, words in one[kind].items():
+                found.setdefault((kind, words), {})[name] = None
+    lines = [[", ".join(shortened(names)), kind, words] for (kind, words), names in found.items()]
+    return table(["not measured", "source", "taken from"], lines, text_columns=3) if lines else ""
+
+
+def assumptions_table(result: Sequence[Mapping[str, Any]]) -> str:
+    """What is assumed: value, tolerance and where they come from; an empty text where nothing is."""
+    found: dict[str, Mapping[str, Any]] = {}
+    for one in result:
+        for assumption in one["assumptions"]:
+            found.setdefault(assumption["name"], assumption)
+    lines = [
+        [
+            name, f"{a['value']:.4g}", f"{a['tolerance']:.2g}", a["unit"],
+            a["source"] if a["given"] else f"default: {a['source']}",
+        ]
+        for name, a in sorted(found.items())
+    ]  # fmt: skip
+    return table(["assumed", "value", "± 1 σ", "unit", "from"], lines, text_columns=5) if lines else ""
+
+
+def _families(names: Iterable[str]) -> str:
+    """Families of channels, ``wheel.moment, laser.hub``."""
+    return ", ".join(dict.fromkeys(CHANNELS[name].family for name in names))
+
+
+def _rows(rows: Iterable[str]) -> str:
+    """Rows of one kind together: ``chassis.fx, fy``."""
+    kinds: dict[str, list[str]] = {}
+    for row in rows:
+        kind, _, place = row.partition(".")
+        kinds.setdefault(kind, []).append(place)
+    return "; ".join(f"{kind}.{', '.join(places)}" for kind, places in kinds.items())
