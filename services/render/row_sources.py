@@ -108,8 +108,12 @@ _SHOWN = 2
 """Assumptions shown in a line of the table, those that move the row most."""
 
 
-def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
-    """The rows by where they come from, alike ones in one line; below, what is not measured and its source."""
+HEAD = ("rows", "source", "not measured", "assumptions move it by (1 σ)", "to add", "runs")
+"""Columns of the table of rows."""
+
+
+def sources_lines(result: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """The rows by where they come from, those that are alike in one line: cells in the order of `HEAD`."""
     alike: dict[tuple[str, ...], list[str]] = {}
     for one in result:
         moves = ""
@@ -120,12 +124,16 @@ def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
         add = one["add"].replace(f".{str(one['row']).partition('.')[2]}.", ".*.")
         key = (one["source"], lacking, moves, add, ", ".join(one["runs"]))
         alike.setdefault(key, []).append(str(one["row"]))
-    head = ["rows", "source", "not measured", "assumptions move it by (1 σ)", "to add", "runs"]
-    lines = [[_rows(group), *key] for key, group in alike.items()]
-    used = [k for k in range(len(head)) if k < 2 or any(line[k] for line in lines)]
+    return [[_rows(group), *key] for key, group in alike.items()]
+
+
+def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
+    """The table of rows, without columns that are empty or alike; below, what is not measured and its source."""
+    lines = sources_lines(result)
+    used = [k for k in range(len(HEAD)) if k < 2 or any(line[k] for line in lines)]
     if len({line[-1] for line in lines}) == 1:
-        used.remove(len(head) - 1)
-    out = table([head[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))
+        used.remove(len(HEAD) - 1)
+    out = table([HEAD[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))
     return f"{out}\n\n{channels}" if (channels := _channels_table(result)) else out
 
 

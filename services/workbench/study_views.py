@@ -16,6 +16,7 @@ from lacet.identify.car.rows import ROWS, Row
 from lacet.identify.validation.residual_map import BIN, residual_map
 from lacet.identify.validation.score import FAILS, Comparison, pooled_ratio
 from lacet.services.render.effect_text import effect_label
+from lacet.services.render.row_sources import HEAD, sources_lines
 from lacet.services.render.rows import row_label, with_verdict
 from lacet.services.render.units import unit_text
 from lacet.services.workbench.packed_arrays import packed
@@ -81,6 +82,7 @@ def version_payload(study: Study, version: Version) -> dict[str, Any]:
         "used_error": pooled_ratio(rows["used"]), "held_error": pooled_ratio(rows["held"]), "rows": shown, "used": used,
         "held": held, "runs_differ": (set(used), set(held)) != (set(study.used), set(study.held)),
         "not_judged": version.result.get("not_judged", []),
+        "row_sources": {"head": HEAD, "lines": sources_lines(version.result.get("row_sources", []))},
     }  # fmt: skip
 
 

@@ -145,6 +145,7 @@ _FREE: dict[str, float] = {
     **{name: 3000.0 if name.endswith("force") else 300.0 for name in LOADS},
     "imu.accel": 0.5,
     **{f"laser.{c}.ground": 0.01 for c in CORNERS},
+    **{f"{part}.{c}.{what}": 3000.0 for c in CORNERS for part, what in (("hub", "load"), ("pushrod", "force"))},
 }
 """Channels of which only values enter a model without tyre damping, with the size of a change."""
 
@@ -162,9 +163,9 @@ def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Record
         moved = record.with_signals(replace(record.signals, value={**values, **changed}))
         return np.stack([*residual(build_motion(moved), effects, theta).values()], axis=1)
 
-    start = left({})
+    start, free = left({}), {name: step for name, step in _FREE.items() if name in values}
     slopes: list[Array] = []
-    for name, step in _FREE.items():
+    for name, step in free.items():
         for k in range(CHANNELS[name].width):
             moved = values[name].copy()
             moved[k] += 1e-3 * step
@@ -172,12 +173,12 @@ def fulfil(record: Recording, effects: Sequence[Effect], theta: Array) -> Record
     A = np.stack(slopes, axis=2)
     A_t = A.transpose(0, 2, 1)
     inverse = A_t @ np.linalg.inv(A @ A_t)  # smallest change; rounding is mended by iterating
-    size = np.max(np.abs(start))
+    size = max(float(np.max(np.abs(start))), 100.0)  # of rows that hold already
     rest = start
     for _ in range(40):
         step = -np.einsum("nij,nj->ni", inverse, rest).T
         place = 0
-        for name, scale in _FREE.items():
+        for name, scale in free.items():
             width = CHANNELS[name].width
             values[name] = values[name] + scale * step[place : place + width]
             place += width

@@ -2,7 +2,7 @@
 
 import { needing, veil } from "../widgets/pending.js";
 import { timeChart } from "../charts/time_chart.js";
-import { scoresOf, strip, table, validation } from "./compare_scores.js";
+import { scoresOf, sourcesTable, strip, table, validation } from "./compare_scores.js";
 import { rowStack } from "./compare_stack.js";
 import { h } from "../widgets/dom.js";
 import { times } from "../widgets/format.js";
@@ -59,7 +59,9 @@ class Compare {
     this.channels = h("div", { class: "channels" });
     this.table = h("div", { class: "scroll" });
     this.scores = h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table);
-    root.append(h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels, this.scores);
+    this.sources = h("div", { class: "scroll", "data-testid": "row-sources" });
+    const formed = h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from"), this.sources);
+    root.append(h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels, this.scores, formed);
     this.veil = veil(this.rows);
   }
 
@@ -139,6 +141,7 @@ class Compare {
       rows: this.found.rows, chosen: this.app.state.row, beneath: kept.beneath,
       onRow: (row) => this.app.set({ row }), onBeneath: (row, on) => this.beneath(row, on),
     }));
+    this.sources.replaceChildren(sourcesTable(this.version?.row_sources));
   }
 
   step(by) {

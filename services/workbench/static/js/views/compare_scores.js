@@ -73,6 +73,19 @@ export function table({ rows, chosen, beneath, onRow, onBeneath }) {
         disabled: score.row === chosen, onchange: (e) => onBeneath(score.row, e.target.checked) }))))));
 }
 
+/**
+ * Which rows are measured, derived, assumed or impossible, and what would have to be added.
+ * @param {{head: Array<string>, lines: Array<Array<string>>}|undefined} sources
+ * @returns {HTMLElement}
+ */
+export function sourcesTable(sources) {
+  if (!sources?.lines.length) return h("p", { class: "muted", text: "Versions made from now on show it." });
+  return h("table", { class: "score-table" },
+    h("thead", null, h("tr", null, sources.head.map((text) => h("th", { scope: "col", text })))),
+    h("tbody", null, sources.lines.map(([rows, ...cells]) => h("tr", null,
+      h("th", { scope: "row", text: rows }), cells.map((text) => h("td", { class: "why", text }))))));
+}
+
 function percent(value) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   return minus(value > 99 ? value.toFixed(2) : value.toFixed(1));

@@ -1,0 +1,171 @@
+"""Rigs with fewer instruments on the reference car: what each identifies, and the truth within its intervals.
+
+The tables are the reference car's own, without the channels that a rig has not, or with those it has instead. The car
+follows laws of its own: what is assumed of it is off by what it happens to be.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CHANNELS, CORNERS
+from lacet.daq.run import Run, Signal
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, TYRE_ROWS, Row
+from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.signals.filters import derivative, zero_phase
+from lacet.identify.validation.parameter_estimates import estimates
+from tests.identify import cars
+
+STATED = """
+[assumed]
+motion_ratio = { value = 0.8, tolerance = 0.008, unit = "-", source = "drawing" }
+pushrod_ratio = { value = 0.8, tolerance = 0.008, unit = "-", source = "drawing" }
+outboard_mass = { value = 22, tolerance = 3, unit = "kg", source = "wheel on the scales" }
+unsprung_mass.front = { value = 54, tolerance = 3, unit = "kg", source = "drawing" }
+unsprung_mass.rear = { value = 46, tolerance = 3, unit = "kg", source = "drawing" }
+"""
+_, RIG = cars.reference_car()
+VEHICLE = Vehicle.parse(cars.reference_car()[0].text + STATED)
+HUB = RIG.wheel_reference
+INERTIAL = ("imu.accel", "imu.rate")
+FZ = (Row.parse("chassis.fz"),)
+EXTRA = ("anti_roll_bar.front", "anti_roll_bar.rear")
+Made = Mapping[str, Signal]
+
+
+@dataclass(frozen=True)
+class Instruments:
+    """A rig: the channels of the tables that it has, those made from them, and the rows it must give."""
+
+    keep: Callable[[str], bool]
+    rows: tuple[Row, ...]
+    make: Callable[[Run], Made] = lambda _: {}
+
+
+def no_wheels(name: str) -> bool:
+    return not name.startswith("wheel.")
+
+
+def of(run: Run, pattern: str, source: str, change: Callable[[np.ndarray], np.ndarray]) -> Made:
+    """A channel at each corner from another of the same time base, without the latency of that."""
+    out: dict[str, Signal] = {}
+    for c in CORNERS:
+        signal, latency = run.signals[source.format(c=c)], RIG.latency(source.format(c=c))
+        out[pattern.format(c=c)] = replace(signal, t=signal.t - latency, values=change(signal.values))
+    return out
+
+
+def gauged(run: Run) -> Made:
+    """Pushrod forces: what the springs and dampers take of the wheel load, the inboard unsprung mass' inertia aside."""
+    out: dict[str, Signal] = {}
+    for c, mass in zip(CORNERS, (32.0, 32.0, 24.0, 24.0), strict=True):
+        load, hub, accel = (run.signals[name] for name in (f"wheel.{c}.force", f"laser.{c}.hub", "imu.accel"))
+        t = load.t - RIG.latency(f"wheel.{c}.force")
+        rate = 1.0 / float(np.median(np.diff(t)))
+        travel = -derivative(derivative(zero_phase(hub.values.T, 25.0, rate, 6), rate), rate)[0]
+        at_hub = np.interp(t, hub.t - RIG.latency(f"laser.{c}.hub"), travel)
+        body = vertical(run, c)
+        body = np.interp(t, accel.t - RIG.latency("imu.accel"), body)
+        out[f"pushrod.{c}.force"] = replace(
+            load, t=t, values=(load.values[:, 2] - mass * (body + at_hub))[:, None] / 0.8
+        )
+    return out
+
+
+def vertical(run: Run, corner: str) -> np.ndarray:
+    """The body's vertical specific force at a wheel centre [m/s²]."""
+    accel, rate = run.signals["imu.accel"].values.T, run.signals["imu.rate"].values.T
+    sampled = 1.0 / float(np.median(np.diff(run.signals["imu.rate"].t)))
+    turning = derivative(zero_phase(rate, 25.0, sampled, 6), sampled)
+    arm = np.asarray(VEHICLE.corners[corner].position) - np.asarray(RIG.sensors[1].position[""])
+    return accel[2] + turning[0] * arm[1] - turning[1] * arm[0]
+
+
+RIGS = {
+    "hubs": Instruments(lambda n: n.endswith(".force") or n in INERTIAL, CHASSIS_ROWS),
+    "cells": Instruments(
+        no_wheels,
+        (*FZ, *SUSPENSION_ROWS, *TYRE_ROWS),
+        lambda run: of(run, "hub.{c}.load", "wheel.{c}.force", lambda a: a[:, 2:]),
+    ),
+    "potentiometers": Instruments(
+        lambda n: not n.endswith(".hub"),
+        (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS),
+        lambda run: of(run, "damper.{c}.travel", "laser.{c}.hub", lambda a: 0.8 * (0.3 - a)),
+    ),
+    "no attitude": Instruments(
+        lambda n: n not in ("imu.attitude", "laser.rl.ground", "laser.rr.ground"),
+        (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS[:2]),
+    ),
+    "one laser": Instruments(
+        lambda n: not n.endswith(".hub") or n == "laser.fl.hub",
+        (*CHASSIS_ROWS, SUSPENSION_ROWS[0], TYRE_ROWS[0]),
+    ),
+    "pushrods": Instruments(
+        no_wheels,
+        (*FZ, *SUSPENSION_ROWS, *TYRE_ROWS),
+        gauged,
+    ),
+}
+
+
+def fitted(rig: str) -> Fit:
+    """The base model and both bars, fitted to ten seconds of a smooth and of a rough road."""
+    runs: list[PreparedRun] = []
+    for name in ("sine", "rough"):
+        whole = cars.piece(name, 5.0, 15.0)
+        signals = {n: s for n, s in whole.signals.items() if RIGS[rig].keep(n)} | RIGS[rig].make(whole)
+        runs.append(PreparedRun.of(replace(whole, signals=signals), VEHICLE, RIG))
+    known = catalogue(VEHICLE, HUB)
+    return fit(Model.of([*base_model(VEHICLE, HUB), *(known[key] for key in EXTRA)]), runs, FitOptions(draws=2))
+
+
+@pytest.mark.parametrize("rig", RIGS)
+def test_a_rig_gives_its_rows_and_the_truth_is_in_its_intervals(rig: str, truth: dict[str, Any]) -> None:
+    """Nine of ten values of the car at least, and all within twice their intervals; mass to half a percent."""
+    found = fitted(rig)
+    assert set(found.rows) >= set(RIGS[rig].rows)
+    right = expected(truth)
+    off: dict[str, float] = {}
+    for e in estimates(found, None, found.runs):
+        if e.identifiable and e.name in right and e.group in ("", e.name):
+            off[e.name] = abs(e.value - right[e.name]) / e.half_sheet
+    whole = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), VEHICLE)
+    if whole is not None and {*CHASSIS_ROWS} <= set(found.rows):
+        for k, name in enumerate(NAMES[:4]):
+            if whole.determined[k]:
+                off[name] = abs(float(whole.values[k]) - right[name]) / float(whole.interval[k])
+        assert "mass" in off
+        assert whole.values[0] == pytest.approx(right["mass"], rel=0.005)
+    assert off, "the rig identifies nothing"
+    assert max(off.values()) < 2.0, off
+    assert np.mean([size < 1.0 for size in off.values()]) >= 0.8, off
+
+
+def expected(truth: dict[str, Any]) -> dict[str, float]:
+    """True values by name, inboard of the dynamometers."""
+    design, axle = truth["inboard_at_design"], {"f": "front", "r": "rear"}
+    out = {"mass": design["mass_kg"], **dict(zip(("cog.x", "cog.y", "cog.z"), design["cog_m"], strict=True))}
+    for c in CORNERS:
+        out[f"spring.{c}.k"] = truth["suspension"][axle[c[0]]]["k_N_m"]
+        out[f"damper.{c}.c"] = truth["suspension"][axle[c[0]]]["c_Ns_m"]
+        out[f"tyre_stiffness.{c}.kt"] = truth["tyre_vertical_stiffness_N_m"]
+    for name, k in truth["anti_roll_bar_N_per_m_of_travel_difference"].items():
+        out[f"anti_roll_bar.{name}.k"] = k
+    return out
+
+
+def test_every_rig_names_known_channels() -> None:
+    """The made channels are of the vocabulary."""
+    whole = cars.piece("sine", 5.0, 6.0)
+    assert all(name in CHANNELS for rig in RIGS.values() for name in rig.make(whole))
