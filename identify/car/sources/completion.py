@@ -11,7 +11,7 @@ from lacet.daq.assumptions import AXLE_OF, Assumption
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Corner
 from lacet.identify.car.sources.attitude import attitude_by_gravity
-from lacet.identify.car.sources.travel import DamperTravel, LoadTravel
+from lacet.identify.car.sources.travel import DamperTravel, LoadTravel, UnsprungForce
 from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
 from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
 from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
@@ -143,11 +143,17 @@ class _Completion:
             mean = self._mean_load(c)
             if mean < LEAST_LOAD:
                 return
-            other = self.recording.vehicle.corners[("r" if c[0] == "f" else "f") + c[1]]
+            follows = self._assume("travel_accel", c)
             law = LoadTravel(
-                corner, other, rig, mean, design, self._assume("static_deflection", c), self._assume("travel", c),
-                self._assume("travel_accel", c), self._assume("travel_accel_other", c),
+                corner, rig, mean, design, self._assume("static_deflection", c), self._assume("travel", c),
+                follows.value,
             )  # fmt: skip
+            other = self.recording.vehicle.corners[("r" if c[0] == "f" else "f") + c[1]]
+            mass = self._assume("unsprung_mass", c).value
+            if self.recording.reference == "hub":
+                mass -= self._assume("outboard_mass", c).value
+            far = self._assume("travel_accel_other", c)
+            self.laws.append(UnsprungForce(corner, other, rig, mass, follows, far))
             self._add(law, Method.LOAD_TRAVEL, (Kind.ASSUMED,), (f"wheel.{c}.force", *_INERTIAL), "suspension", "tyre")
 
     def _mean_load(self, c: str) -> float:

@@ -16,24 +16,20 @@ from lacet.identify.signals.sources import Conditional, Law, Series
 
 @dataclass(frozen=True)
 class LoadTravel(Law[Signals]):
-    """Travel s = s₀ + d (F_z ÷ F̄_z − 1), d the static deflection; s̈ = −γ (a_z − g) − κ (a_z,other − g).
-
-    a_z is the body's specific force at the corner, a_z,other that at the other axle: a wheel follows its road.
+    """Travel s = s₀ + d (F_z ÷ F̄_z − 1), d the static deflection; s̈ = −γ (a_z − g), what a wheel on its road does.
 
     It places the wheel centre in the moments about the body's origin and moves the unsprung mass; it can say nothing
     of the suspension that it assumes. `mean` : F̄_z, the run's mean load [N]; `design` : reading of the hub laser at
-    design height [m].
+    design height [m]; `follows` : γ, whose tolerance is that of `UnsprungForce`.
     """
 
     corner: Corner
-    other: Corner
     rig: Rig
     mean: float
     design: float
     deflection: Assumption
     start: Assumption
-    own: Assumption
-    far: Assumption
+    follows: float
 
     @property
     def channel(self) -> str:
@@ -42,18 +38,54 @@ class LoadTravel(Law[Signals]):
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """Static deflection, travel at the mean load, parts of the body's acceleration."""
-        return (self.deflection, self.start, self.own, self.far)
+        """Static deflection and travel at the mean load."""
+        return (self.deflection, self.start)
 
     def series(self, signals: Signals) -> Series:
         """The hub laser's reading and its acceleration; its rate is neglected."""
         load = signals.value[f"wheel.{self.corner.name}.force"][2]
-        deflection, start, own, far = (signals.assumed[one.name][0] for one in self.assumptions)
+        deflection, start = (signals.assumed[one.name][0] for one in self.assumptions)
         travel = start + deflection * (load / self.mean - 1.0)
-        _, here = corner_motion(self.corner, signals, self.rig, load.size)
-        _, there = corner_motion(self.other, signals, self.rig, load.size)
-        up = own * (here[2] - GRAVITY) + far * (there[2] - GRAVITY)
+        _, accel = corner_motion(self.corner, signals, self.rig, load.size)
+        up = self.follows * (accel[2] - GRAVITY)
         return Series((self.design - travel)[None], np.zeros((1, load.size)), up[None])
+
+
+@dataclass(frozen=True)
+class UnsprungForce(Law[Signals]):
+    """Wheel force, moved by what the unsprung mass' own acceleration may be off where no travel is measured.
+
+    m ((γ − γ₀) (a_z − g) + κ (a_z,other − g)) along z with m a nominal unsprung `mass` [kg] and a_z,other the body's
+    specific force at the other axle, whose road this wheel meets as well. At the nominal values it is the measured
+    force: with a nominal mass the response does not hang on masses that such a rig hardly identifies.
+    """
+
+    corner: Corner
+    other: Corner
+    rig: Rig
+    mass: float
+    own: Assumption
+    far: Assumption
+
+    @property
+    def channel(self) -> str:
+        """The wheel force."""
+        return f"wheel.{self.corner.name}.force"
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Parts of the body's acceleration, here and at the other axle."""
+        return (self.own, self.far)
+
+    def series(self, signals: Signals) -> Series:
+        """The force."""
+        force = signals.value[self.channel]
+        own, far = (signals.assumed[one.name][0] - one.value for one in self.assumptions)
+        _, here = corner_motion(self.corner, signals, self.rig, force.shape[1])
+        _, there = corner_motion(self.other, signals, self.rig, force.shape[1])
+        up = self.mass * (own * (here[2] - GRAVITY) + far * (there[2] - GRAVITY))
+        moved = np.stack([force[0], force[1], force[2] + up])
+        return Series(moved, np.zeros_like(moved), np.zeros_like(moved))
 
 
 @dataclass(frozen=True)

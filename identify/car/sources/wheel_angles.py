@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from lacet.daq.assumptions import Assumption
 from lacet.daq.rig import Rig
@@ -107,7 +107,7 @@ class SteeringWheel(Steer):
         if self.table is None:
             return Series(wheel / ratio, rate / ratio, accel / ratio)
         angles = self.table.left if self.corner.side > 0 else self.table.right
-        spline = CubicSpline(self.table.wheel, angles, bc_type="natural")
+        spline = scipy.interpolate.CubicSpline(self.table.wheel, angles, bc_type="natural")
         scale = self.ratio.value / ratio
         slope, bend = (np.asarray(spline(wheel, order), float) for order in (1, 2))
         return Series(
