@@ -121,6 +121,12 @@ ASSUMABLE: dict[str, Assumable] = {
         "-", 1.0, 0.15, "car", "speed ÷ what lateral acceleration and yaw rate make it, without a measurement",
         "the body's roll adds 5 to 8 % of the lateral acceleration",
     ),
+    "roll_gradient": Assumable(
+        "rad·s²/m", 0.006, 0.003, "car", "roll per lateral acceleration, where only yaw rate and it are measured",
+        "3.4° per g, of 2 to 6° per g",
+    ),
+    "longitudinal_accel": Assumable("m/s²", 0.0, 0.5, "car", "longitudinal acceleration, likewise", "steady speed"),
+    "vertical_accel": Assumable("-", 1.0, 0.01, "car", "vertical specific force in g, likewise", "level road"),
     "lateral_share": Assumable(
         "-", 1.0, 0.3, "axle", "lateral force of a wheel ÷ (its load × lateral acceleration in g)",
         "tyres of one axle share lateral force nearly as their loads",

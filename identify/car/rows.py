@@ -270,6 +270,18 @@ _NEVER_ASSUMED = ("imu.accel", "imu.rate", "imu.attitude", "laser.ground")
 """Families of channels that nothing stands in for by an assumption."""
 
 
+_PARTIAL = {"wheel.force": {2}, "imu.accel": {1}, "imu.rate": {2}}
+"""Families of channels that others stand in for in some components only."""
+
+
+def instead(row: Row, channel: str) -> tuple[str, ...]:
+    """Channels that serve a row as well as one that it needs, any of them, the best first."""
+    given = _PARTIAL.get(CHANNELS[channel].family)
+    if given is not None and not set(leading(row).get(channel, ())) <= given:
+        return ()
+    return alternatives(channel)
+
+
 def lacking(row: Row, reference: str, recorded: Container[str]) -> tuple[str, ...]:
     """The fewest channels that a recording would need besides those `recorded` for a row; empty where it can be formed.
 
@@ -280,7 +292,7 @@ def lacking(row: Row, reference: str, recorded: Container[str]) -> tuple[str, ..
     return tuple(
         c
         for c in absent
-        if (c in must or CHANNELS[c].family in _NEVER_ASSUMED) and not any(o in recorded for o in alternatives(c))
+        if (c in must or CHANNELS[c].family in _NEVER_ASSUMED) and not any(o in recorded for o in instead(row, c))
     )
 
 

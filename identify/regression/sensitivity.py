@@ -87,7 +87,8 @@ class CombSlopes:
     ----------
     t : (N,) time of each sample [s].
     comb : indices of the samples at which the derivatives were computed.
-    coarse : input → row → values at those samples, or a scalar where a derivative is constant.
+    coarse : input → row → values at those samples, or a scalar where a derivative is constant; of assumptions at every
+        sample.
     """
 
     t: Array
@@ -99,7 +100,10 @@ class CombSlopes:
         """Input → row → (N,) interpolated values at every sample, or a scalar where a derivative is constant."""
         at = self.t[self.comb]
         return {
-            key: {row: slope if slope.ndim == 0 else np.interp(self.t, at, slope) for row, slope in rows.items()}
+            key: {
+                row: slope if slope.size in (1, self.t.size) else np.interp(self.t, at, slope)
+                for row, slope in rows.items()
+            }
             for key, rows in self.coarse.items()
         }
 
@@ -161,21 +165,14 @@ class Sensitivity:
         motion = build_motion(coarse, measured=measured)
         before = residual(motion, active, theta)
         parts = [*range(_ASSUMED)] if any(effect.conditional for effect in active) else [*range(_MEAN)]
-        parts += [_ASSUMED] * bool(coarse.signals.assumed)
-        slopes = {key: dict[Row, Array]() for key in _inputs(coarse.signals, parts)}
-        unchanged: dict[int, _Copies] = {}
-        # Samples do not see each other, so that many changed copies of the run go through in one pass.
-        for corner, group in _groups(coarse, parts, max(1, min(_COPIES, _SAMPLES // comb.size))):
-            steps = [_scale(coarse, one) * _STEPS[one[2]] for one in group]
-            if len(group) not in unchanged:
-                unchanged[len(group)] = _Copies.made(len(group), coarse, measured, motion)
-            copies = unchanged[len(group)]
-            changed = _stepped(copies.recording, group, steps)
-            still, moving = (copies.motion, [corner]) if corner else (None, CORNERS)
-            after = residual(build_motion(changed, still, moving, copies.measured), active, theta)
-            slopes |= zip(group, _slopes(before, after, steps), strict=True)
-        found = {key: rows for key, rows in slopes.items() if rows}
-        return cls(recording, CombSlopes(recording.t, comb, found))
+        slopes = _derivatives(coarse, measured, motion, before, active, theta, parts)
+        if recording.signals.assumed:
+            # What an assumption does follows the signals themselves, at every sample.
+            measured = MeasuredRows.of(recording)
+            motion = build_motion(recording, measured=measured)
+            before = residual(motion, active, theta)
+            slopes |= _derivatives(recording, measured, motion, before, active, theta, [_ASSUMED])
+        return cls(recording, CombSlopes(recording.t, comb, slopes))
 
     def on(self, recording: Recording) -> Sensitivity:
         """These derivatives with another recording of the same motion."""
@@ -254,6 +251,26 @@ class Sensitivity:
             some = min(together, draws - start)
             drawn = draw_noises(self.recording, self.channels, rng, some)
             yield self.response(drawn, draw_noises(self.recording, self._bent, rng, some))
+
+
+def _derivatives(
+    recording: Recording, measured: MeasuredRows, motion: Motion, before: Mapping[Row, Array],
+    effects: Sequence[PhysicalEffect], theta: Array, parts: Sequence[int],
+) -> dict[Input, dict[Row, Array]]:  # fmt: skip
+    """Slopes of the residual `before` by the inputs in these of the `_PARTS`, at the recording's samples."""
+    slopes = {key: dict[Row, Array]() for key in _inputs(recording.signals, parts)}
+    unchanged: dict[int, _Copies] = {}
+    # Samples do not see each other, so that many changed copies of the run go through in one pass.
+    for corner, group in _groups(recording, parts, max(1, min(_COPIES, _SAMPLES // recording.t.size))):
+        steps = [_scale(recording, one) * _STEPS[one[2]] for one in group]
+        if len(group) not in unchanged:
+            unchanged[len(group)] = _Copies.made(len(group), recording, measured, motion)
+        copies = unchanged[len(group)]
+        changed = _stepped(copies.recording, group, steps)
+        still, moving = (copies.motion, [corner]) if corner else (None, CORNERS)
+        after = residual(build_motion(changed, still, moving, copies.measured), effects, theta)
+        slopes |= zip(group, _slopes(before, after, steps), strict=True)
+    return {key: rows for key, rows in slopes.items() if rows}
 
 
 @dataclass(frozen=True)

@@ -2,8 +2,7 @@
 
 They are parameters of a run with the sheet's σ as prior: zeros without a prior would absorb drag and cross-talk;
 without zeros half a millimetre of a laser would appear as a hundred newtons of tyre load. A payload of its own
-may stand beside them, and what is assumed where a channel is not measured, with its tolerance: rows count for less in
-what an assumption may move. That an assumption is off by the same in all runs, the sensor sheet's responses add.
+may stand beside them.
 """
 
 from __future__ import annotations
@@ -20,9 +19,6 @@ from lacet.identify.effects.body.payload import Payload
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
-
-OF_ASSUMPTION = "assumed "
-"""What the name of an assumption begins with among a run's zeros."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +55,6 @@ def zeros_of(run: PreparedRun, sensitivity: Sensitivity, every: bool = False) ->
             names.append(CHANNELS[channel].columns[component])
             sigma.append(tolerance)
             series.append(sensitivity.zero(channel, component))
-    assumptions = run.recording.assumptions
-    for name in assumptions if every else sensitivity.assumptions:
-        if assumptions[name].tolerance > 0.0:
-            names.append(OF_ASSUMPTION + name)
-            sigma.append(assumptions[name].tolerance)
-            series.append(sensitivity.assumed(name))
     columns: dict[Row, Array] = {row: np.zeros((len(run.index[row]), len(series))) for row in run.rows}
     for row, table in columns.items():
         # The filter leaves a constant as it is, and most of these are constant.

@@ -16,7 +16,6 @@ from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.assembly import Assembly, Piece
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.qr_accumulation import Equations, Key, added
-from lacet.identify.regression.sensor_offsets import OF_ASSUMPTION
 from lacet.identify.regression.sums.tree import merged
 from lacet.identify.regression.tolerances import SheetEntry
 
@@ -61,21 +60,18 @@ class Spread:
     Attributes
     ----------
     scores : (p, p) covariance of the summed scores, serial and cross-row (Driscoll–Kraay).
-    sheet : gain, latency or assumption → (p,) change of the normal equations' right side by one tolerance of it.
-    assumed : (p, p) what the runs' assumptions would add to the scores' covariance if they were off in each run by
-        itself: it is part of the normal matrix, and not of the truth, in which they are off alike (`sheet`).
+    sheet : gain or latency → (p,) change of the normal equations' right side by one tolerance of it.
     """
 
     scores: Array
     sheet: Mapping[SheetEntry, Array]
-    assumed: Array
 
     @classmethod
     def merged(cls, parts: Sequence[Spread]) -> Spread:
         """The spread of several runs together: the sum of theirs."""
         entries = dict.fromkeys(entry for part in parts for entry in part.sheet)
         sheet = {entry: added([part.sheet[entry] for part in parts if entry in part.sheet]) for entry in entries}
-        return cls(added([part.scores for part in parts]), sheet, added([part.assumed for part in parts]))
+        return cls(added([part.scores for part in parts]), sheet)
 
 
 def spread_of(
@@ -119,13 +115,11 @@ def _run_spread(
                 pushed = [columns[row].T @ series for row, series in response.items() if row in columns]
                 if pushed:
                     systematic[name] = systematic.get(name, np.zeros(equations.p)) + np.sum(pushed, axis=0)
-    meat, assumed = hac(scores), np.zeros((equations.p, equations.p))
+    meat = hac(scores)
     if gain.size:
         following = gain / run.priors[:, None]
-        own = np.array([not name.startswith(OF_ASSUMPTION) for name in run.zeros])
-        meat = following[own].T @ following[own] + meat
-        assumed = following[~own].T @ following[~own]
-    return Spread(meat, systematic, assumed), {row: np.concatenate(parts) for row, parts in residual.items()}
+        meat = following.T @ following + meat
+    return Spread(meat, systematic), {row: np.concatenate(parts) for row, parts in residual.items()}
 
 
 def at_least(covariance: Array, other: Array) -> Array:

@@ -126,7 +126,7 @@ _BENT = ("laser.hub", "damper.travel")
 """Families of channels whose value and rate are arguments of laws that bend within the noise: suspension travel."""
 _DERIVED = {
     "imu.rate": 1, "wheel.speed": 1, "laser.ground": 1, "laser.hub": 2, "camera.steer": 2, "camera.camber": 2,
-    "damper.travel": 2, "steering.angle": 2, "car.yaw_rate": 1,
+    "damper.travel": 2, "steering.angle": 2, "car.yaw_rate": 1, "car.lateral_accel": 2,
 }  # fmt: skip
 
 

@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"\n{sources_table(result['row_sources'])}")
     if assumed := assumptions_table(result["row_sources"]):
         print(f"\n{assumed}")
-        print("Give what you know of them in [assumed] of the vehicle file (docs/fewer-instruments.md).")
+        print("They are in the intervals with sheet. Give what you know better in [assumed] of the vehicle file.")
     if result["not_identifiable"]:
         names = ", ".join(item["name"] for item in result["not_identifiable"])
         print(f"\nNot identifiable with these runs (--why says why): {names}")

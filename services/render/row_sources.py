@@ -6,8 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from lacet.daq.channels import CHANNELS, CORNERS
-from lacet.identify.car.rows import Absence, Row, RowAbsence
-from lacet.identify.signals.for_equations import alternatives
+from lacet.identify.car.rows import Absence, Row, RowAbsence, instead
 from lacet.identify.signals.sources import Method
 from lacet.identify.validation.row_sources import RowKind, RowSource
 from lacet.services.render.rows import row_absence
@@ -52,13 +51,13 @@ def shortened(channels: Iterable[str]) -> list[str]:
     return [name for part in parts for name in part]
 
 
-def to_add(absence: RowAbsence | None) -> str:
+def to_add(row: Row, absence: RowAbsence | None) -> str:
     """The least that would have to be measured for a row that cannot be formed, or why else it is absent."""
     if absence is None:
         return "no usable sample outside flagged intervals"
     if absence.cause is not Absence.CHANNELS:
         return row_absence(absence)
-    return "needs: " + ", ".join(_with_alternatives(absence.channels))
+    return "needs: " + ", ".join(_with_alternatives(row, absence.channels))
 
 
 def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
@@ -66,13 +65,13 @@ def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
     if not left_out:
         return "no usable sample outside flagged intervals"
     fewest = min(left_out.items(), key=lambda item: (item[1].cause is not Absence.CHANNELS, len(item[1].channels)))
-    return f"{fewest[0]} {to_add(fewest[1])} (lacet info --rows lists what each row needs)"
+    return f"{fewest[0]} {to_add(*fewest)} (lacet info --rows lists what each row needs)"
 
 
-def _with_alternatives(channels: Sequence[str]) -> list[str]:
+def _with_alternatives(row: Row, channels: Sequence[str]) -> list[str]:
     out: list[str] = []
     for name in shortened(channels):
-        others = alternatives(name.replace(".*.", f".{CORNERS[0]}."))
+        others = instead(row, name.replace(".*.", f".{CORNERS[0]}."))
         if ".*." in name:
             others = tuple(other.replace(f".{CORNERS[0]}.", ".*.") for other in others)
         out.append(f"{name} (or {', '.join(others)})" if others else name)
@@ -98,7 +97,7 @@ def sources_result(sources: Sequence[RowSource]) -> list[dict[str, Any]]:
             ],
             "moves": one.moved,
             "size": one.size,
-            "add": to_add(one.absence) if one.kind is RowKind.IMPOSSIBLE else "",
+            "add": to_add(one.row, one.absence) if one.kind is RowKind.IMPOSSIBLE else "",
         }
         for one in sources
     ]  # fmt: skip

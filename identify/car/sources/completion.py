@@ -11,6 +11,7 @@ from lacet.daq.assumptions import AXLE_OF, Assumption
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Corner
 from lacet.identify.car.sources.attitude import attitude_by_gravity
+from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusRates
 from lacet.identify.car.sources.travel import DamperTravel, LoadTravel, UnsprungForce
 from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
 from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
@@ -63,6 +64,8 @@ class _Completion:
         if speed and self._has(*_INERTIAL) and not self._has("imu.attitude"):
             self._attitude(speed)
             recording = self.recording
+        if not self._has(*_INERTIAL):
+            self._bus()
         for step in (self._damper, self._force, self._travel, self._steer, self._camber, self._speed, self._moment):
             self._at_corners(step)
         n = recording.t.size
@@ -110,9 +113,32 @@ class _Completion:
             rates={**self.recording.rates, "imu.attitude": self.recording.filters.rate},
         )
 
+    def _bus(self) -> None:
+        rig = self.recording.rig
+        if not self._has(YAW_RATE, LATERAL) or any(rig.sensor_of(name) is not None for name in _INERTIAL):
+            return
+        sensor = rig.sensor_of(LATERAL)
+        position = (0.0, 0.0, 0.0) if sensor is None else sensor.position.get("", (0.0, 0.0, 0.0))
+        self._add(
+            BusRates(self._assume("roll_gradient")), Method.CAR_BUS, (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED),
+            (YAW_RATE, LATERAL),
+        )  # fmt: skip
+        law = BusAccel(position, self._assume("longitudinal_accel"), self._assume("vertical_accel"))
+        kinds = (Kind.ASSUMED, Kind.MEASURED, Kind.ASSUMED)
+        self._add(law, Method.CAR_BUS, kinds, (LATERAL, YAW_RATE))
+
+    @property
+    def _so_far(self) -> Recording:
+        """The recording with the laws found so far."""
+        assumed = {
+            one.name: np.full((1, self.recording.t.size), one.value) for law in self.laws for one in law.assumptions
+        }
+        signals = replace(self.recording.signals, assumed=assumed)
+        return replace(self.recording, signals=signals, laws=tuple(self.laws))
+
     def _force(self, corner: Corner) -> None:
         c, rig = corner.name, self.recording.rig
-        if self._has(f"wheel.{c}.force") or not self._has(*_INERTIAL):
+        if self._has(f"wheel.{c}.force") or not self._known(*_INERTIAL):
             return
         shares = self._assume("lateral_share", c), self._assume("longitudinal_share", c)
         hub_loads = self.recording.reference == "hub"
@@ -139,7 +165,7 @@ class _Completion:
     def _travel(self, corner: Corner) -> None:
         c, rig, hub = corner.name, self.recording.rig, f"laser.{corner.name}.hub"
         design = design_reading(rig, corner)
-        if not self._known(hub) and self._known(f"wheel.{c}.force") and self._has(*_INERTIAL):
+        if not self._known(hub) and self._known(f"wheel.{c}.force") and self._known(*_INERTIAL):
             mean = self._mean_load(c)
             if mean < LEAST_LOAD:
                 return
@@ -158,12 +184,8 @@ class _Completion:
 
     def _mean_load(self, c: str) -> float:
         """Mean load of a wheel over the run [N]."""
-        recording, name = self.recording, f"wheel.{c}.force"
-        if self._has(name):
-            return float(np.mean(np.asarray(recording.signals.value[name][2], float)))
-        law = next(law for law in self.laws if law.channel == name)
-        assumed = {one.name: np.full((1, recording.t.size), one.value) for one in law.assumptions}
-        return float(np.mean(np.asarray(law.series(replace(recording.signals, assumed=assumed)).value[2], float)))
+        load = self._so_far.completed.value[f"wheel.{c}.force"][2]
+        return float(np.mean(np.asarray(load, float)))
 
     def _steer(self, corner: Corner) -> None:
         c, vehicle, rig = corner.name, self.recording.vehicle, self.recording.rig
@@ -182,7 +204,7 @@ class _Completion:
                 ratio = replace(ratio, value=1.0, tolerance=STEERING_TABLE)
             law = SteeringWheel(corner, design, zero, ratio, vehicle.steering)
             self._add(law, Method.STEERING_WHEEL, kinds, ("steering.angle", hub))
-        elif self._has(*_INERTIAL) and self._known(*(f"wheel.{one}.force" for one in CORNERS)):
+        elif self._known(*_INERTIAL) and self._known(*(f"wheel.{one}.force" for one in CORNERS)):
             speed = self._the_speed()
             slips = self._assume("slip_angle", "fl"), self._assume("slip_angle", "rl")
             law = Turning(corner, design, zero, rig, vehicle.wheelbase, speed, *slips)
@@ -201,7 +223,7 @@ class _Completion:
 
     def _speed(self, corner: Corner) -> None:
         c = corner.name
-        if self._has(f"wheel.{c}.speed") or not self._known(f"wheel.{c}.force") or not self._has(*_INERTIAL):
+        if self._has(f"wheel.{c}.speed") or not self._known(f"wheel.{c}.force") or not self._known(*_INERTIAL):
             return
         speed = self._the_speed()
         law = RolledSpeed(corner, self.recording.rig, speed, self._assume("loaded_radius", c), self._assume("slip", c))
@@ -214,8 +236,8 @@ class _Completion:
         for name in SPEEDS:
             if self._has(name):
                 return Speed(name)
-        recording = self.recording
-        nominal = speed_of_turns(recording.signals, recording.rig, recording.t.size)
+        recording = self._so_far
+        nominal = speed_of_turns(recording.completed, recording.rig, recording.t.size)
         return Speed("", nominal, self._assume("speed"))
 
     def _moment(self, corner: Corner) -> None:

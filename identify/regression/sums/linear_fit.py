@@ -312,9 +312,7 @@ class FittedModel:
             model=model,
             base=found.base,
             theta=theta,
-            covariance=square(
-                at_least(iid @ (known.T @ known + spread.scores) @ iid, iid - iid @ spread.assumed @ iid) + found.doubt
-            ),
+            covariance=square(at_least(iid @ (known.T @ known + spread.scores) @ iid, iid) + found.doubt),
             covariance_iid=square(iid),
             covariance_sheet=square(_outer(moved, len(x))),
             sigma=dict(found.sigma),

@@ -165,6 +165,62 @@ def expected(truth: dict[str, Any]) -> dict[str, float]:
     return out
 
 
+def bus(run: Run) -> Made:
+    """Yaw rate and lateral acceleration alone, at the body's origin."""
+    rate, accel = run.signals["imu.rate"], run.signals["imu.accel"]
+    late = RIG.latency("imu.rate")
+    arm = np.asarray(RIG.sensors[1].position[""])
+    sampled = 1.0 / float(np.median(np.diff(rate.t)))
+    turning = derivative(zero_phase(rate.values.T, 25.0, sampled, 6), sampled)
+    lateral = accel.values[:, 1] - turning[2] * arm[0] + turning[0] * arm[2]
+    return {
+        "car.yaw_rate": replace(rate, t=rate.t - late, values=rate.values[:, 2:]),
+        "car.lateral_accel": replace(accel, t=accel.t - late, values=lateral[:, None]),
+    }
+
+
+def test_yaw_rate_and_lateral_acceleration_alone_give_two_rows(truth: dict[str, Any]) -> None:
+    """Three-axis hubs and the car's own bus: the lateral and the yaw row, and the mass from them."""
+    sensors = tuple(sensor for sensor in RIG.sensors if sensor.name != "imu")
+    whole = cars.piece("sine", 5.0, 25.0)
+    signals = {n: s for n, s in whole.signals.items() if n.endswith(".force")} | bus(whole)
+    run = PreparedRun.of(replace(whole, signals=signals), VEHICLE, replace(RIG, sensors=sensors))
+    assert run.rows == (Row.parse("chassis.fy"), Row.parse("chassis.mz"))
+    found = fit(Model.of(base_model(VEHICLE, HUB)), [run], FitOptions(draws=2))
+    whole_car = whole_vehicle(replace(found, covariance=found.covariance + found.covariance_sheet), VEHICLE)
+    assert whole_car is not None
+    assert whole_car.determined[0]
+    assert abs(whole_car.values[0] - truth["inboard_at_design"]["mass_kg"]) < whole_car.interval[0]
+
+
+def standing(seconds: float = 10.0) -> Run:
+    """The reference car standing on corner scales, its inertial unit and hub lasers on."""
+    rng, t = np.random.default_rng(5), np.arange(0.0, seconds, 0.004)
+    loads = {"fl": 3460.75, "fr": 3460.75, "rl": 2768.6, "rr": 2768.6}
+    design = {"fl": 56.0, "fr": 56.0, "rl": 48.0, "rr": 48.0}  # mass of everything unsprung, tyre included
+    still = {
+        "imu.accel": [0.0, 0.0, 9.80665],
+        "imu.rate": [0.0, 0.0, 0.0],
+        **{f"laser.{c}.hub": [0.3] for c in CORNERS},
+        **{f"scale.{c}.load": [loads[c] + 9.80665 * design[c]] for c in CORNERS},
+    }
+    signals: dict[str, Signal] = {}
+    for name, values in still.items():
+        noise = CHANNELS[name].noise * rng.standard_normal((t.size, len(values)))
+        signals[name] = Signal(t, np.asarray(values) + noise, np.zeros(t.size, np.uint8))
+    return Run("scales", signals, brakes="off")
+
+
+def test_corner_scales_give_the_static_rows() -> None:
+    """Standing on scales: vertical force and every suspension's static load, which is that of the car."""
+    run = PreparedRun.of(standing(), VEHICLE, RIG)
+    assert set(run.rows) >= {*FZ, *SUSPENSION_ROWS}
+    total = float(np.mean(run.measured[FZ[0]]))
+    outboard = sum(VEHICLE.assumption("outboard_mass", c).value for c in CORNERS)
+    scales = sum(float(np.mean(standing().signals[f"scale.{c}.load"].values)) for c in CORNERS)
+    assert total == pytest.approx(scales - 9.80665 * outboard, abs=5.0)
+
+
 def test_every_rig_names_known_channels() -> None:
     """The made channels are of the vocabulary."""
     whole = cars.piece("sine", 5.0, 6.0)

@@ -1,0 +1,19 @@
+"""The page on fewer instruments lists every assumption with its default."""
+
+from __future__ import annotations
+
+import re
+
+from lacet.daq.assumptions import ASSUMABLE
+from tests.support.places import HOME
+
+
+def test_the_table_of_assumptions_is_the_code_s() -> None:
+    """Keys, defaults, tolerances and units."""
+    page = (HOME / "docs" / "fewer-instruments.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \| (car|axle|corner) \|", page, re.MULTILINE)
+    assert {key: (float(tolerance), unit.strip()) for key, _, tolerance, unit, _ in rows} == {
+        key: (entry.tolerance, entry.unit) for key, entry in ASSUMABLE.items()
+    }
+    numbers = {key: float(value) for key, value, *_ in rows if re.fullmatch(r"[\d.e-]+", value.strip())}
+    assert numbers == {k: entry.value for k, entry in ASSUMABLE.items() if entry.value is not None}
