@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 
 from lacet.daq.assumptions import Assumption
 from lacet.daq.rig import Rig
@@ -16,6 +15,7 @@ from lacet.identify.car.sources.wheel_speed import Speed
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Signals
 from lacet.identify.signals.sources import Law, Series
+from lacet.identify.signals.spline import CubicSpline
 
 SLOW = 5.0
 """Speed below which a turn's steer is taken as at this speed [m/s]."""
@@ -107,12 +107,10 @@ class SteeringWheel(Steer):
         if self.table is None:
             return Series(wheel / ratio, rate / ratio, accel / ratio)
         angles = self.table.left if self.corner.side > 0 else self.table.right
-        spline = scipy.interpolate.CubicSpline(self.table.wheel, angles, bc_type="natural")
+        spline = CubicSpline.of(self.table.wheel, angles[None], natural=True)
         scale = self.ratio.value / ratio
-        slope, bend = (np.asarray(spline(wheel, order), float) for order in (1, 2))
-        return Series(
-            scale * np.asarray(spline(wheel), float), scale * slope * rate, scale * (slope * accel + bend * rate**2)
-        )
+        value, slope, bend = (spline.at(wheel[0], order) for order in range(3))
+        return Series(scale * value, scale * slope * rate, scale * (slope * accel + bend * rate**2))
 
 
 @dataclass(frozen=True)
