@@ -19,7 +19,7 @@ endif
 # would spend seconds on compiling NumPy, SciPy and lacet anew.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage blind fresh laws campaign catalogue reference clean moved
+.PHONY: help demo test lint format lock schema test-slow test-vcan benchmark first-work captures seeds coverage fewer blind fresh laws campaign catalogue reference clean moved
 
 help:
 	@echo 'make demo          the whole chain on committed captures, in 3 minutes (5 with the packages)'
@@ -33,6 +33,7 @@ help:
 	@echo 'make captures      replay_logs/ anew from the simulator'
 	@echo 'make seeds         docs/benchmarks/ anew: what is proposed with nothing hidden, 20 seeds (15 minutes)'
 	@echo 'make coverage      docs/benchmarks/coverage.md anew: do the intervals hold the truth, 3,000 campaigns (15 minutes)'
+	@echo 'make fewer         the table of docs/fewer-instruments.md anew: rigs that measure less, assumptions wrong on purpose (hours; goes on where it was cut off)'
 	@echo 'make blind         docs/benchmarks/blind.md anew: effects hidden and found, or not (hours; goes on where it was cut off)   (PROCESSES=4: four at a time, 3 GB each)'
 	@echo 'make fresh         docs/benchmarks/fresh.md anew: fresh cars with up to eight effects at once (a day; goes on where it was cut off)   (ARGS="--set test")'
 	@echo 'make laws          docs/benchmarks/laws.md anew: laws nobody listed, hidden and found (half an hour)   (ARGS="--set test")'
@@ -84,6 +85,9 @@ captures: .venv/.dev
 seeds: .venv/.dev
 	@$(PY) benchmarks/null_seeds.py
 	@$(PY) benchmarks/null_seeds.py --bars
+
+fewer: .venv/.dev
+	@$(PY) -m benchmarks.fewer_instruments $(ARGS)
 
 coverage: .venv/.dev
 	@$(PY) benchmarks/coverage.py

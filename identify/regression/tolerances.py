@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -20,12 +20,13 @@ Where channels are not measured also ``assumed``, name of the assumption, 0."""
 ASSUMED = "assumed"
 
 
-def sheet_entries(rig: Rig, sensitivity: Sensitivity) -> dict[SheetEntry, tuple[str, ...]]:
-    """Gains and latencies of the sheet for the channels of a sensitivity, entry → the channels that it applies to.
+def sheet_entries(
+    rig: Rig, channels: Iterable[str], assumptions: Iterable[str] = ()
+) -> dict[SheetEntry, tuple[str, ...]]:
+    """Gains and latencies of the sheet for these channels, entry → the channels that it applies to.
 
-    And what is assumed where channels are not measured, with no channels.
+    And an entry without channels for each of the `assumptions`, by name.
     """
-    channels = sensitivity.channels
     out: dict[SheetEntry, tuple[str, ...]] = {}
     first: dict[str, str] = {}
     for channel in channels:
@@ -35,7 +36,7 @@ def sheet_entries(rig: Rig, sensitivity: Sensitivity) -> dict[SheetEntry, tuple[
             out[entry] = (*out.get(entry, ()), channel)
         if rig.tolerance(channel, "gain") > 0.0:
             out |= {("gain", channel, k): (channel,) for k in range(CHANNELS[channel].width)}
-    return out | {(ASSUMED, name, 0): () for name in sensitivity.assumptions}
+    return out | {(ASSUMED, name, 0): () for name in assumptions}
 
 
 def entry_name(entry: SheetEntry, rig: Rig) -> str:
@@ -56,7 +57,7 @@ def sheet_responses(run: PreparedRun, sensitivity: Sensitivity) -> dict[SheetEnt
     """Responses of a run to the sensor sheet: entry → row → (n,) change of Y − W θ for one tolerance, filtered."""
     recording = run.recording
     values, rig = recording.signals.value, recording.rig
-    entries = sheet_entries(rig, sensitivity)
+    entries = sheet_entries(rig, sensitivity.channels, sensitivity.assumptions)
 
     def responses() -> Iterator[dict[Row, Array]]:
         for (what, channel, k), members in entries.items():

@@ -119,7 +119,8 @@ class Fit(FittedModel):
         for run, drive in enumerate(self.runs):
             piece = next(self.assembly.pieces_of(run))
             assert piece.sensitivity is not None
-            found |= dict.fromkeys(sheet_entries(drive.recording.rig, piece.sensitivity))
+            own = piece.sensitivity
+            found |= dict.fromkeys(sheet_entries(drive.recording.rig, own.channels, own.assumptions))
         return tuple(entry for entry in found if entry[:2] not in ours)
 
     def entry_name(self, entry: SheetEntry) -> str:
