@@ -22,6 +22,7 @@ class ServiceStage(Enum):
     FITTING = auto()
     SCORING = auto()
     COMPARING = auto()
+    WHEEL_FORCES = auto()
     CONTRIBUTIONS = auto()
     MANOEUVRE_PHASES = auto()
     BODY_CONSISTENCY = auto()

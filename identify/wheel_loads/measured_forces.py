@@ -9,13 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.channels import CORNERS
+from lacet.daq.errors import NotIdentifiable
 from lacet.identify.car.motion import Motion
 from lacet.identify.car.rows import CHASSIS_ROWS
 from lacet.identify.effects.base import AXLES
 from lacet.identify.multibody.vectors import Array, dot
 from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.wls import corrected_run
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.signals.noise_draws import draw_noise
+from lacet.identify.wheel_loads.known_car import KnownCar
+from lacet.identify.wheel_loads.observer import estimate_forces
 from lacet.identify.wheel_loads.outputs import FORCES, SUMS, EstimatedForces
 from lacet.identify.wheel_loads.settings import DRAWS, TWO_SIDED_95
 from lacet.identify.wheel_loads.tyre_contact import UNKNOWNS, WheelAxes
@@ -41,6 +45,25 @@ class ForceError:
     floors: float
     zero: float
     inside: float
+
+
+@dataclass(frozen=True)
+class ComparedForces:
+    """Wheel forces of a run with dynamometers, `estimated` without them, and their `errors` by name."""
+
+    estimated: EstimatedForces
+    errors: Mapping[str, ForceError]
+
+
+def compare_forces(car: KnownCar, run: PreparedRun) -> ComparedForces | None:
+    """Wheel forces of a run estimated without its dynamometers, beside theirs; None where the rows do not give them."""
+    if not has_loads(run):
+        return None
+    try:
+        estimated = estimate_forces(car, run)
+    except NotIdentifiable:
+        return None
+    return ComparedForces(estimated, errors(estimated, corrected_run(run, car.fitted)))
 
 
 def forces_of(motion: Motion) -> Array:

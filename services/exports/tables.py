@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError
+from lacet.identify.wheel_loads.measured_forces import ForceError
+from lacet.identify.wheel_loads.outputs import EstimatedForces
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,21 @@ def ranking_table(diagnosis: Mapping[str, Any]) -> Table:
         [k + 1, c["effect"], c["answer"], None if c["gain"] is None else 100.0 * c["gain"], c["p"], c["size"], c["why"]]
         for k, c in enumerate(diagnosis["candidates"])
     ])  # fmt: skip
+
+
+def forces_table(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -> Table:
+    """Time histories of wheel forces without dynamometers [N]: time [s], then each force and half of its 95 % band.
+
+    The measured force follows where there are dynamometers, their zeros removed, as ``force_measured``.
+    """
+    columns: dict[str, Sequence[float]] = {"t": estimated.t.tolist()}
+    for name, force in estimated.forces.items():
+        columns[name] = force.value.tolist()
+        columns[f"{name}.half95"] = force.half95.tolist()
+        if name in errors:
+            columns[name.replace("force_estimated", "force_measured")] = errors[name].measured.tolist()
+    rows = [[x if x == x else None for x in row] for row in zip(*columns.values(), strict=True)]
+    return Table(dict.fromkeys(columns, float), rows)
 
 
 def csv_text(head: Iterable[str], rows: Iterable[Sequence[Any]]) -> str:

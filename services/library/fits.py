@@ -5,19 +5,27 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 from lacet.daq.errors import UsageError, nearest
+from lacet.daq.formats.open_run import open_log
 from lacet.identify.effects import catalogue as effects
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression import wls
 from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.selection.score_tests import Candidate
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, floor_of
 from lacet.identify.validation.parameter_estimates import Estimate, estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.score import compare
+from lacet.identify.wheel_loads.known_car import Changes, KnownCar
+from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
+from lacet.identify.wheel_loads.observer import estimate_forces
+from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.library.display import html_table, shortened
 from lacet.services.library.runs import Runs
 from lacet.services.one_thread import one_thread
@@ -90,6 +98,42 @@ class Fit:
     @cached_property
     def _result(self) -> dict[str, Any]:
         return fit_result(self.details, self.runs.loaded, (), knowledge=self.knowledge)
+
+    def forces(
+        self,
+        run: str | Path,
+        *,
+        held: Runs | None = None,
+        mass: tuple[float, float] = (0.0, 0.0),
+        rest: tuple[float, float] | None = None,
+    ) -> EstimatedForces:
+        """Wheel forces of a run without dynamometers, with 95 % bands (docs/forces.md).
+
+        Parameters
+        ----------
+        run : file of a run of the same car, by the instruments of the runs used; its own wheel loads are not used.
+        held : runs held out, from which the lack of fit is taken; by default the runs used.
+        mass : change of each wheel's mass since those runs, and its 1 σ [kg].
+        rest : interval [s] in which the car stands: static offsets are then taken anew.
+
+        Returns
+        -------
+        EstimatedForces
+            By name: ``fitted.forces("run.parquet")["wheel.fl.force_estimated.z"].value``, ``.half95``.
+
+        Raises
+        ------
+        LacetError
+            The file is wrong, or a channel is lacking without which the forces cannot be found; it is named.
+        """
+        loaded = self.runs.loaded
+        with one_thread():
+            recording = self.runs.prepared[0].recording
+            read = replace(open_log(Path(run)), wheel_reference=loaded.reference)
+            drive = PreparedRun.of(read, loaded.vehicle, loaded.rig, recording.filters)
+            parts = [compare(self.details, one, SCORE_DRAWS) for one in held or self.runs]
+            car = KnownCar(self.details, lack_of_fit(parts), knowledge=self.knowledge)
+            return estimate_forces(car, drive, Changes(*mass, rest))
 
     def summary(self) -> str:
         """Parameters with their intervals, whole-vehicle and derived values, and those not identifiable, as text."""

@@ -62,6 +62,7 @@ _FILLED: dict[AnyStage, str] = {
     ServiceStage.RUN_INFORMATION: "its information, {done} of {total}: {subject}",
     ServiceStage.DRIVING: "driving {subject}, {done} %",
     ServiceStage.MEASURING: "measuring {subject}",
+    ServiceStage.WHEEL_FORCES: "wheel forces of {subject} without dynamometers",
     ServiceStage.DRAWING_RUN: "drawing {subject}",
 }
 """Stages whose sentence holds the step's own numbers and names."""

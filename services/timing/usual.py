@@ -23,6 +23,7 @@ USUAL: Mapping[AnyStage, float] = {
     ServiceStage.BODY_CONSISTENCY: 0.3,
     ServiceStage.CONSISTENT_FIT: 1.0,
     ServiceStage.COMPARING: 0.7,
+    ServiceStage.WHEEL_FORCES: 1.0,
     ServiceStage.CONTRIBUTIONS: 0.15,
     ServiceStage.MANOEUVRE_PHASES: 0.1,
     Stage.NOISE_FLOOR: 3.5,

@@ -24,6 +24,9 @@ from lacet.identify.validation.failure_analysis import FailureAnalysis, analyse_
 from lacet.identify.validation.noise_floor import SCORE_DRAWS, NoiseFloor, RunDraws, floor_of
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.score import Comparison, compare
+from lacet.identify.wheel_loads.known_car import KnownCar
+from lacet.identify.wheel_loads.lack_of_fit import lack_of_fit
+from lacet.identify.wheel_loads.measured_forces import ComparedForces, compare_forces
 from lacet.services.cache.keys import service_sources
 from lacet.services.progress import ServiceStage, ServiceStep
 from lacet.services.workspace.kept.session_records import diagnosis_record, fit_record, restored_diagnosis, restored_fit
@@ -83,6 +86,8 @@ class KeptValues:
                 room, about = "properties", ()
             case "compared":
                 room, about = "validation", (held, some, SCORE_DRAWS)
+            case "forces":
+                room, about = "wheel_loads", (some, SCORE_DRAWS)
             case "shares":
                 room, about = "validation", (held, some)
             case "phases":
@@ -94,7 +99,7 @@ class KeptValues:
             case "noise" | "ranking":
                 return self._cache.key("selection", version, reference, draws, catalogue=True)
             case "pictures":
-                room, about = "properties", (every, service_sources("render"))
+                room, about = "wheel_loads", (every, service_sources("render"))
             case "result":
                 room, about = "properties", (every, SCORE_DRAWS, service_sources("render", "workspace"))
             case _:  # a page
@@ -163,6 +168,28 @@ class KeptValues:
     def every_comparison(self, version: Version) -> list[Comparison]:
         """A version against all runs, those used first."""
         return [*self.comparisons(version, held=False), *self.comparisons(version, held=True)]
+
+    def known_car(self, version: Version) -> KnownCar:
+        """The car as a version knows it, for the wheel forces of runs without dynamometers.
+
+        Its lack of fit is that of the runs held out, where there are any.
+        """
+        parts = self.comparisons(version, held=True) or self.comparisons(version, held=False)
+        return KnownCar(self.fitted(version), lack_of_fit(parts), knowledge=self.knowledge(version))
+
+    def forces(self, version: Version) -> list[ComparedForces]:
+        """Wheel forces of the runs held out, estimated as if without dynamometers, beside what these measured."""
+        return self._cache.kept("forces", self._key("forces", version, held=True), lambda: self._forces(version))
+
+    def _forces(self, version: Version) -> list[ComparedForces]:
+        runs = self.runs.prepared(held=True)
+        car = self.known_car(version) if runs else None
+        found: list[ComparedForces] = []
+        for done, run in enumerate(runs):
+            self.runs.progress(ServiceStep(ServiceStage.WHEEL_FORCES, done, len(runs), run.name))
+            if car is not None and (part := compare_forces(car, run)) is not None:
+                found.append(part)
+        return found
 
     def shares(self, version: Version) -> list[Shares]:
         """Each effect's contribution to the prediction of all runs, those used first."""
@@ -293,6 +320,7 @@ class KeptValues:
 
     def _drawn(self, version: Version) -> tuple[dict[str, dict[str, bytes]], bytes | None]:
         # Only here: matplotlib takes half a second to load.
+        from lacet.services.render.figures.force_plots import forces_picture
         from lacet.services.render.figures.validation_plots import comparison_pictures, damper_picture
 
         parts, curves = self.every_comparison(version), self.damper_curves(version)
@@ -300,6 +328,8 @@ class KeptValues:
         for done, part in enumerate(parts):
             self.runs.progress(ServiceStep(ServiceStage.DRAWING_RUN, done, len(parts), part.name))
             drawn[part.name] = comparison_pictures(part)
+        for found in self.forces(version):
+            drawn[found.estimated.run]["forces"] = forces_picture(found.estimated, found.errors)
         return drawn, damper_picture(curves)
 
     def page(self, kind: str, version: Version, content: object, write: Callable[[], str]) -> str:

@@ -55,6 +55,12 @@ class StudyPlan:
                 self._compared(version)
             case "compared":
                 self._compared(version)
+            case "forces":
+                self._compared(version)
+                if self._held and self._missing(kind, version, held=True):
+                    self._fit(version)
+                    self._runs(held=True)
+                    self._add(ServiceStage.WHEEL_FORCES, self._held)
             case "shares":
                 for held in (False, True):
                     if self._missing(kind, version, held):
@@ -70,6 +76,7 @@ class StudyPlan:
                 if self._missing(kind, version):
                     self._fit(version)
             case "pictures":
+                self._one("forces", version)
                 if self._missing(kind, version):
                     self._compared(version)
                     self._fit(version)

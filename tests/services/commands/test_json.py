@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from lacet.daq.formats.result import FORMAT
@@ -89,6 +91,12 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     compared = run("compare", folder, "--no-pictures")
     check(compared["used"], documented("identify")[0]["rows"]["used"], set(), "used")
     check(compared["held"], documented("identify")[0]["rows"]["used"], set(), "held")
+    assert compared["wheel_forces"]["held"]["wheel.fl.force_estimated.z"]["inside"] > 0.0
+    bare, table = tmp_path / "bare.parquet", tmp_path / "forces.csv"
+    pq.write_table(drop_loads(pq.read_table(held)), bare)
+    forces = run("forces", folder, str(bare), "-o", str(table), "--no-picture")
+    assert all(one["error"] is None for one in forces["forces"].values())
+    assert table.read_text("utf-8").startswith("t,wheel.fl.force_estimated.z,wheel.fl.force_estimated.z.half95,")
     looked = run("where", folder, "--run", "held")
     assert looked["left"] == {}  # seven seconds are too short for cross-validation
     assert set(looked["phases"]) == {"held"}
@@ -104,6 +112,11 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     }
     added = run("add", folder, "anti_roll_bar.front")
     assert added["held"]["after"] < added["held"]["before"]
+
+
+def drop_loads(table: pa.Table) -> pa.Table:
+    """An exchange table as a car without dynamometers records it."""
+    return table.drop_columns([name for name in table.column_names if re.match(r"wheel\...\.(force|moment)", name)])
 
 
 def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
