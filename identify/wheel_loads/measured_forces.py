@@ -124,7 +124,7 @@ def _noise(run: PreparedRun) -> Array:
     recording = run.recording
     part = recording.at(slice(0, min(recording.t.size, round(20.0 * recording.filters.rate))))
     names = [f"wheel.{c}.force" for c in CORNERS]
-    squares = []
+    squares: list[float] = []
     for seed in range(DRAWS):
         drawn = draw_noise(part, names, np.random.default_rng([seed, 31]))
         series = np.stack([drawn[name][2] for name in names])

@@ -59,7 +59,7 @@ def _of_all(pieces: Sequence[Solved]) -> tuple[_Band, tuple[RunConstant, ...]]:
     """The forces of all pieces with the run's constants, which all of them together say."""
     constants = pieces[0].constants
     normal = np.eye(len(constants)) + np.sum([piece.normal for piece in pieces], axis=0)
-    covariance = np.linalg.inv(normal)
+    covariance = np.asarray(np.linalg.inv(normal), float)
     found = covariance @ np.sum([piece.right for piece in pieces], axis=0)
     value = np.concatenate([piece.value + piece.slopes @ found for piece in pieces])
     count, total = len(value), np.concatenate([_spread(piece, covariance) for piece in pieces])

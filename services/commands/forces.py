@@ -73,7 +73,9 @@ def run(args: argparse.Namespace) -> int:
             drive = read_run(study, args.run_file, args.rig, args.map)
             car = session.values.known_car(version)
         line.progress(ServiceStep(ServiceStage.WHEEL_FORCES, subject=drive.name))
-        estimated = estimate_forces(car, drive, Changes(*args.mass, tuple(args.rest) if args.rest else None))
+        estimated = estimate_forces(
+            car, drive, Changes(args.mass[0], args.mass[1], (args.rest[0], args.rest[1]) if args.rest else None)
+        )
         found = errors(estimated, corrected_run(drive, car.fitted)) if has_loads(drive) else {}
         if args.output:
             with replacing(args.output, args.force) as part:

@@ -129,7 +129,7 @@ class Fit:
         loaded = self.runs.loaded
         with one_thread():
             recording = self.runs.prepared[0].recording
-            read = replace(open_log(Path(run)), wheel_reference=loaded.reference)
+            read = replace(open_log(Path(run), None), wheel_reference=loaded.reference)
             drive = PreparedRun.of(read, loaded.vehicle, loaded.rig, recording.filters)
             parts = [compare(self.details, one, SCORE_DRAWS) for one in held or self.runs]
             car = KnownCar(self.details, lack_of_fit(parts), knowledge=self.knowledge)

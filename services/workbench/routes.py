@@ -12,6 +12,7 @@ from fastapi.responses import JSONResponse, Response, StreamingResponse
 from lacet.daq.errors import UsageError
 from lacet.services.workbench import exports, study_views, uploads, user_effects
 from lacet.services.workbench.events import Events
+from lacet.services.workbench.force_views import forces_png
 from lacet.services.workbench.jobs import Job, Jobs
 from lacet.services.workbench.live import Live
 from lacet.services.workbench.packed_arrays import MEDIA_TYPE
@@ -187,6 +188,12 @@ def compare(request: Request, version: int) -> Any:
 def series(request: Request, version: int, run: str, row: str) -> Response:
     """Measured and modelled row, with the contribution of each effect."""
     return _bytes(study_views.series_body(bench(request).cache.compared(version), run, row))
+
+
+@api.get("/forces/{version}/{run}")
+def forces(request: Request, version: int, run: str) -> Response:
+    """Picture of a held-out run's wheel forces, estimated without dynamometers."""
+    return Response(forces_png(bench(request).cache, version, run), media_type="image/png")
 
 
 @api.get("/channels/{run}")

@@ -4,6 +4,7 @@ import { needing, veil } from "../widgets/pending.js";
 import { timeChart } from "../charts/time_chart.js";
 import { scoresOf, sourcesTable, strip, table, validation } from "./compare_scores.js";
 import { rowStack } from "./compare_stack.js";
+import { forcesPanel } from "./compare_forces.js";
 import { h } from "../widgets/dom.js";
 import { times } from "../widgets/format.js";
 import { readChannels } from "../net/run_channels.js";
@@ -61,7 +62,9 @@ class Compare {
     this.scores = h("section", { class: "panel all-scores" }, h("h2", null, "All rows of this run"), this.table);
     this.sources = h("div", { class: "scroll", "data-testid": "row-sources" });
     const formed = h("section", { class: "panel all-scores" }, h("h2", null, "Where the rows come from"), this.sources);
-    root.append(h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels, this.scores, formed);
+    this.forces = forcesPanel();
+    root.append(h("section", { class: "panel compare-head" }, this.heading, this.strip), this.rows, this.channels, this.forces.element,
+      this.scores, formed);
     this.veil = veil(this.rows);
   }
 
@@ -117,6 +120,7 @@ class Compare {
     this.heading.replaceChildren(h("b", { text: kind }), `: ${why}.`);
     this.strip.replaceChildren(strip(this.found.rows.find((s) => s.row === state.row)));
     this.list();
+    this.forces.of(this.found.used ? "" : `api/forces/${state.version}/${encodeURIComponent(state.run)}`);
     this.arrange();
     void this.fetch();
     void this.channelNames();
