@@ -220,3 +220,11 @@ def test_parameters_and_tables(shared: Page):
     assert study["result"] == stored
     assert shared.get("export/report.html", 409)["needs"] == "report"
     assert shared.get("export/passwd", 404)["error"]
+
+
+def test_wheel_forces_of_a_run_held_out_are_a_picture(shared: Page):
+    """And a run that was used has none."""
+    answer = shared.client.get("/api/forces/1/rough")
+    assert answer.status_code == 200, answer.text
+    assert (answer.headers["content-type"], answer.content[:4]) == ("image/png", b"\x89PNG")
+    assert shared.client.get("/api/forces/1/sine").status_code == 404
