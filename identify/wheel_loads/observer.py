@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lacet.identify.car.sources.completion import completed
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import corrected_run
@@ -32,7 +33,8 @@ def estimate_forces(car: KnownCar, run: PreparedRun, changes: Changes = NOTHING,
 
     Raises NotIdentifiable, with the channels to add, where a row is missing without which they cannot be found.
     """
-    hidden = PreparedRun(placed(corrected_run(run, car.fitted).recording, {}))
+    # Wheel speeds, say, can be derived as soon as there are loads to form rows of.
+    hidden = PreparedRun(completed(placed(corrected_run(run, car.fitted).recording, {})))
     rows = rows_of(hidden.recording, car.fitted.sigma)
     pieces = [
         Instants(car, piece, rows, changes, np.random.default_rng([seed, number])).solved()

@@ -16,6 +16,7 @@ from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import Sensitivity
 from lacet.identify.regression.sensor_offsets import zeros_of
+from lacet.identify.regression.tolerances import ASSUMED as NOT_MEASURED
 from lacet.identify.regression.tolerances import entry_name, sheet_entries, sheet_responses
 from lacet.identify.signals.decimation import decimated
 from lacet.identify.wheel_loads.known_car import Changes, KnownCar
@@ -82,10 +83,12 @@ def constants_of(
     constants = [Constant(name, "zeros", s) for name, s in zip(zeros.names, zeros.sigma.tolist(), strict=True)]
     parts = [-dense(run, rows, zeros.columns, len(zeros.names)) * zeros.sigma]
     responses = sheet_responses(run, own)
-    for entry in sheet_entries(recording.rig, [name for name in recording.signals.value if name not in LOADS]):
+    channels = [name for name in recording.signals.value if name not in LOADS]
+    for entry in sheet_entries(recording.rig, channels, recording.assumptions):
         columns = {row: series[:, None] for row, series in responses.get(entry, {}).items()}
         parts.append(-dense(run, rows, columns, 1))
-        constants.append(Constant(entry_name(entry, recording.rig), "gains and latencies", 1.0))
+        kind = "channels not measured" if entry[0] == NOT_MEASURED else "gains and latencies"
+        constants.append(Constant(entry_name(entry, recording.rig), kind, 1.0))
     physics, errors = car.fitted.model.physics, car.parameter_errors
     parts.append(dense(run, rows, {row: run.matrix(physics, row) @ errors for row in run.rows}, errors.shape[1]))
     constants += [Constant(f"parameters {k + 1}", "parameters", 1.0) for k in range(errors.shape[1])]

@@ -10,7 +10,7 @@ from lacet.identify.wheel_loads.measured_forces import ComparedForces, ForceErro
 from lacet.identify.wheel_loads.outputs import EstimatedForces
 from lacet.services.render.tables import table
 
-_SHORT = {"gains and latencies": "gains", "lack of fit": "lack"}
+_SHORT = {"gains and latencies": "gains", "lack of fit": "lack", "channels not measured": "channels"}
 
 
 def forces_table(estimated: EstimatedForces, errors: Mapping[str, ForceError]) -> str:
