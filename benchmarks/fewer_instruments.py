@@ -92,7 +92,7 @@ RIGS: dict[str, StudyRig] = {
     "no_cameras": StudyRig("no cameras", lambda n: not n.startswith("camera.")),
     "no_moments": StudyRig("dynamometers of three forces", lambda n: not n.endswith(".moment")),
     "pushrods": StudyRig(
-        "strain-gauged pushrods in place of dynamometers",
+        "pushrods with a force gauge in place of dynamometers",
         no_wheels,
         lambda a: {f"pushrod.{c}.force": (a[f"wheel.{c}.force"][2:] - 250.0) / RATIO for c in CORNERS},
     ),

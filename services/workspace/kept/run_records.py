@@ -8,13 +8,14 @@ from typing import Any
 
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.sources.completion import completed
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.services.workspace.loading import Loaded
 
 LONGEST = 1800.0
 """Runs that are longer than this together are read anew [s]: kept, half an hour takes 150 MB."""
-_MADE = ("signals", "smoothers", "vehicle", "rig")
+_MADE = ("signals", "smoothers", "vehicle", "rig", "sources", "laws")
 """Fields of a recording that are made again: of its channels, and of the study's files."""
 
 
@@ -41,7 +42,8 @@ def _record(recording: Recording) -> dict[str, Any]:
     """A recording's channels, the noise of its sensors where it was measured, and motion that was filtered away."""
     return {
         "fields": {one.name: getattr(recording, one.name) for one in fields(recording) if one.name not in _MADE},
-        "value": recording.signals.value,
+        "value": {name: a for name, a in recording.signals.value.items() if name not in recording.sources},
+        "completed": bool(recording.sources),
         "noise": [sensor.noise for sensor in recording.rig.sensors],
         "beyond": max((one.beyond for one in recording.smoothers.values()), default=None),
     }
@@ -51,7 +53,8 @@ def _restored(kept: Mapping[str, Any], rig: Rig, vehicle: Vehicle) -> Recording:
     filters, noise, beyond = kept["fields"]["filters"], kept["noise"], kept["beyond"]
     signals = Signals.differentiated(kept["value"], filters.rate)
     whole = Recording(**kept["fields"], signals=signals, vehicle=vehicle, rig=_with_noise(rig, noise))
-    return whole if beyond is None else whole.smoothed(beyond)
+    whole = whole if beyond is None else whole.smoothed(beyond)
+    return completed(whole) if kept["completed"] else whole
 
 
 def _with_noise(rig: Rig, noise: Sequence[Mapping[str, float]]) -> Rig:
