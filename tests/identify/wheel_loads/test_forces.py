@@ -75,5 +75,11 @@ def test_a_mass_that_came_off_is_in_the_band(
     name = "wheel.fl.force_estimated.z"
     assert np.mean(lighter[name].half95) > np.mean(found["sine"][name].half95)
     masses = [one for one in lighter.constants if one.kind == "mass"]
+    offsets = estimate_forces(KnownCar(fitted), hidden(drives["sine"]), Changes(rest=(2.0, 6.0)))
+    anew = [one for one in offsets.constants if one.kind == "offsets"]
+    assert len(anew) == 4
+    assert np.mean(offsets[name].half95) > np.mean(found["sine"][name].half95)
+    cross_weight = np.array([one.value for one in anew]) @ [1.0, -1.0, -1.0, 1.0] / 2.0
+    assert abs(cross_weight) > 0.9 * np.linalg.norm([one.value for one in anew])  # the rest is fixed by ΣF and moments
     assert [one.mean for one in masses] == [-6.0] * 4
     assert all(0.0 < one.sigma_after <= one.sigma for one in masses)
