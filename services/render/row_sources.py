@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -126,14 +127,20 @@ def sources_lines(result: Sequence[Mapping[str, Any]]) -> list[list[str]]:
     return [[_rows(group), *key] for key, group in alike.items()]
 
 
+_WIDTH, _ADD = 118, HEAD.index("to add")
+
+
 def sources_table(result: Sequence[Mapping[str, Any]]) -> str:
-    """The table of rows, without columns that are empty or alike; below, what is not measured and its source."""
+    """The table of rows, without columns that are empty or alike; below, what to add, and sources of channels."""
     lines = sources_lines(result)
-    used = [k for k in range(len(HEAD)) if k < 2 or any(line[k] for line in lines)]
+    used = [k for k in range(len(HEAD)) if k < 2 or (k != _ADD and any(line[k] for line in lines))]
     if len({line[-1] for line in lines}) == 1:
         used.remove(len(HEAD) - 1)
-    out = table([HEAD[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))
-    return f"{out}\n\n{channels}" if (channels := _channels_table(result)) else out
+    out = [table([HEAD[k] for k in used], [[line[k] for k in used] for line in lines], text_columns=len(used))]
+    add = [
+        textwrap.fill(f"  {line[0]}: {line[_ADD]}", _WIDTH, subsequent_indent="    ") for line in lines if line[_ADD]
+    ]
+    return "\n\n".join(part for part in (*out, "\n".join(dict.fromkeys(add)), _channels_table(result)) if part)
 
 
 def _channels_table(result: Sequence[Mapping[str, Any]]) -> str:
