@@ -228,7 +228,8 @@ def _rolling(run: PreparedRun) -> Iterator[Doubt]:
 
 def _turning(run: PreparedRun) -> Iterator[Doubt]:
     attitude, recording = run.motion.attitude, run.recording
-    if attitude is None or "imu.rate" not in recording.signals.value:
+    derived = "imu.attitude" in recording.sources  # from the rates themselves
+    if attitude is None or derived or "imu.rate" not in recording.signals.value:
         return
     step = max(1, round(_STEP * recording.filters.rate))
     sensor = recording.rig.sensor_of("imu.attitude")

@@ -155,19 +155,34 @@ def test_a_dbc_that_is_none_or_not_used_is_refused(lacet, tmp_path: Path, name: 
 def test_without_one_laser_its_rows_are_named_and_the_others_identified(lacet, tmp_path: Path, fitted: Said):
     said = lacet("identify", written(without(piece(), "laser.fl.hub"), tmp_path / "run.parquet"), *FILES)
     assert said.code == 0
-    assert "chassis.mz, suspension.fl, tyre.fl: not measured: laser.fl.hub" in said.text
-    assert said.scored == fitted.scored - {"suspension.fl", "tyre.fl"} - {f"chassis.{a}" for a in
-        ("fx", "fy", "fz", "mx", "my", "mz")}  # fmt: skip
+    assert "suspension.fl; tyre.fl: needs: laser.*.hub (or suspension.*.travel, damper.*.travel)" in said.text
+    assert said.scored == fitted.scored - {"suspension.fl", "tyre.fl"}
+    assert of_source(said, "assumed") == {row for row in fitted.scored if row.startswith("chassis.")}
     alike(said, fitted)
     assert "spring.fl.k" in {p["name"] for p in said.result["not_identifiable"]}
 
 
-@pytest.mark.parametrize("sensor", ["imu", "camera", "wheel", "laser"])
+def of_source(said: Said, source: str) -> set[str]:
+    """Rows that are measured, assumed or impossible."""
+    return {one["row"] for one in said.result["row_sources"] if one["source"] == source}
+
+
+@pytest.mark.parametrize("sensor", ["imu", "wheel"])
 def test_without_a_whole_sensor_nothing_is_identifiable_and_it_is_said_what_lacks(lacet, tmp_path: Path, sensor: str):
     said = lacet("identify", written(without(piece(), sensor), tmp_path / "run.parquet"), *FILES)
     assert said.code == 3
     assert "nothing identifiable" in said.text
-    assert f"not measured: {sensor}." in said.text
+    assert f"needs: {sensor}." in said.text
+
+
+@pytest.mark.parametrize(("sensor", "kinds"), [("camera", ("chassis", "suspension", "tyre")), ("laser", ("chassis",))])
+def test_without_cameras_or_lasers_rows_stand_on_assumptions_and_it_is_said_which(
+    lacet, tmp_path: Path, fitted: Said, sensor: str, kinds: tuple[str, ...]
+):
+    said = lacet("identify", written(without(piece(), sensor), tmp_path / "run.parquet"), *FILES)
+    assert said.scored == of_source(said, "assumed") == {r for r in fitted.scored if r.startswith(kinds)}
+    assert not of_source(said, "measured")
+    assert f"{sensor}." in said.text
 
 
 def test_a_stretch_without_values_is_flagged_and_the_rest_gives_the_same(lacet, tmp_path: Path, fitted: Said):
