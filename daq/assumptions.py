@@ -20,7 +20,7 @@ AXLE_OF = {corner: "front" if corner[0] == "f" else "rear" for corner in CORNERS
 
 @dataclass(frozen=True)
 class Assumption:
-    """An assumed value: `name` (``loaded_radius.front``), `value` and `tolerance` (1 σ) in `unit`, and its `source`.
+    """Assumed value: `name` (``loaded_radius.front``), `value` and `tolerance` (1 σ) in `unit`, and its `source`.
 
     `given` : whether the vehicle file has it; else it is lacet's default.
     """
@@ -35,7 +35,7 @@ class Assumption:
 
 @dataclass(frozen=True)
 class Assumable:
-    """A value that may be assumed: its `unit`, default `value` and `tolerance`, `scope`, and what it is `about`.
+    """Value that may be assumed: its `unit`, default `value` and `tolerance`, `scope`, and what it is `about`.
 
     `value` is None where there is no default; `scope` is ``car``, ``axle`` or ``corner``: what has an error of its own.
     `source` : where the default comes from.
@@ -92,6 +92,10 @@ ASSUMABLE: dict[str, Assumable] = {
     ),
     "steering_ratio": Assumable(
         "-", None, 0.5, "car", "angle of the steering wheel per steer angle of the front wheels", "",
+    ),
+    "steering_table": Assumable(
+        "-", 1.0, 0.02, "car", "steer of the front wheels ÷ what the table [steering] makes it",
+        "elasticity of the steering",
     ),
     "motion_ratio": Assumable(
         "-", None, 0.01, "axle", "damper (or potentiometer) travel per suspension travel", "",

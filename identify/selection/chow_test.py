@@ -61,11 +61,6 @@ class ParameterConstancy:
         }
         return max(off, key=lambda place: off[place])
 
-    @property
-    def rejected(self) -> bool:
-        """Whether constant parameters are rejected: runs differ by more than chance, and by enough to matter."""
-        return self.differ_by_more_than(SELECTION.inconstant_share)
-
     def differ_by_more_than(self, share: float) -> bool:
         """Whether runs differ by more than chance, and by this share of what the law explains."""
         by_chance = float(np.mean(self.null))

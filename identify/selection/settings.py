@@ -118,8 +118,8 @@ class SelectionSettings:
     least_constant_step: float = 0.1
     """Step of that search, ÷ the first step, below which it ends [share]. Source: a choice, not tuned."""
     least_refinement_fall: float = 4.0
-    """Fall of the weighted squares by which a value off the grid must be better at first [weighted squares]. Source:
-    two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
+    """Fall of the weighted squares by which a value off the grid must be better at first, and a rival for it to take a
+    law's place [weighted squares]. Source: two σ of one parameter (χ² with one degree of freedom, 95 %: 3.84)."""
 
     # -- re-linearisation at late instruments --------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ class Kind(Enum):
     MEASURED = auto()
     """By an instrument."""
     DERIVED = auto()
-    """From measured channels by an identity or by filtering, without a constant that may be off."""
+    """From measured channels by an identity, by filtering, or by one stated ratio with its tolerance."""
     ASSUMED = auto()
     """From a nominal value with a tolerance, or by a law whose constants have tolerances."""
 

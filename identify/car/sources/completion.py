@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from lacet.daq.assumptions import AXLE_OF, Assumption
+from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Corner
 from lacet.identify.car.sources.attitude import attitude_by_gravity
@@ -199,10 +199,8 @@ class _Completion:
         elif c[0] == "r":
             self._add(Steer(corner, design, zero), Method.BENCH_TABLE, kinds, (hub,))
         elif self._has("steering.angle") and (vehicle.steering is not None or self._assume("steering_ratio").given):
-            ratio = self._assume("steering_ratio")
-            if not ratio.given:  # a table's angles, relative to 1
-                ratio = replace(ratio, value=1.0, tolerance=STEERING_TABLE)
-            law = SteeringWheel(corner, design, zero, ratio, vehicle.steering)
+            scale = self._assume("steering_ratio" if vehicle.steering is None else "steering_table")
+            law = SteeringWheel(corner, design, zero, scale, vehicle.steering)
             self._add(law, Method.STEERING_WHEEL, kinds, ("steering.angle", hub))
         elif self._known(*_INERTIAL) and self._known(*(f"wheel.{one}.force" for one in CORNERS)):
             speed = self._the_speed()
@@ -252,8 +250,3 @@ class _Completion:
             self._assume("rolling_resistance", c), self._assume("lateral_shift", c), outboard if hub_loads else None,
         )  # fmt: skip
         self._add(law, Method.CONTACT, self._all(law.channel, Kind.ASSUMED), needed, "spin")
-
-
-STEERING_TABLE = 0.02
-"""Tolerance of the angles of a steering table, as a fraction."""
-assert set(AXLE_OF) == set(CORNERS)

@@ -92,23 +92,22 @@ class SteerOfOther(Steer):
 class SteeringWheel(Steer):
     """Steer by the angle of the steering wheel, through the vehicle's table or its ratio."""
 
-    ratio: Assumption
+    scale: Assumption
     table: SteeringTable | None
 
     @property
     def assumptions(self) -> tuple[Assumption, ...]:
-        """The zero, and the ratio: of a table's angles, relative to `ratio`.value."""
-        return (self.zero, self.ratio)
+        """The zero, and the scale: the ratio, or with a table the steer ÷ the table's."""
+        return (self.zero, self.scale)
 
     def steered(self, signals: Signals) -> Series:
-        """The table's angle ÷ (ratio ÷ nominal)."""
+        """The table's angle × scale, or the steering wheel's ÷ ratio."""
         wheel, rate, accel = (part["steering.angle"] for part in (signals.value, signals.rate, signals.accel))
-        ratio = signals.assumed[self.ratio.name]
+        scale = signals.assumed[self.scale.name]
         if self.table is None:
-            return Series(wheel / ratio, rate / ratio, accel / ratio)
+            return Series(wheel / scale, rate / scale, accel / scale)
         angles = self.table.left if self.corner.side > 0 else self.table.right
         spline = CubicSpline.of(self.table.wheel, angles[None], natural=True)
-        scale = self.ratio.value / ratio
         value, slope, bend = (spline.at(wheel[0], order) for order in range(3))
         return Series(scale * value, scale * slope * rate, scale * (slope * accel + bend * rate**2))
 

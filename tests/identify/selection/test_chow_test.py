@@ -110,7 +110,7 @@ def test_a_law_of_the_car_is_named(same: ScoreTests) -> None:
     said = chow_test(same, found.best)
     assert said
     assert said.p > 0.05
-    assert not said.rejected
+    assert not said.differ_by_more_than(SELECTION.inconstant_share)
     for name, values in said.values.items():
         assert values[0] == pytest.approx(4e6, abs=4.0 * said.spread[name][0])
 
@@ -146,7 +146,7 @@ def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, fu
     """Simulated runs give 2 on average, and 5 in one of ten."""
     null = np.array([*[5.0] * 10, *[1.5] * 60, *[5.0 / 3.0] * 30])
     said = ParameterConstancy({"a": np.zeros(1)}, {"a": np.ones(1)}, common, further, null)
-    assert said.rejected == broken
+    assert said.differ_by_more_than(SELECTION.inconstant_share) == broken
     assert said.p == pytest.approx(1.0 / 101.0 if further > 5.0 else 11.0 / 101.0)
 
 

@@ -14,8 +14,9 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
+from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.columns.linearisation import Linearisation
-from lacet.identify.selection.diagnose import _as_found, _concluded
+from lacet.identify.selection.diagnose import _as_found, _concluded, _not_constant
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.refits import (
     Joint,
@@ -29,7 +30,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
-from lacet.identify.selection.rest import Rest, added_faults, added_laws
+from lacet.identify.selection.rest import Rest, added_faults
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
@@ -252,14 +253,36 @@ def test_the_rest_beside_a_law_counts_by_the_laws_force_in_each_row(subset: Join
     assert known.beside(replace(law, row_force={})) == 0.0
 
 
-def test_the_force_of_a_fault_in_the_model_is_what_it_changes(fitted: Fit, floor: NoiseFloor):
-    """As many weighted squares as its part of the model's columns, which nothing else explains."""
-    late = KNOWN["sensor_gain.hub.fl"]
-    space = ScoreTests.of(Linearisation.of(fitted.with_effects([late]), floor), [KNOWN["coulomb.rear"]], 0)
-    assert late.key not in {law.key for law in added_laws(space)}
-    (fault,) = added_faults(space)
-    assert fault.key == late.key
-    assert fault.force <= sum(fault.row_force.values()) * (1.0 + 1e-9)
+def test_a_fault_that_explains_no_more_than_is_unlisted_in_its_main_row_is_no_name(subset: Joint):
+    """Judged as a law is, though it is none; the laws of other rows stay."""
+    fault, base = KNOWN["sensor_gain.hub.fl"], subset.base
+    assert base is not None
+    fitted = base.with_effects([*subset.added, fault])
+    tests = ScoreTests.of(Linearisation.of(fitted, subset.space.floor.redrawn(fitted)), [KNOWN["coulomb.rear"]], 0)
+    joint = beside_of(replace(subset, added=(*subset.added, fault), effects=(*subset.effects, fault)), tests)
+    assert fault.key not in {law.key for law in joint.laws}
+    (own,) = added_faults(joint.space)
+    row = max(own.row_force, key=lambda row: own.row_force[row])
+    rest = Rest.of(joint.space, joint.laws)
+    for much, names in ((0.5, set(joint.keys)), (2.0, set(joint.keys) - {fault.key})):
+        lack = replace(rest.lack, squares={**rest.lack.squares, row: much * own.force})
+        found, _ = not_part_of_the_rest(joint, replace(rest, lack=lack, unlisted=(row,)), 0)
+        assert set(found.keys) == names
+
+
+@pytest.mark.parametrize(("spread", "constant"), [(0.04, True), (0.08, False)])
+def test_beside_a_rest_a_laws_parameters_may_differ_by_as_much_as_laws_may_be_inexact(
+    subset: Joint, monkeypatch: pytest.MonkeyPatch, spread: float, constant: bool
+):
+    """Without a rest in its rows much more is allowed."""
+    runs = ParameterConstancy({}, {}, 10_000.0, 10_000.0 * spread**2 + 2.0, np.full(99, 2.0))
+    monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test", lambda *_: runs)
+    bar = next(law for law in subset.laws if law.key == "anti_roll_bar.front")
+    rest = Rest.of(subset.space, subset.laws)
+    lack = replace(rest.lack, squares={**rest.lack.squares, min(bar.rows): bar.force})
+    found = [_as_found(subset, effect, DRAWS) for effect in subset.effects if effect.key == bar.key]
+    assert not _not_constant(subset, rest, found, silent)
+    assert bool(_not_constant(subset, replace(rest, lack=lack, unlisted=(min(bar.rows),)), found, silent)) != constant
 
 
 @pytest.mark.parametrize(("correlation", "named"), [(0.9, False), (0.99, True)])
