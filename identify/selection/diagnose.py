@@ -323,8 +323,8 @@ def _not_constant(
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
     standing, first = list(found), joint.first
-    # Where more remains than a law may be inexact, the law may stand in for it: any change from run to run counts,
-    # beyond that by which the parameters of a law that is not exact differ.
+    # Where more remains than a selected law may be inexact, the law may stand in for it: changes from run to run count
+    # from as much on, for the test is made beside the model without the laws found, as their selection was.
     doubted = {
         law.key
         for law in joint.laws
@@ -335,7 +335,7 @@ def _not_constant(
         for c in standing:
             progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
             runs = chow_test(first, c, [other for other in standing if other.key != c.key])
-            least = SELECTION.law_inexactness**2 if c.key in doubted else SELECTION.inconstant_share
+            least = SELECTION.selected_inexactness**2 if c.key in doubted else SELECTION.inconstant_share
             if runs is not None and runs.differ_by_more_than(least):
                 rejected[c.key] = runs
         if not rejected:

@@ -155,8 +155,8 @@ def test_the_parameters_of_a_law_that_is_not_exact_may_differ_by_as_much():
     null = np.full(99, 2.0)
     said = ParameterConstancy({"a": np.zeros(1)}, {"a": np.ones(1)}, 10_000.0, 20.0, null)
     assert said.p <= 0.01
-    assert not said.differ_by_more_than(SELECTION.law_inexactness**2)
-    assert replace(said, common=1_000.0).differ_by_more_than(SELECTION.law_inexactness**2)
+    assert not said.differ_by_more_than(SELECTION.selected_inexactness**2)
+    assert replace(said, common=100.0).differ_by_more_than(SELECTION.selected_inexactness**2)
 
 
 def test_the_two_runs_told_are_those_farthest_apart_in_their_own_sigma() -> None:
