@@ -38,6 +38,8 @@ class ParameterConstancy:
         each for independent residuals.
     common : fall of the weighted squares with the same parameters in all runs.
     further : additional fall with parameters of their own for each run; `null` (D,) that in simulated runs.
+    misfits : name of a run → weighted squares that the common parameters are off by there, less those by chance, ÷ the
+        squares of the law with them; 0 where chance explains it.
     """
 
     values: Mapping[str, Array]
@@ -45,6 +47,7 @@ class ParameterConstancy:
     common: float
     further: float
     null: Array = field(repr=False)
+    misfits: Mapping[str, float]
 
     @property
     def p(self) -> float:
@@ -65,6 +68,10 @@ class ParameterConstancy:
         """Whether runs differ by more than chance, and by this share of what the law explains."""
         by_chance = float(np.mean(self.null))
         return self.p <= SELECTION.failing_chance and self.further - by_chance > share * self.common
+
+    def fails_in_a_run(self, share: float) -> bool:
+        """Whether in any run, however little it shows of the law, the common parameters are off by this share."""
+        return max(self.misfits.values()) > share
 
 
 def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:
@@ -120,20 +127,33 @@ def _compared(
     for at, i in enumerate(shown):
         normal[at * k : (at + 1) * k, at * k : (at + 1) * k] += groups[i][mine, mine]
     alike = np.tile(np.eye(k), (m, 1))
+    covariance = solved(normal, np.eye(k * m)).reshape(m, k, m, k)
+    of_runs = np.linalg.pinv(covariance[range(m), :, range(m)], hermitian=True)
 
-    def falls(parts: Sequence[Array], beforehand: Array) -> tuple[Array, Array, Array]:
+    def falls(parts: Sequence[Array], beforehand: Array) -> tuple[Array, Array, Array, Array]:
+        """Parameters of each run (m, k, D), common ones (k, D), the fall with these, and the further one (D,)."""
         score = np.concatenate([parts[i][mine] for i in shown])
         score = score - gain.T @ (np.sum([one[nuisance] for one in parts], axis=0) + beforehand)
         each, both = solved(normal, score), alike.T @ score
-        common = np.einsum("kd,kd->d", both, solved(alike.T @ normal @ alike, both))
-        return each, common, np.einsum("kd,kd->d", score, each) - common
+        common = solved(alike.T @ normal @ alike, both)
+        fall = np.einsum("kd,kd->d", both, common)
+        return each.reshape(m, k, -1), common, fall, np.einsum("kd,kd->d", score, each) - fall
 
-    each, common, further = falls(right, prior_side[:, None])
-    spread = np.sqrt(np.maximum(0.0, np.diag(solved(normal, np.eye(k * m)))))
-    null = falls(chance, np.zeros((len(nuisance), 1)))[2]
+    def squares(parameters: Array) -> Array:
+        """(m, D) weighted squares of the law in each run with these parameters (m, k, D)."""
+        return np.einsum("mkd,mkl,mld->md", parameters, of_runs, parameters)
+
+    each, common, fall, further = falls(right, prior_side[:, None])
+    drawn, drawn_common, _, null = falls(chance, np.zeros((len(nuisance), 1)))
+    off, by_chance = squares(each - common)[:, 0], squares(drawn - drawn_common)
+    usual = np.mean(by_chance, axis=1)
+    likely = np.quantile(np.max(by_chance / usual[:, None], axis=0), 1.0 - SELECTION.failing_chance)
+    law = squares(np.broadcast_to(common, each.shape))[:, 0]
+    misfits = np.where(off > likely * usual, (off - usual) / law, 0.0)
+    spread = np.sqrt(np.maximum(0.0, np.einsum("mkmk->mk", covariance)))
     return ParameterConstancy(
-        dict(zip(names, each[:, 0].reshape(m, k), strict=True)), dict(zip(names, spread.reshape(m, k), strict=True)),
-        float(common[0]), float(further[0]), null,
+        dict(zip(names, each[:, :, 0], strict=True)), dict(zip(names, spread, strict=True)),
+        float(fall[0]), float(further[0]), null, dict(zip(names, misfits.tolist(), strict=True)),
     )  # fmt: skip
 
 

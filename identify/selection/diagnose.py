@@ -323,8 +323,8 @@ def _not_constant(
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
     standing, first = list(found), joint.first
-    # Where more remains than a selected law may be inexact, the law may stand in for it: changes from run to run count
-    # from as much on, for the test is made beside the model without the laws found, as their selection was.
+    # Where more remains than a selected law may be inexact, the law may stand in for it: it must then hold in each run
+    # as well as it may be inexact there, also where a run shows little of it.
     doubted = {
         law.key
         for law in joint.laws
@@ -335,8 +335,10 @@ def _not_constant(
         for c in standing:
             progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
             runs = chow_test(first, c, [other for other in standing if other.key != c.key])
-            least = SELECTION.selected_inexactness**2 if c.key in doubted else SELECTION.inconstant_share
-            if runs is not None and runs.differ_by_more_than(least):
+            if runs is not None and (
+                runs.differ_by_more_than(SELECTION.inconstant_share)
+                or (c.key in doubted and runs.fails_in_a_run(SELECTION.selected_inexactness**2))
+            ):
                 rejected[c.key] = runs
         if not rejected:
             break
