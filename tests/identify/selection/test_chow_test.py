@@ -151,7 +151,7 @@ def test_a_law_is_broken_beyond_chance_and_by_enough_to_matter(common: float, fu
 
 
 def test_a_run_that_shows_little_of_a_law_counts_by_what_it_shows():
-    """One in two runs, 1 and −2 in the third, which has 1 % of the energy: little of the whole, and another law there."""
+    """One in two runs, 1 and −2 in the third, which has 1 % of the energy, where it is another law."""
     energy, values = np.array([1e4, 1e4, 200.0]), np.array([1.0, 1.0, -2.0])
     draws = np.sqrt(energy) * np.random.default_rng(0).normal(size=(199, 3))
     groups = [np.diag([e, 1.0]) for e in energy]  # of the law, and of a column that has nothing to do with it
