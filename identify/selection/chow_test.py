@@ -38,8 +38,8 @@ class ParameterConstancy:
         each for independent residuals.
     common : fall of the weighted squares with the same parameters in all runs.
     further : additional fall with parameters of their own for each run; `null` (D,) that in simulated runs.
-    misfits : name of a run → weighted squares that the common parameters are off by there, less those by chance, ÷ the
-        squares of the law with them; 0 where chance explains it.
+    misfits : name of a run → misfit of the common parameters in it (weighted squares, less those by chance), ÷ the
+        weighted squares of the law in it; 0 where chance explains the misfit.
     """
 
     values: Mapping[str, Array]
@@ -70,8 +70,8 @@ class ParameterConstancy:
         return self.p <= SELECTION.failing_chance and self.further - by_chance > share * self.common
 
     def fails_in_a_run(self, share: float) -> bool:
-        """Whether in any run, however little it shows of the law, the common parameters are off by this share."""
-        return max(self.misfits.values()) > share
+        """Whether runs differ by more than chance, and any run's misfit is more than this share of the law in it."""
+        return self.p <= SELECTION.failing_chance and max(self.misfits.values()) > share
 
 
 def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ()) -> ParameterConstancy | None:
@@ -146,10 +146,11 @@ def _compared(
     each, common, fall, further = falls(right, prior_side[:, None])
     drawn, drawn_common, _, null = falls(chance, np.zeros((len(nuisance), 1)))
     off, by_chance = squares(each - common)[:, 0], squares(drawn - drawn_common)
-    usual = np.mean(by_chance, axis=1)
-    likely = np.quantile(np.max(by_chance / usual[:, None], axis=0), 1.0 - SELECTION.failing_chance)
-    law = squares(np.broadcast_to(common, each.shape))[:, 0]
-    misfits = np.where(off > likely * usual, (off - usual) / law, 0.0)
+    usual, law = np.mean(by_chance, axis=1), squares(np.broadcast_to(common, each.shape))[:, 0]
+    seen = usual > 0.0  # beside the other columns a run may show nothing of the law
+    worst = np.max(by_chance[seen] / usual[seen, None], axis=0, initial=0.0)
+    significant = seen & (off > np.quantile(worst, 1.0 - SELECTION.failing_chance) * usual)
+    misfits = np.divide(off - usual, law, out=np.zeros(m), where=significant)
     spread = np.sqrt(np.maximum(0.0, np.einsum("mkmk->mk", covariance)))
     return ParameterConstancy(
         dict(zip(names, each[:, :, 0], strict=True)), dict(zip(names, spread, strict=True)),

@@ -71,7 +71,6 @@ def asked(study: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> dict[str
     return conforms(file, "diagnose")["next"]
 
 
-@pytest.mark.slow  # two minutes
 def test_two_effects_and_one(study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     pair = asked(study, monkeypatch, "spring_cubic.front", "bump_stop.front")
     out = capsys.readouterr().out

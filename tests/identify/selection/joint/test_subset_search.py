@@ -275,7 +275,7 @@ def test_beside_a_rest_a_laws_parameters_may_differ_by_as_much_as_a_selected_law
     subset: Joint, monkeypatch: pytest.MonkeyPatch, spread: float, constant: bool
 ):
     """In each run; without a rest in its rows only all runs count."""
-    runs = ParameterConstancy({}, {}, 10_000.0, 2.0, np.full(99, 2.0), {"a": 0.0, "b": spread**2})
+    runs = ParameterConstancy({}, {}, 10_000.0, 20.0, np.full(99, 2.0), {"a": 0.0, "b": spread**2})
     monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test", lambda *_: runs)
     bar = next(law for law in subset.laws if law.key == "anti_roll_bar.front")
     rest = Rest.of(subset.space, subset.laws)
