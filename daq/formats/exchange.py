@@ -2,17 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections import Counter
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv as pa_csv
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import Flag
@@ -31,7 +24,9 @@ def read_table(path: str | Path) -> Run:
     samples. Raises RunError when the file is no table, has no ``t`` or no known channel.
     """
     file = Path(path)
-    table, metadata, problems = _load(file)
+    from lacet.daq.formats.arrow_tables import read_columns
+
+    table, metadata, problems = read_columns(file)
     if "t" not in table:
         raise RunError(path, ["there is no column 't' (seconds)" + nearest("t", table)])
     t = table.pop("t")
@@ -69,8 +64,10 @@ def is_exchange_table(path: Path) -> bool:
                 header = stream.read(2**16).partition(b"\n")[0].decode("utf-8-sig", "replace")
             names = [cell.strip().strip('"') for cell in re.split("[,;\t]", header)]
         else:
-            names = pq.read_schema(path).names
-    except (OSError, pa.ArrowException):
+            from lacet.daq.formats.arrow_tables import column_names  # loads the library of the format
+
+            names = column_names(path)
+    except OSError:
         return False
     return "t" in names and any(name in COLUMNS for name in names)
 
@@ -91,98 +88,9 @@ def write_table(run: Run, path: str | Path) -> None:
         values = np.where(signal.usable[:, None], signal.values, np.nan)
         columns.update(zip(CHANNELS[name].columns, values.T, strict=True))
     metadata = {key: value for key in METADATA_KEYS if (value := getattr(run, key))}
-    table = pa.table(columns)
-    if file.suffix == ".csv":
-        pa_csv.write_csv(table, file)
-        file.with_suffix(".json").write_text(json.dumps(metadata, indent=1) + "\n", encoding="utf-8")
-    else:
-        pq.write_table(table.replace_schema_metadata({"lacet": json.dumps(metadata)}), file, compression="zstd")
+    from lacet.daq.formats.arrow_tables import write_columns
 
-
-def _load(file: Path) -> tuple[dict[str, NDArray[np.float64]], dict[str, Any], list[str]]:
-    problems: list[str] = []
-    metadata: dict[str, Any] = {}
-    try:
-        if file.suffix.lower() == ".csv":
-            table = _read_csv(file, problems)
-            beside = file.with_suffix(".json")
-            text = beside.read_text(encoding="utf-8") if beside.is_file() else "{}"
-            columns = _columns(file, table.column_names, lambda name: table[name], problems)
-            del table
-        else:
-            with pq.ParquetFile(file) as source:  # pq.read_table loads pandas, half a second of start-up
-                schema = source.schema_arrow
-                # One column after the other: a run of an hour is large, and the whole table would be there twice.
-                columns = _columns(file, schema.names, lambda name: source.read([name])[name], problems)
-            text = ((schema.metadata or {}).get(b"lacet") or b"{}").decode("utf-8")
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as cause:
-        raise RunError(file, [f"cannot be read as a table (truncated or another kind of file?): {cause}"]) from None
-    finally:
-        pa.default_memory_pool().release_unused()
-    try:
-        metadata = json.loads(text)
-        if not isinstance(metadata, dict):
-            raise ValueError("not an object")
-    except ValueError as cause:
-        problems.append(f"metadata is not valid JSON and was left out: {cause}")
-        metadata = {}
-    return columns, metadata, problems
-
-
-def _columns(
-    file: Path, names: Sequence[str], read: Callable[[str], pa.ChunkedArray], problems: list[str]
-) -> dict[str, NDArray[np.float64]]:
-    """Columns of numbers by name, missing ones NaN; what is not numbers is left out and reported."""
-    if twice := [name for name, n in Counter(names).items() if n > 1]:
-        raise RunError(file, [f"{', '.join(twice)}: more than one column of that name; give each its own"])
-    # Array.to_numpy loads pandas, a second of start-up, and so does a scalar made of a number of Python's.
-    missing = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])[0]
-    columns: dict[str, NDArray[np.float64]] = {}
-    for name in names:
-        column = read(name)
-        try:
-            filled = column.cast(pa.float64()).fill_null(missing)
-        except pa.ArrowException:
-            problems.append(f"column '{name}' is not numbers and was left out")
-            continue
-        # Copied, so that nothing of the file stays in memory.
-        columns[name] = np.concatenate(
-            [np.zeros(0), *(np.asarray(np.from_dlpack(chunk), np.float64) for chunk in filled.chunks)]
-        )
-    return columns
-
-
-def _read_csv(file: Path, problems: list[str]) -> pa.Table:
-    """A CSV file up to where it is damaged: truncated lines are left out and reported."""
-    cut: list[str] = []
-    with file.open("rb") as stream:
-        begin = stream.read(2**16)
-    if b"\0" in begin:
-        raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
-    header, _, numbers = begin.decode("utf-8", "replace").partition("\n")
-    # The format of spreadsheets where the decimal sign is a comma.
-    separator = max(",;\t", key=header.count)
-    decimal = "," if separator != "," and "," in numbers else "."
-
-    def skip(row: pa_csv.InvalidRow) -> str:
-        cut.append(row.text)
-        return "skip"
-
-    table = pa_csv.read_csv(
-        file,
-        parse_options=pa_csv.ParseOptions(delimiter=separator, invalid_row_handler=skip),
-        convert_options=pa_csv.ConvertOptions(decimal_point=decimal),
-    )
-    with file.open("rb") as stream:
-        stream.seek(max(0, file.stat().st_size - 2**16))
-        last = stream.read().rpartition(b"\n")[2].decode("utf-8", "replace")
-    if last.strip() and last not in cut and table.num_rows:
-        # A truncated number is still a number: the last one is doubtful where the line's end is missing.
-        table = table.slice(0, table.num_rows - 1)
-        cut.append(last)
-    if cut:
-        problems.append(f"{len(cut)} lines are not whole (file cut short?) and were left out")
-    return table
+    write_columns(file, columns, metadata)
 
 
 def _signals(

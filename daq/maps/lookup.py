@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 
 from lacet.daq.errors import RunError
-from lacet.daq.sources.csv_table import read_cells
 from lacet.daq.sources.source import Array
 from lacet.daq.units import Unit, UnitFault, read_unit
 
@@ -37,6 +36,8 @@ def read_lookup(path: Path, column: str, content: bytes | None = None) -> Lookup
     `content` is the file's where it is kept elsewhere, in a run's log. Raises RunError with the file, the line or
     column, and what to do.
     """
+    from lacet.daq.sources.csv_table import read_cells  # loads the library of the format
+
     names, units, rows, first = read_cells(path, content)
     if len(names) < 2:
         raise RunError(path, [f"a lookup table has two columns with units, as in 'SWA [deg], {column} [deg]'"])

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 HEAVY = (
-    "asammdf", "cvxpy", "matplotlib", "mujoco", "pandas", "scipy.interpolate", "scipy.io", "scipy.linalg",
+    "asammdf", "cvxpy", "matplotlib", "mujoco", "pandas", "pyarrow", "scipy.interpolate", "scipy.io", "scipy.linalg",
     "scipy.ndimage", "scipy.optimize", "scipy.signal", "scipy.stats",
 )  # fmt: skip
 """Packages that take longer to load than a command whose values are kept takes to answer."""
