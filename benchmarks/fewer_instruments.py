@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from benchmarks import coverage
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.car_tree import AXLE, WHEEL
 from lacet.identify.car.sources.completion import completed
 from lacet.identify.properties.whole_vehicle import NAMES, whole_vehicle
 from lacet.identify.regression.model import Model
@@ -45,6 +46,11 @@ STATED = f"""
 motion_ratio = {{ value = {RATIO}, tolerance = 0.008, unit = "-", source = "drawing" }}
 pushrod_ratio = {{ value = {RATIO}, tolerance = 0.008, unit = "-", source = "drawing" }}
 """
+MASSES = """
+sprung_mass = {{ value = {0}, tolerance = 15, unit = "kg", source = "scales less unsprung masses" }}
+unsprung_mass.front = {{ value = {1}, tolerance = 3, unit = "kg", source = "drawing" }}
+unsprung_mass.rear = {{ value = {2}, tolerance = 3, unit = "kg", source = "drawing" }}
+"""
 INERTIAL = ("imu.accel", "imu.rate")
 Channels = Mapping[str, Array]
 Values = dict[str, tuple[float, float, float]]
@@ -54,11 +60,15 @@ DRAWS = 3
 
 @dataclass(frozen=True)
 class StudyRig:
-    """A rig of the study: `about` it, channels it keeps of the full one, and channels made from the full one's."""
+    """A rig of the study: `about` it, channels it keeps of the full one, and channels made from the full one's.
+
+    `masses` : whether the vehicle file gives the sprung and unsprung masses.
+    """
 
     about: str
     keep: Callable[[str], bool]
     make: Callable[[Channels], dict[str, Array]] = lambda _: {}
+    masses: bool = False
 
 
 def no_wheels(name: str) -> bool:
@@ -96,6 +106,11 @@ RIGS: dict[str, StudyRig] = {
         no_wheels,
         lambda a: {f"pushrod.{c}.force": (a[f"wheel.{c}.force"][2:] - 250.0) / RATIO for c in CORNERS},
     ),
+    "no_loads": StudyRig(
+        "inertial unit, travel, speed and steer; no wheel load, the sprung mass known",
+        lambda n: n.startswith(("imu.", "correvit.")) or n.endswith((".hub", ".steer")),
+        masses=True,
+    ),
 }
 
 
@@ -106,9 +121,21 @@ def vehicle() -> Vehicle:
 
 
 @cache
+def vehicle_with_masses() -> Vehicle:
+    """The same with its masses, those of the stored motions; what is unsprung has a nominal mass outboard of it."""
+    theta = coverage.stored_motions()[1]
+    of = dict(zip(model().names, theta.tolist(), strict=True))
+    outboard = vehicle().assumption("outboard_mass", "fl").value
+    unsprung = {c: of[f"M{AXLE[c]}"] + of[f"M{WHEEL[c]}"] + outboard for c in CORNERS}
+    axles = (0.5 * (unsprung[f"{axle}l"] + unsprung[f"{axle}r"]) for axle in "fr")
+    return Vehicle.parse(vehicle().text + MASSES.format(of["M6"], *axles))
+
+
+@cache
 def exact(rig: str) -> tuple[Recording, ...]:
     """Exact recordings of the four manoeuvres by a rig: its laws at their nominal constants fulfil the model."""
     records, theta = coverage.stored_motions()
+    known = vehicle_with_masses() if RIGS[rig].masses else vehicle()
     out: list[Recording] = []
     for record in records:
         values = dict(record.signals.value)
@@ -117,7 +144,7 @@ def exact(rig: str) -> tuple[Recording, ...]:
         signals = Signals.differentiated(kept, record.filters.rate)
         usable = {name: record.usable.get(name, np.ones(record.t.size, bool)) for name in kept}
         rates = {name: record.rates.get(name, record.filters.rate) for name in kept}
-        bare = replace(record, signals=signals, usable=usable, rates=rates, vehicle=vehicle(), smoothers={})
+        bare = replace(record, signals=signals, usable=usable, rates=rates, vehicle=known, smoothers={})
         out.append(cars.fulfil(completed(bare), model().physics, theta).smoothed())
     return tuple(out)
 

@@ -139,8 +139,15 @@ ASSUMABLE: dict[str, Assumable] = {
         "-", 1.0, 1.0, "axle", "longitudinal force of a wheel ÷ (its load × longitudinal acceleration in g)",
         "1 for braking in proportion to load, 0 or 2 where one axle drives",
     ),
+    "load_transfer": Assumable(
+        "-", 0.6, 0.3, "axle", "load that a wheel takes from the other of its axle ÷ its own at rest, per g of lateral "
+        "acceleration, where no wheel load is measured", "2 × height of the centre of gravity ÷ track is 0.7",
+    ),
     "unsprung_mass": Assumable(
         "kg", 38.0, 8.0, "axle", "carrier, hub, wheel and shares of the arms of one corner", _CLASS,
+    ),
+    "sprung_mass": Assumable(
+        "kg", None, 20.0, "car", "mass above the suspensions: what scales show, less four unsprung masses", "",
     ),
 }  # fmt: skip
 """Every value that may be assumed, by key."""

@@ -28,8 +28,9 @@ from lacet.identify.car.car_tree import (
 from lacet.identify.car.measured_rows import MeasuredRows
 from lacet.identify.car.motion import CornerMotion, Motion
 from lacet.identify.car.road import Road, RoadPlane
-from lacet.identify.car.rows import Row, Torque
+from lacet.identify.car.rows import Row, Torque, suspension_torque
 from lacet.identify.car.sources.completion import completed
+from lacet.identify.car.sources.nominal_load import known_masses
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot, turn, turned, unit
 from lacet.identify.signals.filters import Filters
@@ -72,11 +73,13 @@ def build_motion(
     corners |= {
         c: _corner(vehicle.corners[c], part, frames, road, plane, measured.torques, rig) for c, part in geometry.items()
     }
+    road_height = float(np.mean([corner.position[2] - corner.height for corner in vehicle.corners.values()]))
     return Motion(
         name=recording.run, t=grid, filters=recording.filters, reference=recording.reference, body=body,
         velocity=_velocity(values, rig, body, attitude), attitude=attitude, corners=corners,
         rows=tuple(measured.torques), left_out=measured.left_out, usable=measured.usable,
         channels=frozenset(recording.signals.value), notes=(*recording.notes, *measured.notes), ahead=measured.ahead,
+        masses=known_masses(recording), road_height=road_height,
     )  # fmt: skip
 
 
@@ -134,7 +137,7 @@ def _torques(
     def torque(channel: str) -> Array:
         return values[channel][0] if channel else zero
 
-    in_suspension, in_spin = (rows.get(Row.parse(f"{kind}.{c}"), Torque()) for kind in ("suspension", "spin"))
+    in_suspension, in_spin = suspension_torque(rows, c), rows.get(Row.parse(f"spin.{c}"), Torque())
     about_axis = dot(spin_axis, part.dphi_ds)
     turned = part.dphi_ds - spin_axis * about_axis if in_suspension.eliminated else part.dphi_ds
     work = about_axis * (torque(in_suspension.shaft) + torque(in_suspension.brake))

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lacet.identify.car.rows import Row, RowAbsence
+from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, Row, RowAbsence
 from lacet.identify.multibody.chain import FrameMotion
 from lacet.identify.multibody.vectors import Array, cross, dot
 from lacet.identify.signals.filters import Filters
@@ -161,6 +161,9 @@ class Motion:
     channels : channels the run has.
     notes : notes for the reader of the results.
     ahead : distance of ground lasers ahead of their wheels' centres [m], negative behind: the largest in magnitude.
+    masses : known masses, of ``chassis`` and ``axle.{c}`` (what is unsprung at a corner) → (N,) [kg]; empty where wheel
+        loads are measured. Their inertia is on the left side.
+    road_height : height of a flat road at design position above the body origin, negative [m].
 
     Examples
     --------
@@ -183,6 +186,8 @@ class Motion:
     channels: frozenset[str]
     notes: tuple[RunNote, ...] = ()
     ahead: float = 0.0
+    masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    road_height: float = 0.0
     _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
         default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
     )
@@ -206,16 +211,68 @@ class Motion:
 
         Chassis rows are ΣF and Σ(M + r × F) about the body origin in body axes; a suspension row is the virtual work of
         the wheel load and of the torque on the wheel per unit of travel; a tyre row the load along the road normal; a
-        spin row the moment and the torque about the wheel's axis (`car.rows`).
+        spin row the moment and the torque about the wheel's axis; a body row a combination of these (`car.rows`). From
+        chassis and suspension rows the inertia of known masses is taken off.
         """
+        if row.kind == "body":
+            return sum(
+                (weight * self.measured(part) for part, weight in self.weights(row).items()), np.zeros(self.t.size)
+            )
         if row.kind == "chassis":
             axis = "xyz".index(row.place[1])
+            forces = {name: c.force - self._inertia(name) for name, c in self.corners.items()}
             if row.unit == "N":
-                return np.sum([c.force[axis] for c in self.corners.values()], axis=0)
-            return np.sum([c.moment[axis] + cross(c.centre, c.force)[axis] for c in self.corners.values()], axis=0)
+                own = self.masses.get("chassis", 0.0) * self.body.accel[axis]
+                return np.sum([force[axis] for force in forces.values()], axis=0) - own
+            return np.sum(
+                [c.moment[axis] + cross(c.centre, forces[name])[axis] for name, c in self.corners.items()], axis=0
+            )
         corner = self.corners[row.place]
         if row.kind == "suspension":
-            return dot(corner.force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
+            force = corner.force - self._inertia(row.place)
+            return dot(force, corner.dp_ds) + dot(corner.moment, corner.wheel_dphi_ds) + corner.torque_work
         if row.kind == "tyre":
             return dot(corner.force, corner.normal)
         return dot(corner.moment, corner.spin_axis) + corner.torque
+
+    def _inertia(self, corner: str) -> Array | float:
+        """(3, N) mass × specific force of what is unsprung at a corner, where its mass is known [N]; else 0."""
+        mass = self.masses.get(f"axle.{corner}")
+        return 0.0 if mass is None else mass * self.corners[corner].centre_accel
+
+    def weights(self, row: Row) -> dict[Row, Array | float]:
+        """Weights of the rows that a body row is a combination of: 1, or lengths [m], (N,) or scalar.
+
+        ``heave`` = f_z − Σ suspension, ``roll`` = m_x − Σ y suspension + z̄ f_y and
+        ``pitch`` = m_y + Σ x suspension − z̄ f_x, with x, y the wheel's centre and z̄ the mean height of the contact
+        patches above the body origin. A vertical force at a wheel cancels; horizontal ones remain with the small lever
+        of their own patch to the mean one, and with the slopes of the bench tables.
+        """
+        force, moment, axis, sign = _BALANCED[row.place]
+        out: dict[Row, Array | float] = {CHASSIS_ROWS[moment]: 1.0}
+        if force is not None:
+            travel = np.mean([corner.travel for corner in self.corners.values()], axis=0)
+            out[CHASSIS_ROWS[force]] = -sign * (self.road_height + travel)
+        for suspension in SUSPENSION_ROWS:
+            out[suspension] = -1.0 if axis is None else sign * self.corners[suspension.place].centre[axis]
+        return out
+
+    def with_body_rows(self, rows: Mapping[Row, Array]) -> dict[Row, Array]:
+        """Series (…, N) of rows, and of the body rows of this motion that they act on.
+
+        The one place where body rows are made of other rows; a motion without body rows returns the same series.
+        """
+        out = dict(rows)
+        for row in self.rows:
+            if row.kind == "body":
+                parts = [weight * rows[part] for part, weight in self.weights(row).items() if part in rows]
+                if parts:
+                    out[row] = np.sum(parts, axis=0)
+        return out
+
+
+_BALANCED: Mapping[str, tuple[int | None, int, int | None, float]] = {
+    # Of a body row: place in `CHASSIS_ROWS` of the horizontal force, and of the row itself; axis of the wheel centres'
+    # lever, and its sign.
+    "heave": (None, 2, None, 0.0), "roll": (1, 3, 1, -1.0), "pitch": (0, 4, 0, 1.0),
+}  # fmt: skip

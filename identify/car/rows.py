@@ -14,6 +14,8 @@ loads are ``contact`` loads, of those inboard of the transducer where they are `
   ψ = ∂φ/∂s − n (n·∂φ/∂s): the virtual motion in which the wheel does not turn about its axis.
 - ``tyre.{c}``: F·e = kt δ (``contact``), F·e = kt δ − m_out a·e (``hub``), δ = R0 − h/√(1 − (n·e)²).
 - ``spin.{c}``: n·M + T_shaft − T_brake = I ω̇, ω̇ in space: that of the wheel on its carrier and of the carrier.
+- ``body.heave``, ``body.roll``, ``body.pitch``: combinations of chassis and suspension rows in which vertical forces
+  of the wheels cancel (`Motion.weights`). They are formed where no wheel load is measured and the sprung mass is known.
 
 Torques are positive when they drive (shaft) and when they slow (brake) a wheel that rolls forward. Docs: rows.md.
 """
@@ -21,7 +23,7 @@ Torques are positive when they drive (shaft) and when they slow (brake) a wheel 
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum, auto
 from types import MappingProxyType
 
@@ -31,7 +33,7 @@ from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.errors import UsageError, nearest
 from lacet.daq.vehicle import Corner, Vehicle
 from lacet.identify.signals.for_equations import alternatives
-from lacet.identify.signals.sources import Kind, Source
+from lacet.identify.signals.sources import Kind, Method, Source
 
 
 class Row(str):
@@ -59,32 +61,43 @@ class Row(str):
 
     @property
     def kind(self) -> str:
-        """``chassis``, ``suspension``, ``tyre`` or ``spin``."""
+        """``chassis``, ``suspension``, ``tyre``, ``spin`` or ``body``."""
         return self.partition(".")[0]
 
     @property
     def place(self) -> str:
-        """The corner, or the component of the chassis' force or moment: ``fx`` … ``mz``."""
+        """The corner; of the chassis its component, ``fx`` … ``mz``; of the body ``heave``, ``roll`` or ``pitch``."""
         return self.partition(".")[2]
 
     @property
     def corner(self) -> str | None:
-        """The corner, ``fl`` … ``rr``; None for a row of the chassis."""
-        return None if self.kind == "chassis" else self.place
+        """The corner, ``fl`` … ``rr``; None for a row of the chassis or the body."""
+        return self.place if self.place in CORNERS else None
 
     @property
     def unit(self) -> str:
-        """N, or N·m for moments on the chassis and about the wheels' axes."""
-        return "N·m" if self.kind == "spin" or (self.kind == "chassis" and self.place.startswith("m")) else "N"
+        """N, or N·m for moments on the chassis or the body and about the wheels' axes."""
+        turning = self.kind == "spin" or self.place in ("mx", "my", "mz", "roll", "pitch")
+        return "N·m" if turning else "N"
 
 
 CHASSIS_ROWS = tuple(Row(f"chassis.{component}") for component in ("fx", "fy", "fz", "mx", "my", "mz"))
 SUSPENSION_ROWS = tuple(Row(f"suspension.{c}") for c in CORNERS)
 TYRE_ROWS = tuple(Row(f"tyre.{c}") for c in CORNERS)
 SPIN_ROWS = tuple(Row(f"spin.{c}") for c in CORNERS)
-ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS)
+BODY_ROWS = tuple(Row(f"body.{motion}") for motion in ("heave", "roll", "pitch"))
+ROWS = (*CHASSIS_ROWS, *SUSPENSION_ROWS, *TYRE_ROWS, *SPIN_ROWS, *BODY_ROWS)
 """Every row of the equations, in the order of all reports."""
 _BY_TEXT: dict[str, Row] = {str(row): row for row in ROWS}
+
+BODY_LEVERS: Mapping[Row, float] = dict(zip(BODY_ROWS, (1.0, 0.75, 1.9), strict=True))
+"""Proportions of the residuals of the body's rows: the lever with which an error of one suspension's force enters
+[1 for heave, m for roll and pitch]. Half a track, and the RMS distance of both axles from the body's origin; sizes of
+passenger cars, which only set weights."""
+ROLL_AND_PITCH = (CHASSIS_ROWS[3], CHASSIS_ROWS[4])
+"""The chassis' rows that no run without wheel loads on the move has."""
+SPRUNG_MASS = "sprung_mass"
+"""The assumption that fixes the scale of all parameters where no load is measured (`daq.assumptions`)."""
 
 PRESSURE = "brake.pressure"
 """Channel that shows whether the brakes are applied."""
@@ -113,6 +126,8 @@ class Absence(Enum):
     """The brakes act all the time, and the torques on the wheel are not all measured."""
     MEASURED_ELSEWHERE = auto()
     """The row would need assumptions on this run, and another run measures it."""
+    NO_KNOWN_LOAD = auto()
+    """All terms of the row are in proportion to unknown parameters; a known load is needed, the sprung mass."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +149,7 @@ def needs(
     """
     kind, name = row.kind, row.place
     imu = ("imu.accel", "imu.rate")
-    if kind == "chassis":
+    if kind in ("chassis", "body"):
         # Wheel speeds for the gyroscopic moments: 160 N·m of roll at 80 rad/s and 0.5 rad/s of yaw.
         per_corner = (
             "wheel.{c}.force", "wheel.{c}.moment", "wheel.{c}.speed", "laser.{c}.hub", "camera.{c}.steer",
@@ -157,6 +172,7 @@ _LEADING: dict[str, tuple[str, str]] = {
     # Components of wheel force and of the inertial unit (specific force xyz, rates pqr) that no assumption may replace:
     # the row is an equation of just these.
     "fx": ("xy", "x"), "fy": ("y", "y"), "fz": ("z", "z"), "mx": ("yz", "py"), "my": ("xz", "qx"), "mz": ("xy", "ry"),
+    "heave": ("", "z"), "roll": ("", "py"), "pitch": ("", "qx"),
 }  # fmt: skip
 
 
@@ -165,9 +181,10 @@ def leading(row: Row) -> dict[str, tuple[int, ...]]:
 
     The others may be assumed with a tolerance (`identify.car.sources`).
     """
-    if row.kind == "chassis":
+    if row.kind in ("chassis", "body"):
         force, inertial = _LEADING[row.place]
-        out = {f"wheel.{c}.force": tuple("xyz".index(k) for k in force) for c in CORNERS}
+        out = {f"wheel.{c}.force": tuple("xyz".index(k) for k in force) for c in CORNERS if force}
+        out |= {f"laser.{c}.hub": (0,) for c in CORNERS if row.kind == "body"}
         out["imu.accel"] = tuple("xyz".index(k) for k in inertial if k in "xyz")
         out["imu.rate"] = tuple("pqr".index(k) for k in inertial if k in "pqr")
         return out
@@ -195,6 +212,7 @@ class Torque:
     eliminated : whether the half-shaft's torque is eliminated from a suspension row by means of the spin row.
     released : whether the row holds only while the brakes are released, as `PRESSURE` shows.
     missing : why the row cannot be formed; None where it can.
+    corners : of a row that contains suspension rows, the torques in these by corner.
     """
 
     shaft: str = ""
@@ -202,11 +220,13 @@ class Torque:
     eliminated: bool = False
     released: bool = False
     missing: RowAbsence | None = None
+    corners: Mapping[str, Torque] = field(default_factory=dict[str, "Torque"])
 
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels the row needs for its torques."""
-        return tuple(name for name in (self.shaft, self.brake, PRESSURE if self.released else "") if name)
+        own = (name for name in (self.shaft, self.brake, PRESSURE if self.released else "") if name)
+        return tuple(dict.fromkeys([*own, *(name for one in self.corners.values() for name in one.channels)]))
 
 
 def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str) -> Torque:
@@ -215,7 +235,18 @@ def torque_in(row: Row, vehicle: Vehicle, measured: Container[str], brakes: str)
         return _suspension_torque(vehicle.corners[row.place], measured, brakes)
     if row.kind == "spin":
         return _spin_torque(vehicle.corners[row.place], measured, brakes)
+    if row.kind == "body":
+        each = {c: _suspension_torque(vehicle.corners[c], measured, brakes) for c in CORNERS}
+        missing = next((one.missing for one in each.values() if one.missing), None)
+        return Torque(released=any(one.released for one in each.values()), missing=missing, corners=each)
     return Torque()
+
+
+def suspension_torque(rows: Mapping[Row, Torque], corner: str) -> Torque:
+    """The torques in a corner's suspension row, by itself or as a part of a body row, of `rows` → their torques."""
+    found = rows.get(SUSPENSION_ROWS[CORNERS.index(corner)])
+    bodies = (rows[row].corners[corner] for row in BODY_ROWS if row in rows)
+    return found or next(bodies, Torque())
 
 
 def _suspension_torque(corner: Corner, measured: Container[str], brakes: str) -> Torque:
@@ -316,16 +347,25 @@ def available(
     """Rows whose left side is known, row → its torques; and every other row → why it is absent.
 
     `sources` : where channels that are not `measured` come from; `elsewhere` : rows that another run measures,
-    which are not taken on assumptions here.
+    which are not taken on assumptions here. Body rows say nothing beside measured wheel loads: with any they are in
+    neither.
     """
     rows: dict[Row, Torque] = {}
     left_out: dict[Row, RowAbsence] = {}
+    loads = [f"wheel.{c}.force" for c in CORNERS]
+    known = any(c in measured or (c in sources and sources[c].method is not Method.NOMINAL_LOAD) for c in loads)
     for row in ROWS:
+        if row.kind == "body" and known:
+            continue
         needed = needs(row, reference, grounds, vehicle)
         lacking = tuple(channel for channel in needed if channel not in measured)
         absent = tuple(channel for channel in lacking if not serves(sources.get(channel), channel, row))
         torque = torque_in(row, vehicle, measured, brakes)
-        if absent:
+        if row.kind == "body" and absent and not any(c in absent for c in leading(row)):
+            left_out[row] = RowAbsence(Absence.NO_KNOWN_LOAD, (SPRUNG_MASS,))
+        elif row.kind == "body" and not absent and all(one in elsewhere for one in ROLL_AND_PITCH):
+            left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)
+        elif absent:
             left_out[row] = RowAbsence(Absence.CHANNELS, _least(row, absent))
         elif row in elsewhere and any(sources[channel].kind is Kind.ASSUMED for channel in lacking):
             left_out[row] = RowAbsence(Absence.MEASURED_ELSEWHERE, lacking)

@@ -225,7 +225,7 @@ class PhysicalEffect(Effect):
 
 def columns_by_row(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
     """Regressor columns of an effect, row → (p, N). Raises UsageError where a key of them is no row."""
-    return {Row.parse(text): table for text, table in effect.columns(motion).items()}
+    return motion.with_body_rows({Row.parse(text): table for text, table in effect.columns(motion).items()})
 
 
 class Bend(Enum):

@@ -121,7 +121,7 @@ def checked_columns(effect: PhysicalEffect, motion: Motion) -> dict[Row, Array]:
             when = f"t = {motion.t[bad[0]]:.2f} s of {motion.name}"
             raise UsageError(f"{_place(cls)}.columns: {row} has no finite value at {when} ({bad.size} samples in all)")
         out[Row.parse(row)] = array
-    return out
+    return motion.with_body_rows(out)
 
 
 def _call(cls: type[Effect], method: str, function: Callable[[], T]) -> T:

@@ -14,7 +14,7 @@ import numpy as np
 from lacet.daq.channels import CORNERS
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.car.rows import CHASSIS_ROWS, Row, RowAbsence
+from lacet.identify.car.rows import CHASSIS_ROWS, SUSPENSION_ROWS, Row, RowAbsence
 from lacet.identify.effects.base import SuspensionForce, with_places
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.properties.corner_rates import BLOCKS, CornerNumbers, corner_numbers, rows_unseen, suspension_laws
@@ -68,9 +68,14 @@ class DamperCurve:
 
 
 def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[Derived]:
-    """The derived values of a fit; empty when the model has no chassis."""
+    """The derived values of a fit; empty when the model has no chassis.
+
+    Of a fit to the rows of the body alone, whose mass is no parameter, only the sum of the anti-roll bars.
+    """
     if "M6" not in knowledge.names:
         return []
+    if any(row.kind == "body" for row in fitted.rows) and not any(row in SUSPENSION_ROWS for row in fitted.rows):
+        return sum_of_bars(fitted, knowledge)
     table = corner_numbers(fitted)
     x = table @ fitted.physics
     names, units, values = _values(x, vehicle)
@@ -98,6 +103,26 @@ def derived_values(fitted: Fit, vehicle: Vehicle, knowledge: Knowledge) -> list[
             why = _not_measured(fitted, name) or (_missing(fitted, blind) if blind else None) or why
         out.append(Derived(name, float(values[k]), units[k], half, determined, why))
     return out
+
+
+_BARS = ("anti_roll_bar.front.k", "anti_roll_bar.rear.k")
+
+
+def sum_of_bars(fitted: Fit, knowledge: Knowledge) -> list[Derived]:
+    """Front and rear anti-roll bar together, with the sensor sheet in the interval; none where the model has not both.
+
+    Without wheel loads the two differ only where the road twists the car: their sum is known better than each.
+    """
+    if not all(name in knowledge.names for name in _BARS):
+        return []
+    slope = np.array([1.0 if name in _BARS else 0.0 for name in knowledge.names])
+    p = slope.size
+    variance = slope @ (knowledge.covariance + fitted.covariance_sheet[:p, :p]) @ slope
+    value, half = float(slope @ fitted.physics), 1.96 * float(np.sqrt(variance))
+    determined = half <= WIDE * abs(value)
+    which = () if determined else knowledge.responsible(np.outer(slope, slope), (WIDE * value / 1.96) ** 2)
+    why = None if determined else knowledge.open_parameters(which)
+    return [Derived("anti_roll_bars.k", value, "N/m", half, determined, why)]
 
 
 def _values(x: Array, vehicle: Vehicle) -> tuple[list[str], list[str], Array]:

@@ -203,8 +203,11 @@ class WeightedEquations(ABC):
         p = self.p
         return np.asarray(scipy.linalg.solve_triangular(R[:p, :p], R[:p, p]), float) * lengths[p] / lengths[:p]
 
-    def iterate(self, start: Weights, least: Weights) -> tuple[Array, dict[Key, float]]:
-        """Estimate (p,) and the rows' σ, iterated until σ is the RMS of the residuals; σ is at least `least`."""
+    def iterate(self, start: Weights, least: Weights, tied: Weights | None = None) -> tuple[Array, dict[Key, float]]:
+        """Estimate (p,) and the rows' σ, iterated until σ is the RMS of the residuals; σ is at least `least`.
+
+        `tied` : rows whose σ are in these proportions, with the RMS of their residuals together (`tied_sizes`).
+        """
         sigma, counts = dict(start), self.sample_counts()
         for _ in range(50):
             x = self._solve_normal(sigma)
@@ -213,7 +216,8 @@ class WeightedEquations(ABC):
                 x = self.solve(sigma)
             squares = self.squares(x, sigma, quick)
             before = sigma
-            sigma = {row: max(float(np.sqrt(squares[row] / counts[row])), least[row]) for row in self.rows}
+            sigma = tied_sizes({row: float(np.sqrt(squares[row] / counts[row])) for row in self.rows}, counts, tied)
+            sigma = {row: max(sigma[row], least[row]) for row in self.rows}
             if all(abs(sigma[row] - before[row]) < 1e-4 * sigma[row] for row in self.rows):
                 break
         return self.solve(sigma), sigma
@@ -265,6 +269,20 @@ class Equations(WeightedEquations):
     def zeros(self, x: Array, sigma: Weights) -> list[Array]:
         """Each run's zeros at parameters `x`."""
         return [shift - gain @ x for gain, shift in zeros_following(self.runs, sigma)]
+
+
+def tied_sizes(sizes: Weights, counts: Mapping[Key, int], tied: Weights | None) -> dict[Key, float]:
+    """RMS of rows, of those that are `tied` in these proportions with the mean square over all of them together.
+
+    A row whose left side is small, all of whose terms are in proportion to unknown parameters, must not have a weight
+    of its own: parameters near zero leave it a residual near zero, which would count ever more.
+    """
+    out = dict(sizes)
+    rows = [row for row in sizes if tied and row in tied]
+    if tied and rows:
+        square = sum(counts[row] * (sizes[row] / tied[row]) ** 2 for row in rows) / sum(counts[row] for row in rows)
+        out |= {row: tied[row] * float(np.sqrt(square)) for row in rows}
+    return out
 
 
 def squares_at(run: RunEquations, x: Array, sigma: Weights, quick: bool) -> dict[Key, float]:

@@ -69,8 +69,9 @@ def residual(motion: Motion, effects: Sequence[PhysicalEffect], values: Array) -
     """Residual Y − W θ at full rate, row → (N,) [N or N·m], from the effects' force laws."""
     out: dict[Row, Array] = {row: motion.measured(row).copy() for row in motion.rows}
     for effect, place in with_places(effects):
-        for text, force in effect.force(motion, values[place]).items():
-            if (row := Row.parse(text)) in out:
+        forces = {Row.parse(text): force for text, force in effect.force(motion, values[place]).items()}
+        for row, force in motion.with_body_rows(forces).items():
+            if row in out:
                 out[row] -= force
     return out
 

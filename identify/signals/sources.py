@@ -35,6 +35,8 @@ class Method(Enum):
     """Vertical wheel force from the pushrod's, and a nominal unsprung mass."""
     SCALE = auto()
     """Wheel force from a corner scale under the tyre."""
+    NOMINAL_LOAD = auto()
+    """Wheel force from known masses at rest, for rows in which the vertical forces cancel."""
     CONTACT = auto()
     """Wheel moment of the forces in the contact patch: loaded radius, trail, rolling resistance."""
     OTHER_WHEEL = auto()

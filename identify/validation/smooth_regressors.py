@@ -48,6 +48,9 @@ MODEL_STATES: Mapping[str, tuple[str, ...]] = {
     "suspension": ("travel", "travel rate", "vertical acceleration"),
     "tyre": ("tyre deflection", "vertical acceleration"),
     "spin": (),
+    "body": ("lateral acceleration", "longitudinal acceleration", "vertical acceleration", "roll acceleration",
+             "pitch acceleration", "heave", "roll of the wheels", "pitch of the wheels", "heave, rate",
+             "roll of the wheels, rate", "pitch of the wheels, rate"),
 }  # fmt: skip
 """Kind of row → states in which the base model is linear; a fit biases those terms to absorb a missing effect."""
 

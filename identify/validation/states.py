@@ -193,7 +193,7 @@ class ClearStates:
 
     def _states(self, run: int, row: Row) -> dict[str, tuple[State, Array]]:
         """States of a row and one draw of their noise, low-pass filtered as the fit is."""
-        key = run, "chassis" if row.kind == "chassis" else row
+        key = run, "chassis" if row.corner is None else row
         if key not in self._known:
             # At full rate: of a long run only those of the row asked for last.
             self._known = {k: states for k, states in self._known.items() if not self.runs[k[0]].is_long or k[0] != run}

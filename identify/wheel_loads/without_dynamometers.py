@@ -30,6 +30,8 @@ def placed(recording: Recording, loads: WheelLoads) -> Recording:
     return replace(
         recording, signals=replace(recording.signals, value=values), usable={**recording.usable, **everywhere},
         rates=rates, rig=_in_body_axes(recording.rig),
+        laws=tuple(law for law in recording.laws if law.channel not in LOADS),
+        sources={name: source for name, source in recording.sources.items() if name not in LOADS},
     )  # fmt: skip
 
 

@@ -19,6 +19,7 @@ _WORDS = {
     Method.LOAD_CELL: "vertical load cell; x and y from load and acceleration",
     Method.PUSHROD: "pushrod force × ratio + unsprung mass",
     Method.SCALE: "corner scale",
+    Method.NOMINAL_LOAD: "known masses at rest; vertical parts cancel",
     Method.CONTACT: "forces in the contact patch",
     Method.OTHER_WHEEL: "other wheel of the axle",
     Method.STEERING_WHEEL: "steering wheel",
@@ -62,11 +63,16 @@ def to_add(row: Row, absence: RowAbsence | None) -> str:
 
 
 def no_rows(left_out: Mapping[Row, RowAbsence]) -> str:
-    """Why no row at all can be formed: what the vertical force on the car needs, which needs least, or the reasons."""
+    """Why no row at all can be formed: what the vertical force on the car needs, which needs least, or the reasons.
+
+    Beside it the known mass that would give the body's rows, where that alone is lacking.
+    """
     if not left_out:
         return "no usable sample outside flagged intervals"
     fewest = min(left_out.items(), key=lambda item: (item[1].cause is not Absence.CHANNELS, len(item[1].channels)))
-    return f"{fewest[0]} {to_add(*fewest)} (lacet info --rows lists what each row needs)"
+    scale = [item for item in left_out.items() if item[1].cause is Absence.NO_KNOWN_LOAD]
+    ways = "; or ".join(f"{row} {to_add(row, why)}" for row, why in dict.fromkeys([fewest, *scale[:1]]))
+    return f"{ways} (lacet info --rows lists what each row needs)"
 
 
 def _with_alternatives(row: Row, channels: Sequence[str]) -> list[str]:

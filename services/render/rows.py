@@ -47,6 +47,11 @@ def row_absence(why: RowAbsence) -> str:
             )
         case Absence.MEASURED_ELSEWHERE:
             return f"another run measures it; here {', '.join(why.channels)} would be assumed"
+        case Absence.NO_KNOWN_LOAD:
+            return (
+                "without wheel loads every parameter is known up to one common factor: "
+                f"give {first} in [assumed] of the vehicle file, with its tolerance"
+            )
         case Absence.BRAKES_ALWAYS:
             return f"the brakes act all the time ({first}) and the torques on this wheel are not all measured"
 
@@ -131,6 +136,8 @@ def row_label(row: Row) -> dict[str, str]:
     """Names of a row on the page: `label` for a small field, `about` in words, `unit`."""
     if row.kind == "chassis":
         return {"label": row.place.capitalize(), "about": f"chassis, {_CHASSIS[row.place]}", "unit": row.unit}
+    if row.kind == "body":
+        return {"label": row.place.capitalize(), "about": f"body, {row.place}", "unit": row.unit}
     label, about = _KINDS[row.kind]
     return {"label": label, "about": f"{about}, {CORNER_WORDS[row.place]}", "unit": row.unit}
 

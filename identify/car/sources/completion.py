@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CHANNELS, CORNERS
 from lacet.daq.vehicle import Corner
+from lacet.identify.car.rows import SPRUNG_MASS
 from lacet.identify.car.sources.attitude import attitude_by_gravity
 from lacet.identify.car.sources.car_bus import LATERAL, YAW_RATE, BusAccel, BusRates
+from lacet.identify.car.sources.nominal_load import NominalLoad
 from lacet.identify.car.sources.travel import DamperTravel, LoadTravel, UnsprungForce
 from lacet.identify.car.sources.wheel_angles import Camber, Steer, SteeringWheel, SteerOfOther, Turning
 from lacet.identify.car.sources.wheel_force import LoadCell, Pushrod
 from lacet.identify.car.sources.wheel_moment import ContactMoment, Outboard
 from lacet.identify.car.sources.wheel_speed import RolledSpeed, Speed, speed_of_turns
-from lacet.identify.signals.for_equations import design_reading
+from lacet.identify.signals.for_equations import STAND_INS, design_reading
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.signals.sources import Kind, Law, Method, Source
 
@@ -31,7 +34,7 @@ _INERTIAL = ("imu.accel", "imu.rate")
 def completed(recording: Recording) -> Recording:
     """The recording with sources for the channels that it lacks; itself where it lacks none.
 
-    Nothing that is measured is replaced. Without wheel forces nothing is assumed: every row needs one.
+    Nothing that is measured is replaced. Without wheel forces, and without a given sprung mass, nothing is assumed.
     """
     if recording.laws or recording.sources:
         return recording
@@ -155,6 +158,26 @@ class _Completion:
         elif self._has(load := f"scale.{c}.load"):
             kinds = (Kind.ASSUMED, Kind.ASSUMED, Kind.MEASURED)
             self._add(LoadCell(corner, load, rig, *shares, outboard), Method.SCALE, kinds, (load, *_INERTIAL))
+        elif self._no_load and (sprung := self._assume(SPRUNG_MASS)).given:
+            law = NominalLoad(
+                corner, rig, sprung, self._assume("unsprung_mass", c), outboard, self._assume("load_transfer", c),
+                *shares,
+            )  # fmt: skip
+            self._add(
+                law, Method.NOMINAL_LOAD, self._all(law.channel, Kind.ASSUMED), _INERTIAL, "chassis", "suspension",
+                "tyre", "spin",
+            )  # fmt: skip
+
+    @property
+    def _no_load(self) -> bool:
+        """Whether no wheel's load is measured and all travels are, as the rows of the body alone need them."""
+        return not self._loads and all(self._known(f"laser.{c}.hub") for c in CORNERS)
+
+    @cached_property
+    def _loads(self) -> list[str]:
+        """Measured channels of wheel loads."""
+        kinds = ("wheel.{c}.force", *STAND_INS["wheel.{c}.force"])
+        return [name for c in CORNERS for kind in kinds if self._has(name := kind.format(c=c))]
 
     def _damper(self, corner: Corner) -> None:
         c, design = corner.name, design_reading(self.recording.rig, corner)

@@ -83,9 +83,13 @@ class RigidBody(PhysicalEffect):
         if self.where == "chassis":
             body = motion.body
             table = wrench_regressor(body.omega, body.omega_dot, body.accel)
+            if self._known(motion):
+                table[:, 9] = 0.0
             return {row: table[k] for k, row in enumerate(_CHASSIS)}
         corner = motion.corners[self.where.partition(".")[2]]
         table = wrench_regressor(*_vectors(self._frame(corner)))
+        if self._known(motion):
+            table[:, 9] = 0.0
         if self.where.startswith("wheel"):  # fold the ten into the four of a body of revolution
             table = np.stack([table[:, 5], table[:, 0] + table[:, 3], table[:, 8], table[:, 9]], axis=1)
         # The inertia tensor's columns come first and have no force.
@@ -93,6 +97,8 @@ class RigidBody(PhysicalEffect):
 
     def force(self, motion: Motion, values: Array) -> dict[str, Array]:
         """By Newton and Euler directly, without the regressor."""
+        if self._known(motion):
+            values = np.array([*values[:-1], 0.0])
         if self.where == "chassis":
             force, moment = wrench(*_vectors(motion.body), values)
             return {row: (*force, *moment)[k] for k, row in enumerate(_CHASSIS)}
@@ -102,6 +108,10 @@ class RigidBody(PhysicalEffect):
             values = np.array([xx, 0, 0, xx, 0, zz, 0, 0, mz, m])
         force, moment = wrench(*_vectors(self._frame(corner)), values)
         return {row: series[0] for row, series in self._rows(corner, force[:, None], moment[:, None]).items()}
+
+    def _known(self, motion: Motion) -> bool:
+        """Whether the motion knows the body's mass, whose inertia is then on the left side; a wheel's is its axle's."""
+        return self.where.replace("wheel", "axle") in motion.masses
 
     def _frame(self, corner: CornerMotion) -> FrameMotion:
         return corner.wheel if self.where.startswith("wheel") else corner.axle

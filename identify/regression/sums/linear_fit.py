@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from lacet.daq.errors import NotIdentifiable
-from lacet.identify.car.rows import ROWS, Row
+from lacet.identify.car.rows import BODY_LEVERS, ROWS, Row
 from lacet.identify.multibody.base_parameters import BaseParameters, find_base
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.progress import Progress, silent
@@ -28,6 +28,7 @@ from lacet.identify.regression.qr_accumulation import (
     RunEquations,
     WeightedEquations,
     scaled_triangle,
+    tied_sizes,
     triangle,
 )
 from lacet.identify.regression.sensitivity import FINE, ROUGH, ExpansionPoint
@@ -205,7 +206,7 @@ def solve_linear(
     frozen = None if options.weights is None else {row: options.weights.get(row, scale[row]) for row in rows}
 
     def solution(equations: WeightedEquations, begin: Mapping[Row, float]) -> tuple[Array, Mapping[Row, float]]:
-        return (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least)
+        return (equations.solve(frozen), frozen) if frozen else equations.iterate(begin, least, BODY_LEVERS)
 
     x, begin = solution(Equations([plain], known_beforehand(model, keep, faults=False), rows), scale)
     known = known_beforehand(model, keep)
@@ -240,10 +241,9 @@ def solve_linear(
 
 
 def _row_sizes(runs: RunEquations, rows: Sequence[Row]) -> dict[Row, float]:
-    """RMS of each row's left side: the length of the factor's last column."""
-    return {
-        row: float(np.sqrt(float(np.sum(runs.triangles[row][:, -1] ** 2)) / runs.counts[row])) or 1.0 for row in rows
-    }
+    """RMS of each row's left side, of the body's rows together: the length of the factor's last column."""
+    sizes = {row: float(np.sqrt(float(np.sum(runs.triangles[row][:, -1] ** 2)) / runs.counts[row])) for row in rows}
+    return {row: size or 1.0 for row, size in tied_sizes(sizes, runs.counts, BODY_LEVERS).items()}
 
 
 @dataclass(frozen=True, repr=False)

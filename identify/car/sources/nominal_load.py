@@ -1,0 +1,70 @@
+"""Wheel loads from known masses, for rows of the body in which the vertical forces of the wheels cancel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from lacet.daq.assumptions import Assumption
+from lacet.daq.channels import CORNERS
+from lacet.daq.rig import Rig
+from lacet.daq.vehicle import Corner
+from lacet.identify.car.sources.wheel_force import GRAVITY, corner_motion, shares
+from lacet.identify.multibody.vectors import Array
+from lacet.identify.signals.reconstruct import Recording, Signals
+from lacet.identify.signals.sources import Law, Series
+
+
+@dataclass(frozen=True)
+class NominalLoad(Law[Signals]):
+    """Wheel force of a car whose masses are known: a quarter of the sprung mass and what is unsprung.
+
+    F_z = m g (1 − τ side a_y / g), τ the load transfer; F_x and F_y are in proportion to it and to the accelerations.
+    In the rows of the body F_z cancels; of the horizontal forces remains what the levers of the single patches differ
+    from their mean, and what the slopes of the bench tables take. `outboard` : mass outside the transducer, which hub
+    loads do not carry; None for contact loads.
+    """
+
+    corner: Corner
+    rig: Rig
+    sprung: Assumption
+    unsprung: Assumption
+    outboard: Assumption | None
+    transfer: Assumption
+    lateral: Assumption
+    longitudinal: Assumption
+
+    @property
+    def channel(self) -> str:
+        """The wheel force."""
+        return f"wheel.{self.corner.name}.force"
+
+    @property
+    def assumptions(self) -> tuple[Assumption, ...]:
+        """Masses, load transfer, shares of the horizontal forces."""
+        outboard = () if self.outboard is None else (self.outboard,)
+        return (self.sprung, self.unsprung, *outboard, self.transfer, self.lateral, self.longitudinal)
+
+    def unsprung_mass(self, signals: Signals) -> Array:
+        """(N,) what is unsprung inboard of the point that the wheel loads belong to [kg]."""
+        mass = signals.assumed[self.unsprung.name][0]
+        return mass if self.outboard is None else mass - signals.assumed[self.outboard.name][0]
+
+    def series(self, signals: Signals) -> Series:
+        """The force."""
+        mass = signals.assumed[self.sprung.name][0] / len(CORNERS) + self.unsprung_mass(signals)
+        _, accel = corner_motion(self.corner, signals, self.rig, mass.size)
+        moved = signals.assumed[self.transfer.name][0] * self.corner.side * accel[1] / GRAVITY
+        force = shares(signals, self.lateral, self.longitudinal, mass * GRAVITY * (1.0 - moved), accel)
+        return Series(force, np.zeros_like(force), np.zeros_like(force))
+
+
+def known_masses(recording: Recording) -> dict[str, Array]:
+    """Masses that stand in for measured wheel loads: ``chassis`` and ``axle.{c}`` → (N,) [kg]; empty with loads."""
+    out: dict[str, Array] = {}
+    for law in recording.laws:
+        if isinstance(law, NominalLoad):
+            out["chassis"] = recording.signals.assumed[law.sprung.name][0]
+            out[f"axle.{law.corner.name}"] = law.unsprung_mass(recording.signals)
+    return out

@@ -1,0 +1,162 @@
+"""Rows of the body without any wheel load: vertical forces cancel, the sprung mass sets the scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lacet.daq.channels import CORNERS
+from lacet.daq.run import Run
+from lacet.daq.vehicle import Vehicle
+from lacet.identify.car.kinematics import build_motion
+from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, SUSPENSION_ROWS, Absence
+from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.properties.derived import derived_values
+from lacet.identify.regression.model import Model
+from lacet.identify.regression.prepared_run import PreparedRun
+from lacet.identify.regression.sensitivity import residual
+from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.validation.parameter_estimates import estimates
+from lacet.identify.validation.prediction_uncertainty import Knowledge
+from lacet.identify.validation.row_sources import RowKind, row_sources
+from lacet.services.render.row_sources import no_rows, to_add
+from tests.identify import cars
+from tests.identify.regression.test_fewer_instruments import expected, standing
+
+BARS = ("anti_roll_bar.front", "anti_roll_bar.rear")
+CAR, RIG = cars.reference_car()[0], replace(cars.reference_car()[1], wheel_reference="contact")
+
+
+def with_mass(sprung: float = 1270.0) -> Vehicle:
+    """The reference car with its masses stated."""
+    stated = f"""
+[assumed]
+sprung_mass = {{ value = {sprung}, tolerance = 15, unit = "kg", source = "scales less unsprung masses" }}
+unsprung_mass.front = {{ value = 56, tolerance = 3, unit = "kg", source = "drawing" }}
+unsprung_mass.rear = {{ value = 48, tolerance = 3, unit = "kg", source = "drawing" }}
+"""
+    return Vehicle.parse(CAR.text + stated)
+
+
+def without_loads(name: str, start: float, stop: float) -> Run:
+    """Inertial unit, travel, speed and front steer of a run."""
+    whole = cars.piece(name, start, stop)
+    kept = {
+        n: s for n, s in whole.signals.items() if n.startswith(("imu.", "correvit.")) or n.endswith((".hub", ".steer"))
+    }
+    return replace(whole, signals=kept, wheel_reference=None)
+
+
+def fitted_to(runs: Sequence[Run], vehicle: Vehicle) -> Fit:
+    """The base model and both bars."""
+    known = catalogue(vehicle, "contact")
+    model = Model.of([*base_model(vehicle, "contact"), *(known[key] for key in BARS)])
+    return fit(model, [PreparedRun.of(run, vehicle, RIG) for run in runs], FitOptions(draws=2))
+
+
+@cache
+def moving() -> tuple[Run, ...]:
+    """Three runs without wheel loads."""
+    return tuple(without_loads(name, 5.0, 20.0) for name in ("sine", "liftoff", "rough"))
+
+
+@cache
+def found() -> Fit:
+    """The fit to them."""
+    return fitted_to(moving(), with_mass())
+
+
+@pytest.mark.parametrize("reference", ["contact", "hub"])
+def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -> None:
+    """Loads that fulfil all rows of a model fulfil the body's with every mass on the left; F_z moves none of them."""
+    rng = np.random.default_rng(3)
+    rig, t = cars.in_reference(RIG, reference), np.arange(100) / cars.RATE
+    model = Model.of(base_model(CAR, reference))
+    theta = np.array([rng.uniform(0.02, 0.1) * q.largest for q in model.parameters])
+    value = dict(zip(model.names, theta.tolist(), strict=True))
+    exact = cars.fulfil(
+        cars.recording(cars.exact_signals(cars.drive_curves(rng), t), CAR, rig), model.physics, theta
+    )  # fmt: skip
+    loaded = build_motion(exact)
+    names = {"fl": ("M29", "M32"), "fr": ("M38", "M41"), "rl": ("M11", "M14"), "rr": ("M20", "M23")}
+    masses = {f"axle.{c}": np.full(t.size, sum(value[name] for name in of)) for c, of in names.items()}
+    body = replace(loaded, rows=BODY_ROWS, masses={**masses, "chassis": np.full(t.size, value["M6"])})
+    for row, series in residual(body, model.physics, theta).items():
+        assert np.max(np.abs(series)) < 1e-12 * np.max(np.abs(body.measured(row))) + 1e-10, row
+    more = {
+        c: replace(corner, force=corner.force + np.outer([0.0, 0.0, 1.0], rng.normal(0, 3000, t.size)))
+        for c, corner in body.corners.items()
+    }
+    for row in BODY_ROWS:
+        np.testing.assert_allclose(replace(body, corners=more).measured(row), body.measured(row), atol=1e-8)
+
+
+def test_measured_loads_leave_no_row_of_the_body() -> None:
+    """A car with dynamometers has the same rows whether its sprung mass is given or not."""
+    whole = cars.piece("sine", 5.0, 8.0)
+    plain, stated = (PreparedRun.of(whole, vehicle, RIG) for vehicle in (CAR, with_mass()))
+    assert plain.rows == stated.rows
+    assert not {*BODY_ROWS} & {*plain.rows, *plain.measured_rows.left_out}
+
+
+def test_the_truth_is_in_the_intervals(truth: dict[str, Any]) -> None:
+    """Springs, dampers and bars of the reference car, nine of ten within and all within twice; the sum of the bars."""
+    fitted = found()
+    assert fitted.rows == BODY_ROWS
+    right = expected(truth)
+    off = {
+        e.name: abs(e.value - right[e.name]) / e.half_sheet
+        for e in estimates(fitted, None, fitted.runs)
+        if e.identifiable and e.name in right
+    }
+    assert {f"{kind}.{c}.{k}" for c in CORNERS for kind, k in (("spring", "k"), ("damper", "c"))} <= set(off)
+    assert max(off.values()) < 2.0, off
+    assert np.mean([size < 1.0 for size in off.values()]) >= 0.8, off
+    (bars,) = derived_values(fitted, with_mass(), Knowledge.of(fitted))
+    both = sum(right[f"{key}.k"] for key in BARS)
+    assert bars.determined
+    assert abs(bars.value - both) < bars.half < 0.25 * both
+
+
+def test_every_parameter_is_in_proportion_to_the_mass() -> None:
+    """A tenth more mass, sprung and unsprung, makes all springs a tenth stiffer."""
+    vehicle = with_mass()
+    assumed = {n: replace(a, value=1.1 * a.value) for n, a in vehicle.assumed.items()}
+    heavier = fitted_to(moving(), replace(vehicle, assumed=assumed))
+    for c in CORNERS:
+        name = f"spring.{c}.k"
+        assert heavier.value(name) == pytest.approx(1.1 * found().value(name), rel=1e-3)
+
+
+def test_cross_weight_needs_corner_scales() -> None:
+    """Three groups of the four static offsets without scales; four of them with a run that stands on scales."""
+    fitted = found()
+    kept = [name for name in fitted.columns if name.startswith("offset.")]
+    assert len(kept) == 3
+    assert not any(e.identifiable and e.name == e.group and e.name.startswith("offset.")
+                   for e in estimates(fitted, None, fitted.runs))  # fmt: skip
+    scaled = fitted_to([*moving(), replace(standing(), wheel_reference=None)], with_mass())
+    assert {*BODY_ROWS, *SUSPENSION_ROWS} <= {*scaled.rows}
+    assert len([name for name in scaled.columns if name.startswith("offset.")]) == 4
+
+
+def test_what_is_impossible_is_named() -> None:
+    """Yaw and lateral rows with what to add; without the sprung mass all rows, and what to give."""
+    sources = {one.row: one for one in row_sources(found())}
+    for row in CHASSIS_ROWS:
+        assert sources[row].kind is RowKind.IMPOSSIBLE
+        assert "wheel.*.force" in to_add(row, sources[row].absence)
+    assert all(sources[row].kind is RowKind.ASSUMED for row in BODY_ROWS)
+    estimated = {e.name for e in estimates(found(), None, found().runs) if e.identifiable}
+    assert not estimated & {"M6", "tyre_stiffness.fl.kt"}
+    refused = PreparedRun.of(moving()[0], CAR, RIG)
+    assert refused.rows == ()
+    left_out = refused.measured_rows.left_out
+    assert {left_out[row].cause for row in BODY_ROWS} == {Absence.NO_KNOWN_LOAD}
+    assert "sprung_mass" in no_rows(left_out)
+    assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
