@@ -14,7 +14,7 @@ from zlib import crc32
 import numpy as np
 
 from lacet.daq.channels import CORNERS
-from lacet.identify.car.rows import Row
+from lacet.identify.car.rows import SUSPENSION_ROWS, Row
 from lacet.identify.effects.base import AXLES
 from lacet.identify.effects.language.compiled import OneLine, effect_class
 from lacet.identify.effects.language.parser import read_line
@@ -103,11 +103,15 @@ def laws_at(space: ScoreTests, kind: str, where: str) -> list[OneLine]:
 
 
 def _places(rows: Sequence[Row]) -> list[tuple[str, str]]:
-    """Kind and place of the laws that may act in some rows: axles for rows of wheels."""
+    """Kind and place of the laws that may act in some rows: axles for rows of wheels, suspensions for the body's."""
     axles = {corner: axle for axle, corners in AXLES.items() for corner in corners}
-    return list(
-        dict.fromkeys((str(row), "") if row.kind == "chassis" else (row.kind, axles[row.place]) for row in rows)
-    )
+    out: list[tuple[str, str]] = []
+    for row in rows:
+        if row.kind == "body":
+            out += [(SUSPENSION_ROWS[0].kind, axle) for axle in AXLES]
+        else:
+            out.append((str(row), "") if row.kind == "chassis" else (row.kind, axles[row.place]))
+    return list(dict.fromkeys(out))
 
 
 def _place(law: OneLine) -> tuple[str, str]:

@@ -21,6 +21,8 @@ from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, FitOptions, fit
+from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
 from lacet.identify.validation.row_sources import RowKind, row_sources
@@ -160,3 +162,13 @@ def test_what_is_impossible_is_named() -> None:
     assert {left_out[row].cause for row in BODY_ROWS} == {Absence.NO_KNOWN_LOAD}
     assert "sprung_mass" in no_rows(left_out)
     assert not [law for law in refused.recording.laws if law.channel.startswith("wheel.")]
+
+
+def test_a_ranking_of_the_suspensions_effects_comes_to_an_end() -> None:
+    """Without the bars in the model the rest is seen in the body's rows, whose laws are those of the suspensions."""
+    known = catalogue(with_mass(), "contact")
+    plain = fit(Model.of(base_model(with_mass(), "contact")), found().runs, FitOptions(draws=2))
+    candidates = [known[key] for key in ("anti_roll_bar.front", "spring_cubic.front", "damper_asymmetry.rear")]
+    diagnosis = diagnose(plain, floor_of(plain, 60), candidates)
+    assert diagnosis.failing
+    assert {*diagnosis.failing} <= {*BODY_ROWS}
