@@ -16,6 +16,7 @@ import pytest
 from lacet.daq.formats.result import FORMAT
 from lacet.daq.rig import Rig
 from lacet.services.commands.__main__ import find_commands, main
+from tests.support.candidates import few_candidates
 from tests.support.processes import ROOT, Command, commands
 from tests.support.rig import make_capture
 from tests.support.tables import CAR, FILES, piece, written
@@ -100,6 +101,7 @@ def test_identify_study_compare_diagnose_and_add(tmp_path: Path, monkeypatch: py
     looked = run("where", folder, "--run", "held")
     assert looked["left"] == {}  # seven seconds are too short for cross-validation
     assert set(looked["phases"]) == {"held"}
+    few_candidates(monkeypatch, "anti_roll_bar", "coulomb", "damper_stroke", "chassis_torsion", "sensor_gain")
     ranked = run("diagnose", folder)
     assert {c["answer"] for c in ranked["candidates"]} <= {
         "missing",

@@ -19,6 +19,7 @@ from lacet.services.render.separation_report import hint, next_text
 from lacet.services.workspace.session import Session
 from lacet.services.workspace.study import Study
 from tests.services.commands.test_json import conforms
+from tests.support.candidates import few_candidates
 from tests.support.tables import FILES, piece, written
 
 FRONT, REAR = "anti_roll_bar.front", "anti_roll_bar.rear"
@@ -62,6 +63,7 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def asked(study: Path, monkeypatch: pytest.MonkeyPatch, *names: str) -> dict[str, Any]:
     """The result of asking, with two manoeuvres of a few seconds."""
+    few_candidates(monkeypatch, "anti_roll_bar", "spring_cubic", "bump_stop", "damper_stroke", "damper_asymmetry")
     monkeypatch.setattr("lacet.services.planning.separation.SECONDS", 5.0)
     few = lambda only, without: ["liftoff"]  # noqa: E731
     monkeypatch.setattr("lacet.services.planning.separation.kinds", few)
