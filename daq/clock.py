@@ -16,7 +16,8 @@ slope for all stretches: they are of one oscillator.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +25,28 @@ from numpy.typing import NDArray
 
 MAX_DRIFT = 500e-6
 """Largest drift of two quartz clocks relative to each other, as a fraction; a steeper slope is an error of a short
-stretch."""
+stretch, unless the delays of the arrivals are too short for such an error."""
+
+JUMP_NS = 100_000_000
+"""Lasting step of (arrival − device) that is a jump of a clock, however few samples show it [ns]."""
+
+STEP_NS = 20_000_000
+"""Smallest lasting step that is one when `STRETCH` samples show it [ns]: more than one period of the slowest timer that
+holds samples back, 16 ms of a USB serial adapter."""
+
+MISFIT_NS = 5_000_000
+"""Largest delay of the least delayed sample of a second for which its stamps are believed [ns]. Where every sample of a
+second is later, the line is not that of the clock there."""
+
+STRETCH = 50
+"""Samples in a row from which a small step is believed, and a steady rate fitted, at least."""
+
+UNSEEN = 16
+"""Smallest number of lost samples that a sample counter may not show: all values of one of four bits."""
+
+WINDOW_NS, WINDOW_SAMPLES = 1_000_000_000, 100
+"""Length [ns] and number of samples of the windows in which the least delay is taken, at least: what a stall of the
+reader holds back is followed by samples that are not delayed."""
 
 SHORT_NS = 1_000_000_000
 """Duration below which a stretch between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
@@ -65,18 +87,22 @@ class ClockFit:
     segments : one a stretch between jumps, in order.
     jumps : (J,) int64, index of the first sample after each jump of either clock.
     outliers : (O,) int64, samples whose device stamp agrees with none before or after it.
+    stamps : (N,) int64, the device stamps converted to the arrival clock, each by the line of its stretch [ns].
     delay_mean_ns, delay_std_ns, delay_max_ns : delays of the arrivals above the envelope [ns], which the fit removes.
-    misfit_ns : the largest gap between the line and the least delayed of any 100 consecutive samples [ns]: large when
-        the drift is not constant, or for a jump too small to be distinguished from a delay.
+    misfit_ns : the largest gap between the line and the least delayed sample of any window [ns]: large when the drift
+        is not constant, or for a jump too small to be distinguished from a delay.
+    doubtful : (M,) int64, samples of windows in which that gap is more than `MISFIT_NS`.
     """
 
     segments: tuple[ClockSegment, ...]
     jumps: NDArray[np.int64]
     outliers: NDArray[np.int64]
+    stamps: NDArray[np.int64]
     delay_mean_ns: float
     delay_std_ns: float
     delay_max_ns: float
     misfit_ns: float
+    doubtful: NDArray[np.int64]
 
     @property
     def offset_ns(self) -> int:
@@ -88,39 +114,15 @@ class ClockFit:
         """Drift of the longest segment, as a fraction."""
         return max(self.segments, key=lambda segment: segment.stop - segment.start).drift
 
-    def apply(self, device_ns: NDArray[np.int64], arrival_ns: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
-        """Device stamps converted to the arrival clock [ns].
 
-        Parameters
-        ----------
-        device_ns : (N,) device stamps [ns].
-        arrival_ns : (N,) their arrivals [ns], which distinguish the segments; not needed when there is one only.
-
-        Raises
-        ------
-        ValueError : there are several segments and no arrivals.
-        """
-        device = np.asarray(device_ns, np.int64)
-        if len(self.segments) == 1:
-            return self.segments[0].apply(device)
-        if arrival_ns is None:
-            raise ValueError("the device clock jumped: give the arrivals, which tell its segments apart")
-        starts = np.array([segment.arrival_ns for segment in self.segments])
-        which = np.clip(np.searchsorted(starts, arrival_ns, side="right") - 1, 0, None)
-        out = np.empty_like(device)
-        for number, segment in enumerate(self.segments):
-            out[which == number] = segment.apply(device[which == number])
-        return out
-
-
-def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_ns: int = 100_000_000) -> ClockFit:
+def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_ns: int = STEP_NS) -> ClockFit:
     """The fit of a device clock by the lower envelope of (arrival − device).
 
     Parameters
     ----------
     arrival_ns : (N,) receipt stamps, in the order received [ns]; N ≥ 1.
     device_ns : (N,) the sensor's own stamps, unwrapped [ns].
-    jump_ns : smallest lasting step of (arrival − device) that is a jump of a clock [ns]; a passing step is a delay.
+    step_ns : smallest lasting step of (arrival − device) that is a jump of a clock [ns]; a passing step is a delay.
 
     Raises
     ------
@@ -130,7 +132,7 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_
     if not len(arrival) or arrival.shape != device.shape:
         raise ValueError(f"{len(arrival)} arrivals, {len(device)} device stamps")
     lag = arrival - device
-    group, outlier = _stretches(lag, arrival, jump_ns)
+    group, outlier = _stretches(lag, device, arrival, step_ns)
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     stops = np.append(starts[1:], len(lag))
     spans = [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
@@ -143,22 +145,36 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], jump_
     for (a, b), rows in zip(spans, good, strict=True):
         offset = int(np.floor(np.min((lag[rows] - lag[a]) - drift * (device[rows] - device[a])))) + int(lag[a])
         segments.append(ClockSegment(a, b, int(arrival[a]), int(device[a]), offset, drift))
-    parts = [arrival[rows] - s.apply(device[rows]) for s, rows in zip(segments, good, strict=True)]
-    delay = np.concatenate(parts).astype(float)
-    windows = [np.minimum.reduceat(part, np.arange(0, max(len(part) - 99, 1), 100)).max() for part in parts]
+    stamps = np.concatenate([one.apply(device[a:b]) for one, (a, b) in zip(segments, spans, strict=True)])
+    kept = np.flatnonzero(~outlier)
+    delay = (arrival - stamps)[kept]
+    least = _least_in_windows(delay, arrival[kept])
     return ClockFit(
         tuple(segments),
         starts[1:].astype(np.int64),
         np.flatnonzero(outlier).astype(np.int64),
+        stamps,
         float(delay.mean()),
         float(delay.std()),
         float(delay.max()),
-        float(max(windows)),
+        float(least.max()),
+        kept[least > MISFIT_NS].astype(np.int64),
     )
 
 
+def _least_in_windows(delay: NDArray[np.int64], arrival: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(N,) least delay in the window of each sample [ns]; 0 in windows with half the samples of one, or fewer."""
+    span = max(1, int(arrival.max() - arrival[0]))
+    length = max(WINDOW_NS, WINDOW_SAMPLES * span // len(arrival))
+    number = np.maximum.accumulate(arrival - arrival[0]) // length
+    begins = np.flatnonzero(np.diff(number, prepend=-1))
+    counts = np.diff(np.append(begins, len(number)))
+    least = np.where(2 * counts > WINDOW_SAMPLES, np.minimum.reduceat(delay, begins), 0)
+    return np.repeat(least, counts)
+
+
 def _envelope_slope(device: NDArray[np.int64], lag: NDArray[np.int64]) -> float:
-    """Slope of the line below all points (device, lag) that is nearest to them on average, within `MAX_DRIFT`."""
+    """Slope of the line below all points (device, lag) that is nearest to them on average, if it is a clock's."""
     x = (device - device[0]).astype(float)
     y = (lag - lag[0]).astype(float)
     x -= x.mean()
@@ -173,25 +189,49 @@ def _envelope_slope(device: NDArray[np.int64], lag: NDArray[np.int64]) -> float:
         below = y - y[a] - slope * (x - x[a])
         lowest = int(np.argmin(below))
         if below[lowest] > -1e-3 or lowest in (a, b):  # 1e-3 ns: rounding
-            return float(np.clip(slope, -MAX_DRIFT, MAX_DRIFT))
+            return _likely_drift(float(slope), float(np.ptp(x)), below)
         a, b = (lowest, b) if x[lowest] < 0 else (a, lowest)
 
 
 def _shared_slope(stretches: Sequence[tuple[NDArray[np.int64], NDArray[np.int64]]]) -> float:
     """Slope of the least-squares lines, parallel to each other, through the lower hulls of (device, lag) of stretches.
 
-    Each stretch has an offset of its own and counts by the square of its length and its number of samples. Within
-    `MAX_DRIFT`; 0 when no stretch has any length.
+    Each stretch has an offset of its own and counts by the square of its length and its number of samples. A slope that
+    is no clock's is cut to `MAX_DRIFT`; 0 when no stretch has any length.
     """
-    rise, run = 0.0, 0.0
-    for device, lag in stretches:
+    rise, run, length, above = 0.0, 0.0, 0.0, np.zeros(0)
+    for device, lag in (_between_least(*stretch) for stretch in stretches):
         order = np.lexsort((lag, device))
         x = (device[order] - device[order[0]]).astype(float)
-        hull = _lower_hull(x, (lag[order] - lag[order[0]]).astype(float))
+        y = (lag[order] - lag[order[0]]).astype(float)
+        hull = _lower_hull(x, y)
+        length, above = max(length, float(x[-1])), np.append(above, y - hull)
         x -= x.mean()
         rise += float(x @ hull)
         run += float(x @ x)
-    return float(np.clip(rise / run, -MAX_DRIFT, MAX_DRIFT)) if run else 0.0
+    return _likely_drift(rise / run, length, above) if run else 0.0
+
+
+def _between_least(device: NDArray[np.int64], lag: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """A stretch from the least delayed sample of its first second to that of its last: a hull ends at its ends.
+
+    A stretch after a stall begins with samples that were held back.
+    """
+    arrival = device + lag
+    first = int(np.argmin(np.where(arrival <= arrival[0] + SHORT_NS, lag, lag.max())))
+    last = int(np.argmin(np.where(arrival >= arrival[-1] - SHORT_NS, lag, lag.max())))
+    return (device[first : last + 1], lag[first : last + 1]) if first < last else (device, lag)
+
+
+def _likely_drift(slope: float, length: float, above: NDArray[np.float64]) -> float:
+    """The slope, cut to `MAX_DRIFT` where the line may be that steep by error.
+
+    The slope of an envelope is wrong by at most two delays in the length of the stretch. `length` of the longest one
+    [ns]; `above` delays above the envelope [ns], of which the median counts: few are held back for longer.
+    """
+    error = 2.0 * 2.0 * float(np.median(above)) / length if length and len(above) >= STRETCH else np.inf
+    limit = np.inf if abs(slope) > MAX_DRIFT + error else MAX_DRIFT
+    return float(np.clip(slope, -limit, limit))
 
 
 def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -213,68 +253,107 @@ def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.fl
 
 
 def _stretches(
-    lag: NDArray[np.int64], arrival: NDArray[np.int64], jump_ns: int
+    lag: NDArray[np.int64], device: NDArray[np.int64], arrival: NDArray[np.int64], step_ns: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Number of the stretch without a jump for each sample (0, 1, …), and the samples that belong to none.
 
-    The record is cut at each step of `lag`. Pieces whose least lags agree are one clock, whatever delays lie between;
-    so are short pieces between two that agree.
+    The record is cut at each step of `lag`. Pieces whose least lags agree where they meet are one clock, whatever
+    delays lie between; so are short pieces between two that agree.
     """
-    cuts = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(lag)) > jump_ns) + 1))
+    cuts = np.concatenate(([0], np.flatnonzero(np.abs(np.diff(lag)) > step_ns) + 1))
     stops = np.append(cuts[1:], len(lag))
-    levels = np.minimum.reduceat(lag, cuts)
     length = arrival[stops - 1] - arrival[cuts]
     group, outlier = np.zeros(len(lag), np.int64), np.zeros(len(lag), bool)
-    number, level, seen, waiting = 0, int(levels[0]), int(arrival[stops[0] - 1]), []
+    number, level, seen, waiting = 0, _least_lags(lag, arrival, 0, int(stops[0]))[1], int(arrival[stops[0] - 1]), []
     for k in range(1, len(cuts)):  # over the steps, of which there are few
-        room = jump_ns + MAX_DRIFT * abs(int(arrival[cuts[k]]) - seen)
-        agrees = abs(int(levels[k]) - level) <= room
+        begin, end = int(cuts[k]), int(stops[k])
+        first, final = _least_lags(lag, arrival, begin, end)
+        few = end - begin < STRETCH
+        room = (JUMP_NS if few else step_ns) + MAX_DRIFT * abs(int(arrival[begin]) - seen)
+        agrees = abs(first - level) <= room
+        short = length[k] < SHORT_NS
         last = k == len(cuts) - 1
-        if not agrees and length[k] < SHORT_NS and not last:
+        held_back = first > level and device[begin] >= device[begin - 1]  # at the end nothing decides: it may be late
+        if not agrees and short and (held_back or not last):
             waiting.append(k)
-            continue
+            if not last:
+                continue
         for j in waiting:  # counted to the clock before them: late ones are harmless to it, early ones are wrong
-            if levels[j] < level:
-                outlier[cuts[j] : stops[j]] = True
-            group[cuts[j] : stops[j]] = number
+            part = slice(int(cuts[j]), int(stops[j]))
+            outlier[part] = lag[part].min() < level
+            group[part] = number
+        if waiting and waiting[-1] == k:
+            break
         waiting = []
         if not agrees:
             number += 1
-        level, seen = int(levels[k]), int(arrival[stops[k] - 1])
-        group[cuts[k] : stops[k]] = number
+        # A few late samples are no level to compare the next ones with.
+        level, seen = min(level, final) if agrees and (few or short) else final, int(arrival[end - 1])
+        group[begin:end] = number
     return group, outlier
 
 
-def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_ns: float) -> NDArray[np.int64]:
+def _least_lags(lag: NDArray[np.int64], arrival: NDArray[np.int64], begin: int, end: int) -> tuple[int, int]:
+    """Least lag in the first and in the last `SHORT_NS` of the samples ``begin … end − 1``."""
+    first = begin + int(np.searchsorted(arrival[begin:end], arrival[begin] + SHORT_NS, "right"))
+    final = begin + int(np.searchsorted(arrival[begin:end], arrival[end - 1] - SHORT_NS))
+    return int(lag[begin : max(first, begin + 1)].min()), int(lag[min(final, end - 1) : end].min())
+
+
+@dataclass(frozen=True)
+class SteadyStamps:
+    """Time stamps of samples taken at a constant rate, from their delayed arrivals.
+
+    Attributes
+    ----------
+    stamps : (N,) stamps [ns], increasing; stretches of fewer than 50 samples keep their arrivals.
+    losses : index of a sample → number of samples that were lost just before it and that no counter has shown.
+    doubtful : (M,) samples whose stamps do not fit the arrivals.
+    """
+
+    stamps: NDArray[np.int64]
+    losses: Mapping[int, int]
+    doubtful: NDArray[np.int64]
+
+
+def steady_stamps(arrival_ns: NDArray[np.int64], gap: NDArray[np.bool_], period_ns: float) -> SteadyStamps:
     """Time stamps of samples taken at a constant rate, from their delayed arrivals.
 
     Samples are numbered; the lower envelope of (arrival − number × period) gives the true period, and in each stretch
-    without losses the earliest arrival gives the offset, so that a miscounted loss cannot shift the rest of a run.
+    without losses the earliest arrival gives the offset, so that a miscounted loss cannot shift the rest of a run. A
+    counter of four bits does not show a loss of 16 samples or a multiple of it: the arrivals do, by a lasting step.
 
     Parameters
     ----------
     arrival_ns : (N,) receipt stamps [ns].
     gap : (N,) samples before which others were lost: the numbering begins anew there.
     period_ns : nominal time between samples [ns].
-
-    Returns (N,) stamps [ns], increasing; stretches of fewer than 50 samples keep their arrivals.
     """
     out = arrival_ns.copy()
     starts = np.flatnonzero(gap | (np.arange(len(arrival_ns)) == 0))
     stops = np.append(starts[1:], len(arrival_ns))
-    if not len(starts) or np.max(stops - starts) < 50:
-        return out
+    losses, doubtful = dict[int, int](), list[NDArray[np.int64]]()
+    if not len(starts) or np.max(stops - starts) < STRETCH:
+        return SteadyStamps(out, losses, np.zeros(0, np.int64))
+    step = min(STEP_NS, int(UNSEEN / 2 * period_ns))
+
+    def fit(start: int, stop: int, period: float) -> ClockFit:
+        return fit_clock(arrival_ns[start:stop], np.rint(np.arange(stop - start) * period).astype(np.int64), step)
+
     longest = int(np.argmax(stops - starts))
-    stretch = slice(starts[longest], stops[longest])
-    number = np.arange(stops[longest] - starts[longest])
-    fit = fit_clock(arrival_ns[stretch], np.rint(number * period_ns).astype(np.int64))
-    period = period_ns * (1.0 + fit.drift)
-    for start, stop in zip(starts, stops, strict=True):  # stretches, not samples
-        if stop - start < 50:
+    period = period_ns * (1.0 + fit(int(starts[longest]), int(stops[longest]), period_ns).drift)
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):  # stretches, not samples
+        if stop - start < STRETCH:
             continue
-        even = np.rint(np.arange(stop - start) * period).astype(np.int64)
-        # A long pause of the reader (a jump of its clock) is no late arrival: such a stretch keeps its stamps.
-        late = arrival_ns[start:stop] - even
-        if np.ptp(late) < 0.5e9:
-            out[start:stop] = even + late.min()
-    return np.maximum.accumulate(out)
+        segments = fit(start, stop, period).segments
+        for before, after in itertools.pairwise(segments):
+            lost = round((after.offset_ns - before.offset_ns) / period)
+            losses[start + after.start] = max(0, lost)
+        for one in segments:
+            inside = slice(start + one.start, start + one.stop)
+            even = np.rint(np.arange(one.stop - one.start) * period).astype(np.int64)
+            late = arrival_ns[inside] - even
+            out[inside] = even + late.min()
+            least = _least_in_windows(late - late.min(), arrival_ns[inside])
+            doubtful.append(start + one.start + np.flatnonzero(least > MISFIT_NS))
+    return SteadyStamps(np.maximum.accumulate(out), losses, np.concatenate(doubtful).astype(np.int64))

@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.channels import CHANNELS
-from lacet.daq.clock import fit_clock, steady_stamps
+from lacet.daq.clock import MAX_DRIFT, MISFIT_NS, fit_clock, steady_stamps
 from lacet.daq.errors import RigError, RunError
 from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.wire import StartRecord
@@ -49,10 +49,17 @@ def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage
         if sensor is not None and sensor.clock == "device":
             stamps[channel], kept[channel] = _on_device_clock(block, problems)
         elif sensor is not None and sensor.clock == "steady":
-            gaps = (block.flags & int(Flag.GAP)) != 0
-            stamps[channel] = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[channel].rate)
+            stamps[channel], kept[channel] = _at_steady_rate(block, problems)
     start_ns = min(int(t.min()) for t in stamps.values() if len(t))
-    signals = {channel: _signal(kept[channel], stamps[channel], start_ns, problems) for channel in kept}
+    remedies = {
+        channel: ' (clock = "device" in the rig would part them)'
+        for channel, block in blocks.items()
+        if block.device_ns is not None and stamps[channel] is block.t_ns
+    }
+    signals = {
+        channel: _signal(block, stamps[channel], start_ns, remedies.get(channel, ""), problems)
+        for channel, block in kept.items()
+    }
     return Run(
         name=name,
         signals={channel: signal for channel, signal in signals.items() if len(signal.t)},
@@ -89,10 +96,16 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
         return block.t_ns, block
     fit = fit_clock(block.t_ns[read], block.device_ns[read])
     t_ns, flags = block.t_ns.copy(), block.flags.copy()
-    t_ns[read] = fit.apply(block.device_ns[read], block.t_ns[read])
-    wrong = read[fit.outliers]
+    t_ns[read] = fit.stamps
+    wrong, doubtful = read[fit.outliers], read[fit.doubtful]
     t_ns[wrong] = block.t_ns[wrong]
-    flags[wrong] |= np.uint8(Flag.CLOCK)
+    flags[np.concatenate((wrong, doubtful))] |= np.uint8(Flag.CLOCK)
+    if len(doubtful):
+        problems.append(_doubtful(block, len(doubtful), "its clock does not run evenly"))
+    if abs(fit.drift) > MAX_DRIFT:
+        problems.append(
+            f"{block.channel}: its clock is {fit.drift * 1e6:+.0f} ppm off, more than a quartz is; stamps follow it"
+        )
     if len(wrong):
         problems.append(f"{block.channel}: {len(wrong)} samples with a wrong device stamp are left out")
     problems += [
@@ -101,8 +114,33 @@ def _on_device_clock(block: Block, problems: list[str]) -> tuple[np.ndarray, Blo
     return t_ns, Block(block.channel, block.t_ns, block.values, flags, block.device_ns)
 
 
-def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) -> Signal:
-    """Signal with times in seconds since the run's start; samples not later than all before them are dropped."""
+def _at_steady_rate(block: Block, problems: list[str]) -> tuple[np.ndarray, Block]:
+    """Stamps of samples at a constant rate, and the block with flags where samples were lost or stamps do not fit."""
+    gaps = (block.flags & int(Flag.GAP)) != 0
+    found = steady_stamps(block.t_ns, gaps, 1e9 / CHANNELS[block.channel].rate)
+    flags = block.flags.copy()
+    flags[list(found.losses)] |= np.uint8(Flag.GAP)
+    flags[found.doubtful] |= np.uint8(Flag.CLOCK)
+    for sample, lost in found.losses.items():
+        what = f"{lost} samples that the counter does not show were lost before" if lost else "the clock jumped at"
+        problems.append(f"{block.channel}: {what} sample {sample}; it is numbered anew from there")
+    if len(found.doubtful):
+        problems.append(_doubtful(block, len(found.doubtful), "its rate is not constant"))
+    return found.stamps, Block(block.channel, block.t_ns, block.values, flags, block.device_ns)
+
+
+def _doubtful(block: Block, count: int, cause: str) -> str:
+    return (
+        f"{block.channel}: {count} samples are left out, whose stamps are more than {MISFIT_NS / 1e6:.0f} ms before "
+        f"any arrival of their second: {cause}"
+    )
+
+
+def _signal(block: Block, t_ns: np.ndarray, start_ns: int, remedy: str, problems: list[str]) -> Signal:
+    """Signal with times in seconds since the run's start; samples not later than all before them are dropped.
+
+    `remedy` : what to do about those, for the message.
+    """
     usable = (block.flags & int(UNUSABLE)) == 0
     # Unusable samples do not affect the order of usable ones: they are kept where they fit between them.
     low, high = np.iinfo(np.int64).min, np.iinfo(np.int64).max
@@ -113,7 +151,6 @@ def _signal(block: Block, t_ns: np.ndarray, start_ns: int, problems: list[str]) 
     good &= usable | _later(np.where(good, t_ns, low))
     dropped = int(np.count_nonzero(usable & ~good))
     if dropped:
-        remedy = ' (clock = "device" in the rig would part them)' if block.device_ns is not None else ""
         problems.append(f"{block.channel}: {dropped} samples not later than the one before are left out{remedy}")
     if good.all():
         return Signal((t_ns - start_ns) / 1e9, block.values, block.flags)

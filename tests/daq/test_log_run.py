@@ -81,6 +81,51 @@ def test_wrong_stamps_and_jumps_are_told(tmp_path: Path):
     assert len(np.unique(kept)) >= len(true) - 10
 
 
+def test_a_clock_that_cannot_be_followed_is_told_and_flagged(tmp_path: Path):
+    """A bent clock, 100 ms off in the middle: where no line fits, samples are left out."""
+    true, block = late_block(24_000)
+    assert block.device_ns is not None
+    bend = np.rint(1e8 * np.sin(np.pi * np.linspace(0.0, 1.0, len(true)))).astype(int)
+    path = log(tmp_path / "r.mcap", Block("imu.rate", block.t_ns, block.values, block.flags, block.device_ns + bend))
+    run = open_run(path)
+    signal = run.signals["imu.rate"]
+    assert len(signal.t) == len(true)
+    assert any("its clock does not run evenly" in line for line in run.problems)
+    assert not any("would part them" in line for line in run.problems)
+    kept = signal.usable
+    # Where the clock is right by its arrivals the samples kept are, too, whatever the run's beginning is.
+    off = signal.t[kept] - (true[kept] - T0) / 1e9
+    assert np.ptp(off) < 0.02
+    assert np.count_nonzero(kept) > 1_000
+    assert np.count_nonzero(~kept) > 0
+
+
+def test_a_fast_clock_is_followed_and_told(tmp_path: Path):
+    true, block = late_block()
+    device = np.rint((true - T0) * 1.002).astype(int)
+    run = open_run(log(tmp_path / "r.mcap", Block("imu.rate", block.t_ns, block.values, block.flags, device)))
+    assert any("ppm off" in line for line in run.problems)
+    signal = run.signals["imu.rate"]
+    assert signal.usable.all()
+    assert np.std(signal.t - (true - T0) / 1e9) < 50e-6
+
+
+def test_a_loss_that_the_counter_does_not_show_is_told_and_flagged(tmp_path: Path):
+    number = np.arange(12_000) + 160 * (np.arange(12_000) >= 7_000)
+    true = T0 + number * 2_000_000
+    arrival = np.maximum.accumulate(true + np.random.default_rng(0).integers(0, 5_000_000, len(true)))
+    values = np.zeros((len(true), 3))
+    rig = RIG.replace("imu.*", "wheel.fl.*").replace('"imu"', '"hub"').replace("{clock}", "steady")
+    start = StartRecord("r", T0, "", rig, vehicle="406", manoeuvre="sine", brakes="off")
+    with LogWriter(tmp_path / "r.mcap", start, overwrite=True) as writer:
+        writer.write_block(Block("wheel.fl.force", arrival, values, np.zeros(len(true), np.uint8)))
+    run = open_run(tmp_path / "r.mcap")
+    signal = run.signals["wheel.fl.force"]
+    assert any("160 samples that the counter does not show" in line for line in run.problems)
+    assert np.flatnonzero(signal.flags & int(Flag.GAP)).tolist() == [7_000]
+    assert np.max(np.abs(signal.t - (true - true[0]) / 1e9)) < 1e-3
+
+
 def test_a_capture_is_no_run(tmp_path: Path):
     with LogWriter(tmp_path / "raw.mcap", StartRecord("r", T0)) as writer:
         writer.write_frames(Frames.from_iter("can0", [("can0", T0, 1, b"x")]))
