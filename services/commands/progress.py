@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 
 from rich.console import Console
@@ -41,7 +43,8 @@ class Line:
         self._text = text
         if self._status is None and self._clock() - self._shown >= self._period:
             self._shown = self._clock()
-            print(f"{self._job}: {self}" if self._job else str(self), file=sys.stderr, flush=True)
+            with _reader_may_go():
+                print(f"{self._job}: {self}" if self._job else str(self), file=sys.stderr, flush=True)
 
     def progress(self, step: AnyStep) -> None:
         """Replace the line by the sentence of a computation's step."""
@@ -51,10 +54,11 @@ class Line:
 
     def notify(self, text: str) -> None:
         """Print a sentence that is not replaced."""
-        if self._status is not None:
-            self._console.print(text)
-        else:
-            print(text, file=sys.stderr, flush=True)
+        with _reader_may_go():
+            if self._status is not None:
+                self._console.print(text)
+            else:
+                print(text, file=sys.stderr, flush=True)
 
     def __str__(self) -> str:
         """The line as it is now."""
@@ -73,5 +77,15 @@ class Line:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._status is not None:
-            self._status.stop()
+            with _reader_may_go():
+                self._status.stop()
         self._time.end(done=kind is None)
+
+
+@contextmanager
+def _reader_may_go() -> Iterator[None]:
+    """What is written to a terminal or pipe that has gone is discarded from then on: the job does not depend on it."""
+    try:
+        yield
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())

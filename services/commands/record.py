@@ -117,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, on_signal)
+    if hasattr(signal, "SIGHUP"):  # the terminal may go, as a dropped ssh does: the recording stays
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with Line(period=0.5) as line, contextlib.ExitStack() as stack:
         log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
         publisher = _publisher(args, rig, start, line, stack)

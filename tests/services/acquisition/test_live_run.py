@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import signal
 import socket
+import sys
 import time
 from pathlib import Path
 
@@ -148,6 +149,31 @@ def test_a_signal_ends_the_run_in_order_and_a_taken_port_is_only_reported(tmp_pa
     assert log.stop is not None
     assert log.stop.reason == "stopped"
     assert len(log.blocks()) == 36
+
+
+TERMINAL_THAT_GOES = """
+import os, pty, sys
+pid, terminal = pty.fork()
+if pid == 0:
+    os.execvp(sys.argv[1], sys.argv[1:])
+seen = b""
+while b"recording can0" not in seen:
+    seen += os.read(terminal, 4096)
+os.close(terminal)
+sys.exit(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]))
+"""
+
+
+def test_a_terminal_that_goes_does_not_end_a_recording(tmp_path, running):
+    """As a dropped ssh does: a signal, and a terminal that cannot be written to."""
+    bench = Bench(tmp_path, running, seconds=3.0)
+    bench.replay()
+    record = bench.record("--until-idle", 0.7, "--ack-wait", 0, under=(sys.executable, "-c", TERMINAL_THAT_GOES))
+    assert record.wait() == 0, record.text()
+    log = LogReader(bench.log)
+    assert log.damage == []
+    assert log.stop is not None
+    assert len(log.blocks()["wheel.fl.force"]) == 300
 
 
 def test_a_full_disk_does_not_end_a_recording(tmp_path, running):

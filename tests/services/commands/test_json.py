@@ -152,6 +152,7 @@ def test_info_decode_export_and_replay(tmp_path: Path):
     make_capture(raw, 1.0, 47110)
     for argv in (
         ["decode", raw, "-o", log],
+        ["recover", raw, "-o", tmp_path / "whole.mcap"],
         ["export", "--rows", log, "-o", tmp_path / "rows.mcap"],
         ["info", log],
         ["info", raw],
