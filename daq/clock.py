@@ -35,8 +35,8 @@ STEP_NS = 20_000_000
 holds samples back, 16 ms of a USB serial adapter."""
 
 MISFIT_NS = 5_000_000
-"""Largest delay of the least delayed sample of a second for which its stamps are believed [ns]. Where every sample of a
-second is later, the line is not that of the clock there."""
+"""Largest delay of the least delayed sample of a window of `LEVEL_NS` for which its stamps are believed [ns]. Where
+every sample is later, the line is not that of the clock there."""
 
 STRETCH = 50
 """Samples in a row from which a small step is believed, and a steady rate fitted, at least."""
@@ -44,12 +44,15 @@ STRETCH = 50
 UNSEEN = 16
 """Smallest number of lost samples that a sample counter may not show: all values of one of four bits."""
 
-WINDOW_NS, WINDOW_SAMPLES = 1_000_000_000, 100
-"""Length [ns] and number of samples of the windows in which the least delay is taken, at least: what a stall of the
-reader holds back is followed by samples that are not delayed."""
+WINDOW_SAMPLES = 100
+"""Number of samples in which a least delay is looked for, at least."""
 
 SHORT_NS = 1_000_000_000
 """Duration below which a stretch between two that agree is a burst of delayed or wrong stamps, not a new clock [ns]."""
+
+LEVEL_NS = 10_000_000_000
+"""Length over which least delays are compared [ns]: what a stall of the reader held back is delivered within it, and
+`MAX_DRIFT` comes to less than a small step."""
 
 
 @dataclass(frozen=True)
@@ -163,10 +166,10 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
 
 
 def _least_in_windows(delay: NDArray[np.int64], arrival: NDArray[np.int64]) -> NDArray[np.int64]:
-    """(N,) least delay in the window of each sample [ns]; 0 in windows with half the samples of one, or fewer."""
-    span = max(1, int(arrival.max() - arrival[0]))
-    length = max(WINDOW_NS, WINDOW_SAMPLES * span // len(arrival))
-    number = np.maximum.accumulate(arrival - arrival[0]) // length
+    """(N,) least delay in the window of each sample [ns]; 0 in windows with half of `WINDOW_SAMPLES`, or fewer."""
+    since = np.maximum.accumulate(arrival - arrival[0])
+    length = max(LEVEL_NS, WINDOW_SAMPLES * int(since[-1]) // len(arrival))
+    number = np.minimum(since // length, max(0, int(since[-1]) // length - 1))  # what remains belongs to the last
     begins = np.flatnonzero(np.diff(number, prepend=-1))
     counts = np.diff(np.append(begins, len(number)))
     least = np.where(2 * counts > WINDOW_SAMPLES, np.minimum.reduceat(delay, begins), 0)
@@ -294,9 +297,9 @@ def _stretches(
 
 
 def _least_lags(lag: NDArray[np.int64], arrival: NDArray[np.int64], begin: int, end: int) -> tuple[int, int]:
-    """Least lag in the first and in the last `SHORT_NS` of the samples ``begin … end − 1``."""
-    first = begin + int(np.searchsorted(arrival[begin:end], arrival[begin] + SHORT_NS, "right"))
-    final = begin + int(np.searchsorted(arrival[begin:end], arrival[end - 1] - SHORT_NS))
+    """Least lag in the first and in the last `LEVEL_NS` of the samples ``begin … end − 1``."""
+    first = begin + int(np.searchsorted(arrival[begin:end], arrival[begin] + LEVEL_NS, "right"))
+    final = begin + int(np.searchsorted(arrival[begin:end], arrival[end - 1] - LEVEL_NS))
     return int(lag[begin : max(first, begin + 1)].min()), int(lag[min(final, end - 1) : end].min())
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from lacet.daq.blocks import UNUSABLE, Block, Flag
 from lacet.daq.channels import CHANNELS
-from lacet.daq.clock import MAX_DRIFT, MISFIT_NS, fit_clock, steady_stamps
+from lacet.daq.clock import LEVEL_NS, MAX_DRIFT, MISFIT_NS, fit_clock, steady_stamps
 from lacet.daq.errors import RigError, RunError
 from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.wire import StartRecord
@@ -132,7 +132,7 @@ def _at_steady_rate(block: Block, problems: list[str]) -> tuple[np.ndarray, Bloc
 def _doubtful(block: Block, count: int, cause: str) -> str:
     return (
         f"{block.channel}: {count} samples are left out, whose stamps are more than {MISFIT_NS / 1e6:.0f} ms before "
-        f"any arrival of their second: {cause}"
+        f"any arrival within {LEVEL_NS / 1e9:.0f} s: {cause}"
     )
 
 

@@ -267,3 +267,16 @@ def test_a_stall_with_a_loss_in_it_is_numbered_anew_when_it_ends():
     assert error[:8_000].max() < MS
     assert error[at + 500 :].max() < MS
     assert sum(found.losses.values()) == 32
+
+
+def test_a_stall_that_is_worked_off_slowly_is_no_jump():
+    """Nothing for 5 s, then what was held back within 3 s."""
+    rng = np.random.default_rng(4)
+    true, device = instants(120, 200, -60e-6)
+    arrival = latency_timer(true, rng)
+    begin, end = true[8_000], true[8_000] + 8_000 * MS
+    held = (true > begin) & (true < end)
+    arrival[held] = begin + 5_000 * MS + ((true[held] - begin) * 3) // 8
+    fit = fit_clock(np.maximum.accumulate(arrival), device)
+    assert len(fit.jumps) == len(fit.outliers) == len(fit.doubtful) == 0
+    assert np.abs(fit.stamps - true).max() < 2 * MS
