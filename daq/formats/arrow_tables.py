@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -96,7 +97,8 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
         begin = stream.read(2**16)
     if b"\0" in begin:
         raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
-    header, _, numbers = begin.decode("utf-8", "replace").partition("\n")
+    encoding = _encoding(begin)
+    header, _, numbers = begin.decode(encoding, "replace").partition("\n")
     # The format of spreadsheets where the decimal sign is a comma.
     separator = max(",;\t", key=header.count)
     decimal = "," if separator != "," and "," in numbers else "."
@@ -107,12 +109,13 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
 
     table = pa_csv.read_csv(
         file,
+        read_options=pa_csv.ReadOptions(encoding=encoding),
         parse_options=pa_csv.ParseOptions(delimiter=separator, invalid_row_handler=skip),
         convert_options=pa_csv.ConvertOptions(decimal_point=decimal),
     )
     with file.open("rb") as stream:
         stream.seek(max(0, file.stat().st_size - 2**16))
-        last = stream.read().rpartition(b"\n")[2].decode("utf-8", "replace")
+        last = stream.read().rpartition(b"\n")[2].decode(encoding, "replace")
     if last.strip() and last not in cut and table.num_rows:
         # A truncated number is still a number: the last one is doubtful where the line's end is missing.
         table = table.slice(0, table.num_rows - 1)
@@ -120,3 +123,12 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     if cut:
         problems.append(f"{len(cut)} lines are not whole (file cut short?) and were left out")
     return table
+
+
+def _encoding(begin: bytes) -> str:
+    """Encoding of a text of which this is the beginning: UTF-8, or Latin-1, in which every byte is a letter."""
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(begin)  # the last letter may be cut in two
+    except UnicodeDecodeError:
+        return "latin-1"
+    return "utf-8"

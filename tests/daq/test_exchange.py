@@ -284,3 +284,15 @@ def test_a_table_is_read_without_pandas():
         f"read_table(Path({str(CAR / 'sine.parquet')!r})); sys.exit('pandas' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], cwd=HOME, check=False).returncode == 0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_table_in_latin_1_is_read_and_what_is_cut_in_it_reported(tmp_path: Path):
+    """A degree sign of one byte in the name of a column of another system, and in a line that is cut short."""
+    path = tmp_path / "run.csv"
+    lines = ["t,car.speed,angle [°]", *(f"{k / 100:.2f},{20 + k / 100:.2f},{k}" for k in range(300)), "3.00,°"]
+    path.write_bytes("\n".join(lines).encode("latin-1"))
+    run = read_table(path)
+    assert len(run.signals["car.speed"].t) == 300
+    assert any("angle [°]" in line for line in run.problems)
+    assert any("1 lines are not whole" in line for line in run.problems)
