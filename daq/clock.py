@@ -136,6 +136,17 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
         raise ValueError(f"{len(arrival)} arrivals, {len(device)} device stamps")
     lag = arrival - device
     group, outlier = _stretches(lag, device, arrival, step_ns)
+    found = _fit(arrival, device, group, outlier)
+    if len(found.doubtful) and np.any(early := _early_alone(lag) & ~outlier):
+        found = _fit(arrival, device, group, outlier | early)
+    return found
+
+
+def _fit(
+    arrival: NDArray[np.int64], device: NDArray[np.int64], group: NDArray[np.int64], outlier: NDArray[np.bool_]
+) -> ClockFit:
+    """The fit of stretches, of the number `group` (N,) each, without their outliers (N,)."""
+    lag = arrival - device
     starts = np.flatnonzero(np.diff(group, prepend=-1))
     stops = np.append(starts[1:], len(lag))
     spans = [(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
@@ -163,6 +174,17 @@ def fit_clock(arrival_ns: NDArray[np.int64], device_ns: NDArray[np.int64], step_
         float(least.max()),
         kept[least > MISFIT_NS].astype(np.int64),
     )
+
+
+def _early_alone(lag: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) samples more than `MISFIT_NS` earlier than any of `STRETCH` before and after them: their stamps are wrong.
+
+    One of them would hold the whole line down.
+    """
+    padded = np.concatenate((np.full(STRETCH, lag.max()), lag, np.full(STRETCH, lag.max())))
+    least = np.lib.stride_tricks.sliding_window_view(padded, STRETCH).min(axis=1)
+    before, after = least[: len(lag)], least[STRETCH + 1 :]
+    return lag < np.minimum(before, after) - MISFIT_NS
 
 
 def _least_in_windows(delay: NDArray[np.int64], arrival: NDArray[np.int64]) -> NDArray[np.int64]:
