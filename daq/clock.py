@@ -252,11 +252,13 @@ def _likely_drift(slope: float, length: float, above: NDArray[np.float64]) -> fl
     """The slope, cut to `MAX_DRIFT` where the line may be that steep by error.
 
     The slope of an envelope is wrong by at most two delays in the length of the stretch. `length` of the longest one
-    [ns]; `above` delays above the envelope [ns], of which the median counts: few are held back for longer.
+    [ns]; `above` delays above the envelope [ns]. A delay is twice their median: few samples are held back for longer.
     """
-    error = 2.0 * 2.0 * float(np.median(above)) / length if length and len(above) >= STRETCH else np.inf
-    limit = np.inf if abs(slope) > MAX_DRIFT + error else MAX_DRIFT
-    return float(np.clip(slope, -limit, limit))
+    if length and len(above) >= STRETCH:
+        delay = 2.0 * float(np.median(above))
+        if abs(slope) > MAX_DRIFT + 2.0 * delay / length:
+            return slope
+    return float(np.clip(slope, -MAX_DRIFT, MAX_DRIFT))
 
 
 def _lower_hull(x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -289,7 +291,15 @@ def _stretches(
     stops = np.append(cuts[1:], len(lag))
     length = arrival[stops - 1] - arrival[cuts]
     group, outlier = np.zeros(len(lag), np.int64), np.zeros(len(lag), bool)
-    number, level, seen, waiting = 0, _least_lags(lag, arrival, 0, int(stops[0]))[1], int(arrival[stops[0] - 1]), []
+    number, level, seen = 0, _least_lags(lag, arrival, 0, int(stops[0]))[1], int(arrival[stops[0] - 1])
+    waiting: list[slice] = []
+
+    def to_the_clock_before(parts: list[slice]) -> None:
+        for part in parts:  # late ones are harmless to it, early ones are wrong
+            outlier[part] = lag[part].min() < level
+            group[part] = number
+        parts.clear()
+
     for k in range(1, len(cuts)):  # over the steps, of which there are few
         begin, end = int(cuts[k]), int(stops[k])
         first, final = _least_lags(lag, arrival, begin, end)
@@ -297,24 +307,18 @@ def _stretches(
         room = (JUMP_NS if few else step_ns) + MAX_DRIFT * abs(int(arrival[begin]) - seen)
         agrees = abs(first - level) <= room
         short = length[k] < SHORT_NS
-        last = k == len(cuts) - 1
-        held_back = first > level and device[begin] >= device[begin - 1]  # at the end nothing decides: it may be late
-        if not agrees and short and (held_back or not last):
-            waiting.append(k)
-            if not last:
-                continue
-        for j in waiting:  # counted to the clock before them: late ones are harmless to it, early ones are wrong
-            part = slice(int(cuts[j]), int(stops[j]))
-            outlier[part] = lag[part].min() < level
-            group[part] = number
-        if waiting and waiting[-1] == k:
-            break
-        waiting = []
+        # What comes after a short piece decides what it is; at the end a sample that may be late is taken for late.
+        decided_later = k < len(cuts) - 1 or (first > level and device[begin] >= device[begin - 1])
+        if not agrees and short and decided_later:
+            waiting.append(slice(begin, end))
+            continue
+        to_the_clock_before(waiting)
         if not agrees:
             number += 1
         # A few late samples are no level to compare the next ones with.
         level, seen = min(level, final) if agrees and (few or short) else final, int(arrival[end - 1])
         group[begin:end] = number
+    to_the_clock_before(waiting)
     return group, outlier
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -16,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from lacet.daq.errors import RunError
+from lacet.daq.sources.csv_table import encoding_of
 
 
 def column_names(file: Path) -> list[str]:
@@ -97,7 +97,7 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
         begin = stream.read(2**16)
     if b"\0" in begin:
         raise RunError(file, ["cannot be read as a table: it holds zero bytes, so it is no text (no CSV)"])
-    encoding = _encoding(begin)
+    encoding = encoding_of(begin)
     header, _, numbers = begin.decode(encoding, "replace").partition("\n")
     # The format of spreadsheets where the decimal sign is a comma.
     separator = max(",;\t", key=header.count)
@@ -123,12 +123,3 @@ def _read_csv(file: Path, problems: list[str]) -> pa.Table:
     if cut:
         problems.append(f"{len(cut)} lines are not whole (file cut short?) and were left out")
     return table
-
-
-def _encoding(begin: bytes) -> str:
-    """Encoding of a text of which this is the beginning: UTF-8, or Latin-1, in which every byte is a letter."""
-    try:
-        codecs.getincrementaldecoder("utf-8")().decode(begin)  # the last letter may be cut in two
-    except UnicodeDecodeError:
-        return "latin-1"
-    return "utf-8"

@@ -51,7 +51,7 @@ def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwr
         stop = reader.stop
         if stop is None:
             last = max((held.last_ns for held in scan.contents.values()), default=0)
-            stop = StopRecord(last, "recovered: the recording was not closed", _counts(reader))
+            stop = StopRecord(last, "recovered: the recording was not closed", counts_of(reader))
             writer.message(STOP, pb.StopRecord, stop_to_bytes(stop), last, 0)
         writer.metadata(META_STOP, {"stopped_ns": str(stop.stopped_ns), "reason": stop.reason})
         if reader.damage:
@@ -63,7 +63,8 @@ def recover(path: str | os.PathLike[str], out: str | os.PathLike[str], *, overwr
     return list(reader.damage)
 
 
-def _counts(reader: LogReader) -> dict[str, int]:
+def counts_of(reader: LogReader) -> dict[str, int]:
+    """Frames by source and samples by channel that are in a log, whatever its stop record says."""
     counts: dict[str, int] = defaultdict(int)
     for _, item in reader.messages():
         counts[item.channel if isinstance(item, Block) else item.source] += len(item)

@@ -131,8 +131,8 @@ def _at_steady_rate(block: Block, problems: list[str]) -> tuple[np.ndarray, Bloc
 
 def _doubtful(block: Block, count: int, cause: str) -> str:
     return (
-        f"{block.channel}: {count} samples are left out, whose stamps are more than {MISFIT_NS / 1e6:.0f} ms before "
-        f"any arrival within {LEVEL_NS / 1e9:.0f} s: {cause}"
+        f"{block.channel}: {count} samples are left out: for {LEVEL_NS / 1e9:.0f} s and more every one of them arrived "
+        f"over {MISFIT_NS / 1e6:.0f} ms after its stamp, so {cause}"
     )
 
 

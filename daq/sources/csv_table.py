@@ -171,7 +171,7 @@ def find_form(path: Path, reading: Reading) -> Form:
 
 def form_of(begin: bytes, path: Path, reading: Reading) -> Form:
     """The form of a text table by its beginning; `path` is for messages. Raises RunError in words where it is none."""
-    encoding = reading.encoding or _encoding(begin)
+    encoding = reading.encoding or encoding_of(begin)
     if b"\0" in begin and not encoding.startswith("utf-16"):
         raise fault(path, "this is no text table: it holds zero bytes")
     lines = _text_of(begin, path, encoding).splitlines()
@@ -261,7 +261,8 @@ def _is_number(cell: str, decimal: str) -> bool:
     return bool(_NUMBER.match(cell)) and ("," if decimal == "." else ".") not in cell
 
 
-def _encoding(begin: bytes) -> str:
+def encoding_of(begin: bytes) -> str:
+    """Encoding of a text of which this is the beginning: by its mark, else UTF-8 where it can be, else cp1252."""
     for mark, encoding in ((b"\xef\xbb\xbf", "utf-8-sig"), (b"\xff\xfe", "utf-16"), (b"\xfe\xff", "utf-16")):
         if begin.startswith(mark):
             return encoding

@@ -113,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if not words or words[0] not in _files():  # help, the version, or a word that is no command
             build_overview().parse_args(words)
-        with _without_collection():
+        with _without_collection() if argv is None else contextlib.nullcontext():
             parser = build_parser(words[0] if words else None)
         args = parser.parse_args(words)
     except BrokenPipeError:
@@ -145,7 +145,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 @contextlib.contextmanager
 def _without_collection() -> Iterator[None]:
-    """Imports without garbage collection: they make no garbage, and looking for it is a seventh of start-up."""
+    """Imports without garbage collection: they make no garbage, and looking for it is a seventh of start-up.
+
+    Only in a process of one command: what is there afterwards is never looked at again.
+    """
     collects = gc.isenabled()
     gc.disable()
     try:

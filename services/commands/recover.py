@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from lacet.daq.formats.log_read import LogReader
-from lacet.daq.formats.log_recover import recover
+from lacet.daq.formats.log_recover import counts_of, recover
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 
 HELP = "write what is whole of a damaged log into a new one"
@@ -32,8 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Recover one log."""
     damage = recover(args.log, args.output, overwrite=args.force)
-    whole = LogReader(args.output)
-    counts = {name: count for name, count in (whole.stop.counts if whole.stop else {}).items() if count}
+    counts = counts_of(LogReader(args.output))
     for line in damage:
         print(f"lost: {line}")
     print(f"{args.output}: {sum(counts.values()):,} frames and samples of {len(counts)} buses and channels")

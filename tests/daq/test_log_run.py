@@ -12,6 +12,7 @@ from lacet.daq.errors import RunError
 from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.formats.open_run import open_run
 from lacet.daq.frames import Frames
+from lacet.daq.run import Run
 
 T0 = 1_700_000_000 * 10**9
 RIG = """
@@ -110,16 +111,27 @@ def test_a_fast_clock_is_followed_and_told(tmp_path: Path):
     assert np.std(signal.t - (true - T0) / 1e9) < 50e-6
 
 
+def steady_run(path: Path, true: np.ndarray) -> Run:
+    """The run of a wheel that samples at these instants, read with the clock ``steady``."""
+    arrival = np.maximum.accumulate(true + np.random.default_rng(0).integers(0, 5_000_000, len(true)))
+    rig = RIG.replace("imu.*", "wheel.fl.*").replace('"imu"', '"hub"').replace("{clock}", "steady")
+    start = StartRecord("r", T0, "", rig, vehicle="406", manoeuvre="sine", brakes="off")
+    with LogWriter(path, start, overwrite=True) as writer:
+        writer.write_block(Block("wheel.fl.force", arrival, np.zeros((len(true), 3)), np.zeros(len(true), np.uint8)))
+    return open_run(path)
+
+
+def test_a_steady_rate_that_is_none_is_told_and_flagged(tmp_path: Path):
+    number = np.arange(60_000)
+    run = steady_run(tmp_path / "r.mcap", T0 + number * 2_000_000 + np.rint(1e8 * (number / 60_000) ** 2).astype(int))
+    assert any("its rate is not constant" in line for line in run.problems)
+    assert 0 < np.count_nonzero(run.signals["wheel.fl.force"].usable) < 60_000
+
+
 def test_a_loss_that_the_counter_does_not_show_is_told_and_flagged(tmp_path: Path):
     number = np.arange(12_000) + 160 * (np.arange(12_000) >= 7_000)
     true = T0 + number * 2_000_000
-    arrival = np.maximum.accumulate(true + np.random.default_rng(0).integers(0, 5_000_000, len(true)))
-    values = np.zeros((len(true), 3))
-    rig = RIG.replace("imu.*", "wheel.fl.*").replace('"imu"', '"hub"').replace("{clock}", "steady")
-    start = StartRecord("r", T0, "", rig, vehicle="406", manoeuvre="sine", brakes="off")
-    with LogWriter(tmp_path / "r.mcap", start, overwrite=True) as writer:
-        writer.write_block(Block("wheel.fl.force", arrival, values, np.zeros(len(true), np.uint8)))
-    run = open_run(tmp_path / "r.mcap")
+    run = steady_run(tmp_path / "r.mcap", true)
     signal = run.signals["wheel.fl.force"]
     assert any("160 samples that the counter does not show" in line for line in run.problems)
     assert np.flatnonzero(signal.flags & int(Flag.GAP)).tolist() == [7_000]

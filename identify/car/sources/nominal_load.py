@@ -10,7 +10,7 @@ from lacet.daq.assumptions import Assumption
 from lacet.daq.channels import CORNERS
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Corner
-from lacet.identify.car.sources.wheel_force import GRAVITY, corner_motion, shares
+from lacet.identify.car.sources.wheel_force import GRAVITY, corner_motion, inboard_mass, shares
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.signals.reconstruct import Recording, Signals
 from lacet.identify.signals.sources import Law, Series
@@ -48,8 +48,7 @@ class NominalLoad(Law[Signals]):
 
     def unsprung_mass(self, signals: Signals) -> Array:
         """(N,) what is unsprung inboard of the point that the wheel loads belong to [kg]."""
-        mass = signals.assumed[self.unsprung.name][0]
-        return mass if self.outboard is None else mass - signals.assumed[self.outboard.name][0]
+        return inboard_mass(signals, self.unsprung, self.outboard)
 
     def series(self, signals: Signals) -> Series:
         """The force."""

@@ -34,6 +34,12 @@ def shares(signals: Signals, lateral: Assumption, longitudinal: Assumption, load
     return np.stack([x, y, load])
 
 
+def inboard_mass(signals: Signals, unsprung: Assumption, outboard: Assumption | None) -> Array:
+    """(N,) what is unsprung inboard of the point that wheel loads belong to [kg]; `outboard` of hub loads only."""
+    mass = signals.assumed[unsprung.name][0]
+    return mass if outboard is None else mass - signals.assumed[outboard.name][0]
+
+
 @dataclass(frozen=True)
 class LoadCell(Law[Signals]):
     """Wheel force from a vertical load in carrier axes, by a load cell or, of `standing` cars, by a scale.
@@ -106,9 +112,7 @@ class Pushrod(Law[Signals]):
         c = self.corner.name
         rod = signals.assumed[self.ratio.name][0] * signals.value[f"pushrod.{c}.force"][0]
         _, accel = corner_motion(self.corner, signals, self.rig, rod.size)
-        mass = signals.assumed[self.unsprung.name][0]
-        if self.outboard is not None:
-            mass = mass - signals.assumed[self.outboard.name][0]
+        mass = inboard_mass(signals, self.unsprung, self.outboard)
         hub = signals.accel.get(f"laser.{c}.hub")
         if hub is None:
             up = accel[2] - signals.assumed[self.follows.name][0] * (accel[2] - GRAVITY)

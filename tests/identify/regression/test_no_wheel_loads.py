@@ -16,6 +16,7 @@ from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.kinematics import build_motion
 from lacet.identify.car.rows import BODY_ROWS, CHASSIS_ROWS, SUSPENSION_ROWS, Absence
 from lacet.identify.effects.catalogue import base_model, catalogue
+from lacet.identify.multibody.vectors import cross
 from lacet.identify.properties.derived import derived_values
 from lacet.identify.regression.model import Model
 from lacet.identify.regression.prepared_run import PreparedRun
@@ -96,6 +97,25 @@ def test_true_loads_fulfil_the_rows_and_vertical_forces_cancel(reference: str) -
     }
     for row in BODY_ROWS:
         np.testing.assert_allclose(replace(body, corners=more).measured(row), body.measured(row), atol=1e-8)
+
+
+def test_horizontal_forces_in_the_contact_patches_cancel() -> None:
+    """With wheel centres that move straight up, on a flat road, their levers are that of the mean height."""
+    rng, t = np.random.default_rng(4), np.arange(100) / cars.RATE
+    model = Model.of(base_model(CAR, "contact"))
+    theta = np.array([0.05 * q.largest for q in model.parameters])
+    signals = cars.exact_signals(cars.drive_curves(rng), t)
+    motion = build_motion(cars.fulfil(cars.recording(signals, CAR, RIG), model.physics, theta))
+    push = np.outer([800.0, 1000.0, 0.0], np.ones(t.size))
+    pushed = {
+        c: replace(
+            corner, force=corner.force + push,
+            moment=corner.moment + cross(np.outer([0.0, 0.0, -CAR.corners[c].height], np.ones(t.size)), push),
+        )
+        for c, corner in motion.corners.items()
+    }  # fmt: skip
+    for row in BODY_ROWS:
+        np.testing.assert_allclose(replace(motion, corners=pushed).measured(row), motion.measured(row), atol=1e-8)
 
 
 def test_measured_loads_leave_no_row_of_the_body() -> None:

@@ -45,6 +45,20 @@ def test_a_log_cut_off_is_whole_again(capture: Path, tmp_path: Path, capsys: pyt
     assert cut.read_bytes() == data[: len(data) * 2 // 3]
 
 
+def test_a_log_damaged_in_the_middle_counts_what_is_in_it(capture: Path, tmp_path: Path):
+    """Its stop record has counted what was recorded, which is more."""
+    broken, out, file = tmp_path / "broken.mcap", tmp_path / "whole.mcap", tmp_path / "result.json"
+    data = bytearray(capture.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 64] = bytes(byte ^ 0xFF for byte in data[middle : middle + 64])
+    broken.write_bytes(data)
+    assert main(["recover", str(broken), "-o", str(out), "--json", str(file)]) == WITH_LOSSES
+    counts, whole = json.loads(file.read_text("utf-8"))["counts"], LogReader(out)
+    assert whole.stop is not None
+    assert counts == {source: len(whole.frames(source)) for source in whole.sources()}
+    assert sum(counts.values()) < sum(LogReader(capture).stop.counts.values())
+
+
 def test_a_whole_log_loses_nothing_and_no_file_is_replaced_unasked(capture: Path, tmp_path: Path):
     out = tmp_path / "whole.mcap"
     assert main(["recover", str(capture), "-o", str(out)]) == DONE
