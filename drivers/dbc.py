@@ -27,12 +27,16 @@ from lacet.drivers.framework.can_layout import read_layout
 from lacet.drivers.framework.counters import CounterState, add, follow_counter
 from lacet.drivers.framework.message_checks import MessageChecks, Signals, read_checks
 from lacet.drivers.framework.options import check_options
+from lacet.drivers.framework.sequence import Recent, repeats
 
 PATIENCE = 2.0
 """Longest distance of the next sample of a component in another message [s], by which a channel may be late; also the
 step back of the bus's stamps from which it is taken for a clock put back, not for frames out of order."""
 OPTIONS = ("dbc", "signals", "sources", "counter", "checksum", "status")
-_COUNTS = ("received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "out_of_order", "no_neighbour")
+_COUNTS = (
+    "received", "samples", "lost", "bad_checksum", "incomplete", "bad_status", "repeated", "out_of_order",
+    "no_neighbour",
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -48,14 +52,15 @@ class _Used:
 
 @dataclass(frozen=True)
 class DbcState:
-    """State between batches: stamp that is time 0, and the latest one [ns], channels in the making, last stamp and
-    counter of each message, and ledger."""
+    """State between batches: stamp that is time 0, and the latest one [ns], channels in the making, last stamp,
+    counter and last frames of each message, and ledger."""
 
     origin_ns: int | None
     front_ns: int | None
     channels: tuple[Assembly, ...]
     last_ns: tuple[int, ...]
     counters: tuple[CounterState, ...]
+    recent: tuple[Recent, ...]
     ledger: Mapping[str, int]
 
 
@@ -134,7 +139,8 @@ class Dbc(Reader):
         n = len(self._used)
         never = int(np.iinfo(np.int64).min)
         return DbcState(
-            None, None, tuple(one.copy() for one in self._channels), (never,) * n, (CounterState(),) * n, ledger
+            None, None, tuple(one.copy() for one in self._channels), (never,) * n, (CounterState(),) * n,
+            (Recent(),) * n, ledger,
         )  # fmt: skip
 
     def decode(self, frames: Frames, state: DbcState) -> tuple[list[Block], DbcState]:
@@ -155,7 +161,7 @@ class Dbc(Reader):
             if len(back):  # the clock was put back
                 made, state = self.finish(state)
                 _collect(blocks, made)
-                state = replace(self.start(), counters=state.counters, ledger=state.ledger)
+                state = replace(self.start(), counters=state.counters, recent=state.recent, ledger=state.ledger)
             frames = frames[end:]
         return [Block.concat(parts) for parts in blocks.values()], state
 
@@ -165,14 +171,15 @@ class Dbc(Reader):
         return self._made([one.feed({}, last=True) for one in channels], replace(state, channels=channels))
 
     def counts(self, state: DbcState) -> dict[str, int]:
-        """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short) and ``out_of_order`` count
-        frames; ``bad_status`` samples, and ``no_neighbour`` those around which another component has none."""
+        """The ledger. ``received``, ``lost``, ``bad_checksum``, ``incomplete`` (too short), ``repeated`` (by a counter)
+        and ``out_of_order`` count frames; ``bad_status`` samples, and ``no_neighbour`` those around which another
+        component has none."""
         return dict(state.ledger)
 
     def _decoded(self, frames: Frames, state: DbcState, front_ns: int) -> tuple[list[Block], DbcState]:
         origin = int(frames.t_ns[0]) if state.origin_ns is None else state.origin_ns
         idents = full_idents(frames.ident)
-        last, counters, ledger = list(state.last_ns), list(state.counters), state.ledger
+        last, counters, recent, ledger = list(state.last_ns), list(state.counters), list(state.recent), state.ledger
         pieces: dict[Key, Series] = {}
         for i, used in enumerate(self._used):
             mine = np.flatnonzero(used.message.of(idents))
@@ -186,12 +193,16 @@ class Dbc(Reader):
                 continue
             last[i] = int(t_ns[-1])
             payload, lengths = used.message.fitted(_rows(frames, mine, used.message.width)), frames.lengths[mine]
-            flags, counters[i], ledger = _checked(used, payload, lengths, counters[i], ledger)
+            flags, new, counters[i], recent[i], ledger = _checked(
+                used, payload, lengths, counters[i], recent[i], ledger
+            )
+            if new is not None:
+                payload, lengths, t_ns = payload[new], lengths[new], t_ns[new]
             pieces |= _series(used, payload, lengths, (t_ns - origin) / 1e9, flags)
         channels = tuple(one.copy() for one in state.channels)
         front = (front_ns - origin) / 1e9
         made = [one.feed(pieces, front=front) for one in channels]
-        state = DbcState(origin, front_ns, channels, tuple(last), tuple(counters), ledger)
+        state = DbcState(origin, front_ns, channels, tuple(last), tuple(counters), tuple(recent), ledger)
         return self._made(made, state)
 
     @staticmethod
@@ -244,24 +255,30 @@ def _rows(frames: Frames, mine: NDArray[np.int64], width: int) -> NDArray[np.uin
 
 
 def _checked(
-    used: _Used, payload: NDArray[np.uint8], lengths: NDArray[np.int64], counter: CounterState,
+    used: _Used, payload: NDArray[np.uint8], lengths: NDArray[np.int64], counter: CounterState, recent: Recent,
     ledger: Mapping[str, int],
-) -> tuple[NDArray[np.uint8], CounterState, dict[str, int]]:  # fmt: skip
-    """Flags of a message's frames by its checksum and counter, the counter after them, and the ledger."""
+) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None, CounterState, Recent, dict[str, int]]:  # fmt: skip
+    """Flags of a message's frames by its checksum and counter, which frames are not repeated (None: all, and the flags
+    are of these), the counter and last frames after them, and the ledger."""
     flags = np.zeros(len(lengths), np.uint8)
     needed = max(one.bytes_needed for one, _ in used.signals)
     multiplexed = any(one.needs for one, _ in used.signals)
-    short = 0 if multiplexed else np.count_nonzero(lengths < needed)
     if used.checks.checksum is not None:
         flags[~used.checks.checksum.right(payload)] = np.uint8(Flag.CHECKSUM)
-    lost = 0
+    lost, new = 0, None
     if used.checks.counter is not None:
         count = used.checks.counter.raw(payload).astype(np.int64)
+        again, recent = repeats(payload, count, flags == 0, used.checks.counter.length, recent)
+        if again.any():
+            new = ~again
+            count, flags, lengths = count[new], flags[new], lengths[new]
+            ledger = add(ledger, repeated=np.count_nonzero(again))
         jumps, counter = follow_counter(count, flags == 0, used.checks.counter.length, counter)
         flags[jumps.gap] |= np.uint8(Flag.GAP)
         lost = int(jumps.lost.sum())
+    short = 0 if multiplexed else np.count_nonzero(lengths < needed)
     wrong = np.count_nonzero(flags & np.uint8(Flag.CHECKSUM))
-    return flags, counter, add(ledger, incomplete=short, bad_checksum=wrong, lost=lost)
+    return flags, new, counter, recent, add(ledger, incomplete=short, bad_checksum=wrong, lost=lost)
 
 
 def _series(

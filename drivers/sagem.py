@@ -16,7 +16,7 @@ from lacet.drivers.framework.counters import add
 from lacet.drivers.framework.crc import CRC16_CCITT_FALSE
 from lacet.drivers.framework.lines import rest_of
 from lacet.drivers.framework.options import check_options
-from lacet.drivers.framework.records import Part, Record, RecordSensor, RecordState
+from lacet.drivers.framework.records import Part, Record, Records, RecordSensor, RecordState
 
 SYNC = b"\xa5\x5a"
 LENGTH = 30
@@ -68,7 +68,7 @@ class Sagem(RecordSensor, Driver):
         read = np.searchsorted(stream.offset, found, side="right") - 1
         rows = stream.data[found[:, None] + np.arange(LENGTH)]
         faults = np.where(good, 0, Flag.CHECKSUM).astype(np.uint8)
-        blocks, state = self.samples(rows, stream.t_ns[read], faults, state)
+        blocks, state = self.samples(Records(rows, stream.t_ns[read], faults), state)
         skipped = hold - LENGTH * int(np.count_nonzero(good))
         ledger = add(state.ledger, received=received, skipped_bytes=skipped)
         return blocks, replace(state, waiting=rest_of(stream, hold), ledger=ledger)
@@ -79,7 +79,8 @@ class Sagem(RecordSensor, Driver):
         found, good, _ = _scan(stream.data, ended=True)
         rows = stream.data[found[:, None] + np.arange(LENGTH)]
         read = np.searchsorted(stream.offset, found, side="right") - 1
-        blocks, state = self.samples(rows, stream.t_ns[read], np.where(good, 0, Flag.CHECKSUM).astype(np.uint8), state)
+        faults = np.where(good, 0, Flag.CHECKSUM).astype(np.uint8)
+        blocks, state = self.samples(Records(rows, stream.t_ns[read], faults), state, ended=True)
         skipped = len(stream.data) - LENGTH * int(np.count_nonzero(good))
         done = int(found[-1]) + LENGTH if len(found) else 0
         cut = int(stream.data[done:].tobytes().find(HEAD) >= 0)

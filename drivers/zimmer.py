@@ -15,7 +15,7 @@ from lacet.drivers.framework.base import Driver
 from lacet.drivers.framework.counters import add
 from lacet.drivers.framework.crc import CRC32
 from lacet.drivers.framework.options import check_options, corner_map
-from lacet.drivers.framework.records import Part, Record, RecordSensor, RecordState
+from lacet.drivers.framework.records import Part, Record, Records, RecordSensor, RecordState
 
 STEP = 5e-5
 """Raw step of every angle [rad]."""
@@ -59,11 +59,11 @@ class Zimmer(RecordSensor, Driver):
         rows[whole] = frames.data[frames.offset[:-1][whole][:, None] + np.arange(length)]
         faults = np.where(self.record.crc_right(rows), 0, Flag.CHECKSUM).astype(np.uint8)
         faults[~whole] = Flag.INCOMPLETE
-        blocks, state = self.samples(rows, frames.t_ns, faults, state)
+        blocks, state = self.samples(Records(rows, frames.t_ns, faults), state)
         wrong = np.count_nonzero(~whole)
         ledger = add(state.ledger, received=len(frames), incomplete=wrong, bad_length=wrong)
         return blocks, replace(state, ledger=ledger)
 
     def finish(self, state: RecordState) -> tuple[list[Block], RecordState]:
-        """No blocks: a datagram is complete or lost."""
-        return [], state
+        """Blocks of the datagrams held back."""
+        return self.samples(self.none(), state, ended=True)

@@ -8,29 +8,57 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lacet.daq.blocks import Block, Flag
 from lacet.daq.frames import Frames
-from lacet.drivers.framework.counters import CounterState, add, follow_counter, unwrap_clock
+from lacet.drivers.framework.counters import CounterState, add, follow_counter, steady_counters, unwrap_clock
 from lacet.drivers.framework.crc import Crc
 from lacet.drivers.framework.outgoing import not_valid, together
+from lacet.drivers.framework.sequence import Recent, Sampling, Stream, in_order, last_rows
 
 NOT_VALID = -32768
 FULL = 32767
 """Largest raw value; ±FULL is the end of the range."""
+_COUNTS = (
+    "received", "samples", "lost", "bad_checksum", "bad_status", "saturated", "restarts", "repeated", "reordered",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
 class RecordState:
-    """State of a record driver between batches: bytes not yet parsed (serial only), counter, clock [µs] and ledger."""
+    """State of a record driver between batches.
+
+    `waiting` : bytes not yet parsed (serial only); `held` : records held back; counter, clock [µs] and ledger.
+    """
 
     waiting: Frames
+    held: Records
+    recent: Recent
     counter: CounterState
     clock_us: int | None
     ledger: Mapping[str, int]
+
+
+class Records(NamedTuple):
+    """Records in rows (N, length), their stamps (N,), and the flags (N,) that make one unusable."""
+
+    rows: NDArray[np.uint8]
+    t_ns: NDArray[np.int64]
+    faults: NDArray[np.uint8]
+
+    def after(self, held: Records) -> Records:
+        """These with others before them."""
+        if not len(held.t_ns):
+            return self
+        return Records(
+            np.concatenate((held.rows, self.rows)),
+            np.concatenate((held.t_ns, self.t_ns)),
+            np.concatenate((held.faults, self.faults)),
+        )
 
 
 @dataclass(frozen=True)
@@ -100,29 +128,48 @@ class RecordSensor:
 
     def start(self) -> RecordState:
         """State before the first byte."""
-        ledger: dict[str, int] = dict.fromkeys(
-            ("received", "samples", "lost", "bad_checksum", "bad_status", "saturated", "restarts"), 0
-        )
-        return RecordState(Frames.empty(self.bus), CounterState(), None, ledger)
+        ledger: dict[str, int] = dict.fromkeys(_COUNTS, 0)
+        return RecordState(Frames.empty(self.bus), self.none(), Recent(), CounterState(), None, ledger)
+
+    def none(self) -> Records:
+        """No records."""
+        return Records(np.zeros((0, self.record.length), np.uint8), np.zeros(0, np.int64), np.zeros(0, np.uint8))
 
     def counts(self, state: RecordState) -> dict[str, int]:
-        """The ledger; ``restarts`` are jumps of the counter backwards."""
+        """The ledger; ``restarts`` are jumps of the counter backwards, ``repeated`` and ``reordered`` count records."""
         return dict(state.ledger)
 
-    def samples(
-        self, rows: NDArray[np.uint8], t_ns: NDArray[np.int64], faults: NDArray[np.uint8], state: RecordState
-    ) -> tuple[list[Block], RecordState]:
-        """Blocks of records held in `rows` (N, length); `faults` (N,) are the flags that make a record unusable.
+    def samples(self, records: Records, state: RecordState, ended: bool = False) -> tuple[list[Block], RecordState]:
+        """Blocks of records in the order of their counter, and the state after them; all of them when it has `ended`.
 
         A faulty record advances neither counter nor clock; its device stamp repeats the last good one.
         """
-        if len(rows) == 0:
+        records = records.after(state.held)
+        if not len(records.t_ns):
             return [], state
+        counter_of = self._counter
+        bits = 8 * self.record.counter_bytes
+        spans = [(0, slice(0, len(records.t_ns)))]
+        steady = None
+        if not records.faults.any() and state.recent.counter == state.counter.last:
+            steady = steady_counters(counter_of(records.rows), spans, bits, [state.counter])
+        if steady is not None:
+            recent = Recent(last_rows(records.rows[:, None], state.recent), None, steady[0].last)
+            state = replace(state, held=self.none(), recent=recent)
+        else:
+            stream = Stream(np.zeros(len(records.t_ns), np.int8), records.rows, records.faults == 0, records.t_ns)
+            found = in_order(stream, Sampling(1, bits, None, lambda rows: counter_of(rows[:, 0])), state.recent, ended)
+            ledger = add(state.ledger, repeated=found.repeated, reordered=found.reordered)
+            end = found.held
+            held = Records(records.rows[end:], records.t_ns[end:], records.faults[end:])
+            records = Records(records.rows[found.frames], found.t_ns, records.faults[found.frames])
+            state = replace(state, held=held, recent=found.recent, ledger=ledger)
+            if not len(records.t_ns):
+                return [], state
+        rows, t_ns, faults = records
         fields = np.ascontiguousarray(rows).view(self.record.dtype)[:, 0]
         good = faults == 0
-        jumps, counter = follow_counter(
-            fields["counter"].astype(np.int64), good, 8 * self.record.counter_bytes, state.counter
-        )
+        jumps, counter = follow_counter(counter_of(rows), good, bits, state.counter)
         device_ns, back, clock_us = unwrap_clock(fields["clock"].astype(np.int64), good, state.clock_us)
         flags = faults.astype(np.uint8)
         flags[jumps.gap] |= np.uint8(Flag.GAP)
@@ -152,6 +199,9 @@ class RecordSensor:
             restarts=np.count_nonzero(jumps.back),
         )
         return blocks, replace(state, counter=counter, clock_us=clock_us, ledger=ledger)
+
+    def _counter(self, rows: NDArray[np.uint8]) -> NDArray[np.int64]:
+        return np.ascontiguousarray(rows).view(self.record.dtype)["counter"][:, 0].astype(np.int64)
 
     def encode(self, blocks: Mapping[str, Block], counter: int = 0) -> Frames:
         """The frames that a sensor would send, one record a frame.

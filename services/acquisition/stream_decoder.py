@@ -23,6 +23,8 @@ NO_LOSS = frozenset(
         "bad_status",
         "restarts",
         "skipped_bytes",
+        "repeated",
+        "reordered",
         "unknown_ident",
         "no_driver",
         "no_neighbour",

@@ -177,6 +177,19 @@ def test_a_counter_that_the_rig_names_marks_what_was_lost():
     assert flags[20] == Flag.GAP
 
 
+@pytest.mark.parametrize("back", [1, 3])
+def test_a_frame_that_comes_again_is_used_once(back):
+    sent = [(10 * n, 256, esp(n, alive=n % 16)) for n in range(40)]
+    rows = [*sent[:20], (sent[19][0] + 1, 256, sent[20 - back][2]), *sent[20:]]
+    one = driver({"car.lateral_accel": "Lat"}, counter=["Esp.Alive"])
+    got, counts = decode_all(one, frames(*rows))
+    same_blocks(got, decode_all(one, frames(*sent))[0])
+    assert (counts["repeated"], counts["lost"], counts["samples"]) == (1, 0, 40)
+    split, split_counts = decode_split(one, frames(*rows), range(1, len(rows)))
+    same_blocks(got, split)
+    assert counts == split_counts
+
+
 def test_a_status_that_the_rig_names_is_asked_of_its_signals_only():
     sent = frames(*[(i, 256, esp(i, yaw=1.0, state=int(i == 4))) for i in range(9)])
     signals = {"car.lateral_accel": "Lat", "car.yaw_rate": "Yaw"}
