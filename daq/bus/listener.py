@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 import json
+import threading
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import zenoh
-from zenoh import ext
 
 from lacet.daq.bus.queue import BoundedQueue
-from lacet.daq.bus.session import EVERY_RUN, LENGTH, QUEUE, SEQUENCE, Keys, chunk, state_publisher
+from lacet.daq.bus.session import EVERY_RUN, LARGEST, LENGTH, QUEUE, SEQUENCE, Keys, chunk, split_key
+
+RESERVE = 32 << 20
+"""Room in the queue for messages other than blocks, which blocks must not displace [bytes]."""
+ANSWER = 20.0
+"""Longest time for all replies to a request [s]; what came until then counts."""
+OVERHEAD = 512
+"""Size of a message in the queue besides its payload [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -21,10 +29,12 @@ class Message:
     Attributes
     ----------
     keys : keys of its run.
-    kind : ``start``, ``block``, ``ledger``, ``manifest``, ``result``, ``alive`` or ``gone`` (the recorder's presence).
+    kind : ``start``, ``block``, ``ledger``, ``manifest``, ``result``, ``alive`` or ``gone`` (the recorder's presence);
+        ``blocks`` with several that were requested, ``answered`` at the end of them.
     name : channel of a block, worker of a result, otherwise empty.
-    sequence : number of a block within its channel, otherwise 0.
+    sequence : number of a block within its channel, of the first of several, otherwise 0.
     payload : the message's bytes.
+    requested : whether it is an answer to a request, and so from who holds the run.
     """
 
     keys: Keys
@@ -32,67 +42,67 @@ class Message:
     name: str
     sequence: int
     payload: bytes
+    requested: bool = False
 
 
 class BusListener:
-    """A subscriber to the runs that match `keys`: messages in a bounded queue, and requests for missed ones."""
+    """A subscriber to the runs that match `keys`: messages in a bounded queue, and requests for missed ones.
+
+    Results of earlier runs, and the start record of every recorder that appears, are asked for by itself.
+
+    Attributes
+    ----------
+    refused : kind of a message → number of those that were no message of a run, or too large.
+    """
 
     def __init__(self, session: zenoh.Session, keys: Keys = EVERY_RUN, capacity: int = QUEUE):
+        self.refused: Counter[str] = Counter()
         self._session = session
         self._queue: BoundedQueue[Message] = BoundedQueue(capacity)
-        self._handles: list[Any] = [session.declare_subscriber(keys.key("block", "*"), self._on_sample)]
-        for parts in (("start",), ("manifest",), ("ledger",), ("result", "*")):
-            self._handles.append(
-                ext.declare_advanced_subscriber(
-                    session,
-                    keys.key(*parts),
-                    self._on_sample,
-                    history=ext.HistoryConfig(detect_late_publishers=True, max_samples=1),
-                    recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-                )
-            )
+        self._results: dict[str, bytes] = {}
+        self._lock = threading.Lock()
+        kinds = (("block", "*"), ("manifest",), ("ledger",), ("result", "*"))
+        self._handles: list[Any] = [session.declare_subscriber(keys.key(*parts), self._on_sample) for parts in kinds]
         self._handles.append(
             session.liveliness().declare_subscriber(keys.key("alive"), self._on_presence, history=True)
         )
+        self.ask(keys, "result", "*")
 
     def get(self, timeout: float) -> Message | None:
         """The next message, waiting up to `timeout` [s]."""
-        return self._queue.get(timeout)
+        message = self._queue.get(timeout)
+        if message is not None and message.kind == "alive":
+            self.ask(message.keys, "start")
+        return message
 
     @property
     def dropped(self) -> int:
-        """Bytes of blocks dropped because the queue was full."""
+        """Bytes of messages dropped because the queue was full."""
         return sum(self._queue.dropped.values())
 
-    def fetch(self, keys: Keys, name: str, timeout: float = 5.0) -> bytes | None:
-        """The ``start`` or ``manifest`` message of a run, requested from its holder; None without an answer."""
-        for reply in self._session.get(keys.key(name), timeout=timeout):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+    @property
+    def connected(self) -> bool:
+        """Whether a router can be reached at present."""
+        return bool(self._session.info.routers_zid())
 
-    def fetch_blocks(
-        self, keys: Keys, channel: str, first: int, last: int, timeout: float = 10.0
-    ) -> Iterator[tuple[int, bytes]]:
-        """Blocks `first` to `last` of a channel, requested: (sequence, `DecodedBlock` message) of those still kept."""
-        replies = self._session.get(
+    def ask(self, keys: Keys, *parts: str) -> None:
+        """Request a message without waiting: the answer comes by `get`, as any other message."""
+        self._session.get(keys.key(*parts), self._on_reply, timeout=ANSWER)
+
+    def ask_blocks(self, keys: Keys, channel: str, first: int, last: int) -> None:
+        """Request blocks `first` to `last` of a channel without waiting: ``blocks`` messages, at the end ``answered``.
+
+        `unpack_blocks` gives the blocks of a message.
+        """
+        self._session.get(
             f"{keys.key('block', channel)}?first={first};last={last}",
+            zenoh.handlers.Callback(
+                self._on_reply,
+                lambda: self._queue.put(Message(keys, "answered", channel, first, b"", True), "", OVERHEAD, RESERVE),
+            ),
             consolidation=zenoh.ConsolidationMode.NONE,  # replies share one key, and every one counts
-            timeout=timeout,
+            timeout=ANSWER,
         )
-        for reply in replies:
-            if reply.ok is None or reply.ok.attachment is None:
-                continue
-            (sequence,) = SEQUENCE.unpack(reply.ok.attachment.to_bytes())
-            body = reply.ok.payload.to_bytes()
-            at = 0
-            while at + LENGTH.size <= len(body):
-                (length,) = LENGTH.unpack_from(body, at)
-                at += LENGTH.size
-                if length:
-                    yield sequence, body[at : at + length]
-                at += length
-                sequence += 1
 
     def acknowledge(self, keys: Keys, worker: str, what: dict[str, Any]) -> None:
         """Acknowledge to the recorder that the run is assembled."""
@@ -104,10 +114,14 @@ class BusListener:
         )
 
     def publish_result(self, keys: Keys, worker: str, text: str) -> None:
-        """Publish a worker's result of the run (JSON); later subscribers receive it too while this listener is open."""
-        publisher = state_publisher(self._session, keys.key("result", chunk(worker)))
-        publisher.put(text)
-        self._handles.append(publisher)
+        """Publish a worker's result of the run (JSON); while this listener is open, it is given to who asks, too."""
+        key = keys.key("result", chunk(worker))
+        with self._lock:
+            new = key not in self._results
+            self._results[key] = text.encode()
+        if new:
+            self._handles.append(self._session.declare_queryable(key, self._on_query))
+        self._session.put(key, text, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def close(self) -> None:
         """Undeclare subscribers and publishers. The session stays open."""
@@ -115,16 +129,55 @@ class BusListener:
         for handle in self._handles:
             handle.undeclare()
 
+    def _on_query(self, query: zenoh.Query) -> None:
+        with self._lock:
+            found = [
+                (key, text) for key, text in self._results.items() if query.key_expr.intersects(zenoh.KeyExpr(key))
+            ]
+        for key, text in found:
+            query.reply(key, text)
+        query.drop()
+
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        _, rig, run, kind, *rest = str(sample.key_expr).split("/")
-        payload = sample.payload.to_bytes()
-        attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
-        sequence = SEQUENCE.unpack(attachment)[0] if len(attachment) == SEQUENCE.size else 0
-        # Only blocks may be dropped: they can be requested again, and no other message is large.
-        size = len(payload) if kind == "block" else 0
-        self._queue.put(Message(Keys(rig, run), kind, "/".join(rest), sequence, payload), kind, size)
+        self._put(sample, requested=False)
+
+    def _on_reply(self, reply: zenoh.Reply) -> None:
+        if reply.ok is not None:
+            self._put(reply.ok, requested=True)
 
     def _on_presence(self, sample: zenoh.Sample) -> None:
-        _, rig, run, _ = str(sample.key_expr).split("/")
-        kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
-        self._queue.put(Message(Keys(rig, run), kind, "", 0, b""), kind, 0)
+        if (parts := split_key(str(sample.key_expr))) is not None:
+            kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
+            self._queue.put(Message(parts[0], kind, "", 0, b""), kind, OVERHEAD, RESERVE)
+
+    def _put(self, sample: zenoh.Sample, requested: bool) -> None:
+        parts, sequence = split_key(str(sample.key_expr)), _number(sample)
+        payload = sample.payload.to_bytes()
+        if parts is None or len(payload) > LARGEST or (parts[1] == "block" and sequence is None):
+            self.refused["" if parts is None else parts[1]] += 1
+            return
+        keys, kind, name = parts
+        if kind == "block" and requested:
+            kind = "blocks"
+        # Blocks make room for the others: they can be requested again, and are many.
+        reserve = 0 if kind in ("block", "blocks") else RESERVE
+        message = Message(keys, kind, name, sequence or 0, payload, requested)
+        self._queue.put(message, kind, len(payload) + OVERHEAD, reserve)
+
+
+def unpack_blocks(message: Message) -> Iterator[tuple[int, bytes]]:
+    """The blocks in a ``blocks`` message that the recorder still keeps: (number, `DecodedBlock` message)."""
+    sequence, body, at = message.sequence, message.payload, 0
+    while at + LENGTH.size <= len(body):
+        (length,) = LENGTH.unpack_from(body, at)
+        at += LENGTH.size
+        if length:
+            yield sequence, body[at : at + length]
+        at += length
+        sequence += 1
+
+
+def _number(sample: zenoh.Sample) -> int | None:
+    """Number of a block, or of the first one in a reply; None when the message has none."""
+    attachment = sample.attachment.to_bytes() if sample.attachment is not None else b""
+    return SEQUENCE.unpack(attachment)[0] if len(attachment) == SEQUENCE.size else None

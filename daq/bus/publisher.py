@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import random
 import threading
@@ -11,13 +12,18 @@ from typing import Any
 
 import zenoh
 
+from lacet.daq.bus.digest import RunDigest
 from lacet.daq.bus.queue import BoundedQueue
-from lacet.daq.bus.session import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short, state_publisher
+from lacet.daq.bus.session import LENGTH, QUEUE, REPLY, SEQUENCE, Keys, chunk, short
 from lacet.daq.bus.spool import Spool
 from lacet.daq.formats.wire import Losses, Manifest, StartRecord, Tally, manifest_to_bytes, start_to_bytes
 
 OTHERS = 1.0
 """Longest time from an acknowledgement to the last request of another worker [s]."""
+MOST_ACK = 64 << 10
+"""Largest acknowledgement [bytes]."""
+MOST_WORKERS = 100
+"""Most workers whose acknowledgements are kept."""
 
 
 class RunPublisher:
@@ -27,6 +33,7 @@ class RunPublisher:
 
     Parameters
     ----------
+    car : the car's name in keys.
     spool : store of the blocks for requests; closed by the caller.
     drop_live : fraction of live blocks not sent, at random with a fixed seed, to simulate a lossy network in tests.
 
@@ -39,13 +46,13 @@ class RunPublisher:
     def __init__(
         self,
         session: zenoh.Session,
-        rig: str,
+        car: str,
         start: StartRecord,
         spool: Spool,
         drop_live: float = 0.0,
         notify: Callable[[str], None] = lambda text: None,
     ):
-        self.keys = Keys(chunk(rig), chunk(start.run_id))
+        self.keys = Keys(chunk(car), chunk(start.run_id))
         self.manifest: Manifest | None = None
         self.last_request = time.monotonic()
         """Time of the last request [s, monotonic]."""
@@ -54,13 +61,13 @@ class RunPublisher:
         self._run_id = start.run_id
         self._spool = spool
         self._tallies: dict[str, Tally] = {}
+        self._digest = RunDigest()
         self._drop_live = drop_live
         self._random = random.Random(0)
         self._notify = notify
         self._blocks: BoundedQueue[tuple[str, int, bytes]] = BoundedQueue(QUEUE)
         self._requests: BoundedQueue[zenoh.Query] = BoundedQueue(1000)
-        self._acks: dict[str, bytes] = {}
-        self._state = {name: state_publisher(session, self.keys.key(name)) for name in ("start", "ledger")}
+        self._acks: dict[str, dict[str, Any]] = {}
         self._handles = [
             session.declare_queryable(self.keys.key(name), self._requests.put, complete=True)
             for name in ("start", "manifest", "block/*")
@@ -73,12 +80,12 @@ class RunPublisher:
         ]
         for thread in self._threads:
             thread.start()
-        self._state["start"].put(self._start)
 
     def put_block(self, channel: str, message: bytes, samples: int) -> None:
         """Send the next block of a channel: its `DecodedBlock` message, numbered by the caller from 0."""
         tally = self._tallies.get(channel, Tally())
         self._tallies[channel] = tally.add(message, samples)
+        self._digest.add(channel, message)
         self._spool.add(channel, tally.messages, message)
         if self._drop_live and self._random.random() < self._drop_live:
             return
@@ -86,7 +93,7 @@ class RunPublisher:
 
     def put_ledger(self, ledger: dict[str, Any]) -> None:
         """Publish rates and losses so far."""
-        self._state["ledger"].put(json.dumps(ledger))
+        self._session.put(self.keys.key("ledger"), json.dumps(ledger))
 
     def finish(self, losses: Losses, frames: dict[str, Tally]) -> Manifest:
         """End the run: publish its manifest, blocks by channel and `frames` by source."""
@@ -94,15 +101,15 @@ class RunPublisher:
         while len(self._blocks) and self._threads[0].is_alive() and time.monotonic() < until:
             time.sleep(0.005)  # live blocks are sent before the manifest
         self.manifest = Manifest(self._run_id, dict(self._tallies), frames, losses)
-        self._state["manifest"] = state_publisher(self._session, self.keys.key("manifest"))
-        self._state["manifest"].put(manifest_to_bytes(self.manifest))
+        with contextlib.suppress(zenoh.ZError):  # it can be asked for
+            self._session.put(self.keys.key("manifest"), manifest_to_bytes(self.manifest))
         return self.manifest
 
     def wait_for_ack(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> dict[str, Any]:
         """Wait until a worker has acknowledged the run, or no request came for `timeout` [s].
 
-        After an acknowledgement it waits on while other workers send requests. Returns the acknowledgements by worker,
-        empty when none came.
+        Only an acknowledgement with the digest of all blocks counts: its worker has the run. After it the wait goes on
+        while other workers send requests. Returns the acknowledgements by worker, empty when none came.
         """
         self.last_request = time.monotonic()
         while not cancelled():
@@ -110,7 +117,7 @@ class RunPublisher:
             if quiet > (min(OTHERS, timeout) if self._acks else timeout):
                 break
             time.sleep(0.05)
-        return {worker: json.loads(text) for worker, text in self._acks.items()}
+        return dict(self._acks)
 
     @property
     def unsent(self) -> int:
@@ -123,11 +130,20 @@ class RunPublisher:
         self._requests.close()
         for thread in self._threads:
             thread.join(2.0)
-        for handle in (*self._handles, self._ack_listener, self._token, *self._state.values()):
+        for handle in (*self._handles, self._ack_listener, self._token):
             handle.undeclare()
 
     def _on_ack(self, sample: zenoh.Sample) -> None:
-        self._acks[str(sample.key_expr).rpartition("/")[2]] = sample.payload.to_bytes()
+        if self.manifest is None or len(sample.payload) > MOST_ACK:
+            return
+        with contextlib.suppress(
+            ValueError, RecursionError
+        ):  # no acknowledgement: whoever sent it does not have the run
+            ack = json.loads(sample.payload.to_bytes())
+            if not isinstance(ack, dict) or ack.get("complete") is not True:
+                return
+            if ack.get("digest") == self._digest.hexdigest() and len(self._acks) < MOST_WORKERS:
+                self._acks[str(sample.key_expr).rpartition("/")[2]] = ack
 
     def _send_blocks(self) -> None:
         publishers: dict[str, zenoh.Publisher] = {}

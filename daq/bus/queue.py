@@ -37,13 +37,13 @@ class BoundedQueue(Generic[T]):
         self._closed = False
         self._ready = threading.Condition(threading.Lock())
 
-    def put(self, item: T, source: str = "", count: int = 1) -> bool:
+    def put(self, item: T, source: str = "", count: int = 1, reserve: int = 0) -> bool:
         """Append `item`, which counts as `count`; False when it was dropped (full or closed). Never blocks.
 
-        With a `count` of 0 an item always fits.
+        `reserve` is room beyond the capacity for items that others must not displace.
         """
         with self._ready:
-            if self._closed or (self._items and count and self._held + count > self.capacity):
+            if self._closed or (self._items and self._held + count > self.capacity + reserve):
                 self._dropped[source] += count
                 return False
             self._items.append((item, count))

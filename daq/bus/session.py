@@ -1,6 +1,6 @@
 """Session and keys of the bus (Zenoh): a run's blocks are published live, and missed ones sent on request.
 
-Keys, below ``lacet/<rig>/<run>/``; the page ``docs/bus.md`` describes them:
+Keys, below ``lacet/<car>/<run>/``; the page ``docs/bus.md`` describes them:
 
 =================== ============================================================ ==========
 ``start``           `StartRecord`: full texts of rig, vehicle and driver files   on request
@@ -8,7 +8,7 @@ Keys, below ``lacet/<rig>/<run>/``; the page ``docs/bus.md`` describes them:
 ``ledger``          JSON, once a second: rates and losses so far
 ``manifest``        `Manifest`, at the end: count and checksum of every channel  on request
 ``ack/<worker>``    JSON, a worker has assembled the run
-``result/<worker>`` JSON, a worker's result
+``result/<worker>`` JSON, a worker's result                                      on request
 ``alive``           liveliness token of the recorder
 =================== ============================================================ ==========
 
@@ -28,48 +28,60 @@ from dataclasses import dataclass
 from typing import Any
 
 import zenoh
-from zenoh import ext
 
 from lacet.daq.errors import UsageError
 
 ROOT = "lacet"
 ROUTER = "tcp/127.0.0.1:7447"
 """Default endpoint of a recorder's embedded router: this machine only."""
-REPLY = 1 << 20
-"""Largest size of the blocks in one reply to a request [bytes]."""
+REPLY = 256 << 10
+"""Size of the blocks in one reply to a request [bytes]: what has come counts when a slow link is cut."""
 SEQUENCE = struct.Struct("<Q")
 """Attachment of a block: its number; of a reply: the number of the first block in it."""
 LENGTH = struct.Struct("<I")
 """Prefix of each block in a reply: its length [bytes], 0 for one that is not kept."""
 QUEUE = 64 << 20
 """Largest size of blocks waiting to be sent, or to be processed [bytes]."""
+LARGEST = 16 << 20
+"""Largest message received [bytes]: four times a block of everything that waits in a recorder's full queue."""
+NAME_BYTES = 80
+"""Longest name of a car or a run in a key [bytes], so that it can be a file's name."""
 
 
 def chunk(name: str) -> str:
-    """`name` as one chunk of a key: characters that Zenoh reserves or splits at become ``_``."""
-    return re.sub(r"[\s/*$#?]", "_", name) or "_"
+    """`name` as one chunk of a key: reserved characters become ``_``, and it is cut off at `NAME_BYTES`."""
+    safe = re.sub(r"[^\w.+-]", "_", name).lstrip(".") or "_"
+    return safe.encode()[:NAME_BYTES].decode(errors="ignore")
 
 
 @dataclass(frozen=True)
 class Keys:
     """The keys of one run; ``Keys("*", "*")`` matches every run."""
 
-    rig: str
+    car: str
     run: str
 
     def key(self, *parts: str) -> str:
-        """Key of a part of the run, ``lacet/<rig>/<run>/<parts>``."""
-        return "/".join((ROOT, self.rig, self.run, *parts))
+        """Key of a part of the run, ``lacet/<car>/<run>/<parts>``."""
+        return "/".join((ROOT, self.car, self.run, *parts))
 
 
 EVERY_RUN = Keys("*", "*")
+
+
+def split_key(key: str) -> tuple[Keys, str, str] | None:
+    """A run, the kind of a message and its name, from a key received; None when it is no key of a run."""
+    root, *parts = key.split("/")
+    if root != ROOT or len(parts) not in (3, 4) or any(part != chunk(part) for part in parts):
+        return None
+    return Keys(parts[0], parts[1]), parts[2], "".join(parts[3:])
 
 
 def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait: float = 5.0) -> zenoh.Session:
     """A Zenoh session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
 
     It uses no multicast and listens on the given addresses only (Zenoh's defaults do otherwise). A client that loses
-    its router reconnects by itself.
+    its router reconnects by itself. Messages above `LARGEST` are not let in.
 
     Parameters
     ----------
@@ -86,6 +98,11 @@ def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wa
         "connect/endpoints": list(connect),
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        # The filter counts exactly; this one, which does not, ends the collection of the pieces in memory.
+        "transport/link/rx/max_message_size": LARGEST,
+        "low_pass_filter": [
+            {"flows": ["ingress"], "messages": ["put", "query", "reply"], "key_exprs": ["**"], "size_limit": LARGEST}
+        ],
     }
     if not listen:
         settings["connect/timeout_ms"] = round(wait * 1000)
@@ -106,14 +123,3 @@ def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wa
 def short(error: Exception) -> str:
     """Message of a Zenoh error without its source location."""
     return str(error).split(" at /")[0]
-
-
-def state_publisher(session: zenoh.Session, key: str) -> Any:
-    """A publisher of a state, whose last value late or reconnected subscribers receive too."""
-    return ext.declare_advanced_publisher(
-        session,
-        key,
-        cache=ext.CacheConfig(1),
-        sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
-        publisher_detection=True,
-    )

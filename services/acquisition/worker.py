@@ -2,38 +2,47 @@
 
 from __future__ import annotations
 
-import heapq
 import json
-import os
+import queue
+import threading
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Event
 from typing import Any
 
-from lacet.daq.blocks import Block
 from lacet.daq.bus.listener import BusListener, Message
-from lacet.daq.bus.session import Keys
-from lacet.daq.bus.spool import Spool
+from lacet.daq.bus.session import Keys, chunk
 from lacet.daq.errors import LacetError
-from lacet.daq.formats.log import LogWriter, StopRecord
+from lacet.daq.formats.log import LogWriteError
 from lacet.daq.formats.result import plain
-from lacet.daq.formats.wire import (
-    Manifest,
-    StartRecord,
-    WireError,
-    block_from_bytes,
-    manifest_from_bytes,
-    start_from_bytes,
-)
-from lacet.daq.rig import Rig
+from lacet.daq.formats.wire import WireError, start_from_bytes
+from lacet.services.acquisition.assembly import Assembly, Phase
+from lacet.services.acquisition.run_state import RunState, free_log, read_states, write_text
 
-RESULT = "result.json"
+RESULT = ".result.json"
+"""End of the name of a run's result, in place of the log's ``.mcap``."""
+INCOMPLETE = ".incomplete.mcap"
+"""End of the name of a log that lacks blocks; the run's own name is kept for the whole one."""
 PATIENCE = 10.0
-"""Silence after which a recorder is asked for a sign of life, and a run without a manifest is closed [s]."""
+"""Silence of a reachable bus after which a recorder is asked for a sign of life [s]."""
 DEADLINE = 30.0
-"""Longest time to fetch missing blocks, from the manifest on [s]."""
+"""Longest time on a reachable bus without any of the blocks asked for [s]."""
+SIGN = 3.0
+"""Time for a sign of life, once asked for [s]."""
+ROOM = 5.0
+"""Time between attempts to write to a full disk [s]."""
+MOST_RUNS = 64
+"""Most runs in reception at once."""
+MOST_RUNS_OF_A_CAR = 8
+"""Most runs of one car in reception at once."""
+MOST_UNKNOWN = 256
+"""Most runs that were heard of, but whose start record has not come yet."""
+AGAIN = 2.0
+"""Time after which a start record, or an acknowledgement, is sent for again [s]."""
+TURN = 0.2
+"""Longest time for messages before the runs have their turn [s]."""
 
 OnRun = Callable[[Path], dict[str, Any]]
 """Processing of an assembled run: path of its log → entries of the result."""
@@ -45,7 +54,7 @@ class RunResult:
 
     Attributes
     ----------
-    path : the log; None when the start record was not received.
+    path : the log.
     complete : whether the log holds everything that the recorder published, checksums included.
     missing : channel → ranges (first, last) of missing block numbers.
     notes : plain sentences: what is missing and why.
@@ -53,19 +62,24 @@ class RunResult:
     """
 
     run_id: str
-    rig: str
-    path: Path | None
+    car: str
+    path: Path
     complete: bool
     missing: dict[str, list[tuple[int, int]]]
     notes: list[str]
     work: dict[str, Any]
 
+    @property
+    def keys(self) -> Keys:
+        """Keys of the run."""
+        return Keys(self.car, self.run_id)
+
     def payload(self) -> dict[str, Any]:
-        """Content of ``result.json``."""
+        """Content of the run's result file."""
         return {
             "run_id": self.run_id,
-            "rig": self.rig,
-            "log": None if self.path is None else self.path.name,
+            "car": self.car,
+            "log": self.path.name,
             "complete": self.complete,
             "missing": {name: [list(span) for span in spans] for name, spans in self.missing.items()},
             "notes": self.notes,
@@ -73,146 +87,18 @@ class RunResult:
         }
 
 
-class Assembly:
-    """One run in the course of reception over the bus.
-
-    Parameters
-    ----------
-    folder : folder of its blocks until the log is written.
-    deadline : longest time to fetch missing blocks, from the manifest on [s].
-
-    Attributes
-    ----------
-    last_heard : time of its last message [s, monotonic].
-    until : end of fetching [s, monotonic]; None before the manifest.
-    notes : faults, as plain sentences.
-    """
-
-    def __init__(self, keys: Keys, folder: Path, deadline: float = DEADLINE):
-        self.keys = keys
-        self._deadline = deadline
-        self.start: StartRecord | None = None
-        self.manifest: Manifest | None = None
-        self.last_heard = time.monotonic()
-        self.until: float | None = None
-        self.notes: list[str] = []
-        self._spool = Spool(folder)
-        self._fetched = 0
-
-    def take(self, message: Message) -> None:
-        """Process a message: a start record, a block or the manifest."""
-        self.last_heard = time.monotonic()
-        try:
-            if message.kind == "block":
-                self._spool.add(message.name, message.sequence, message.payload)
-            elif message.kind == "start" and self.start is None:
-                self.start = start_from_bytes(message.payload)
-            elif message.kind == "manifest":
-                self.take_manifest(message.payload)
-        except WireError as error:
-            self.note(f"a {message.kind} that cannot be read: {error}")
-
-    def take_manifest(self, payload: bytes) -> None:
-        """Process the manifest, the end of the run: missing blocks are fetched from now on, for `deadline` [s]."""
-        self.manifest = manifest_from_bytes(payload)
-        if self.until is None:
-            self.until = time.monotonic() + self._deadline
-
-    def note(self, text: str) -> None:
-        """Add a plain sentence, unless it is noted already."""
-        if text not in self.notes:
-            self.notes.append(text)
-
-    def missing(self) -> dict[str, list[tuple[int, int]]]:
-        """Channel → ranges (first, last) of missing block numbers, as far as is known."""
-        if self.manifest is not None:
-            ends = {name: tally.messages for name, tally in self.manifest.channels.items()}
-        else:
-            ends = {name: self._spool.end(name) for name in self._spool.names()}
-        gaps = {name: self._spool.gaps(name, end) for name, end in ends.items()}
-        return {name: spans for name, spans in gaps.items() if spans}
-
-    def fetch(self, listener: BusListener) -> None:
-        """Request missing blocks from the recorder once, and again those of channels with a wrong checksum."""
-        if self.start is None and (payload := listener.fetch(self.keys, "start")) is not None:
-            self.start = start_from_bytes(payload)
-        for channel, spans in self.missing().items():
-            for first, last in spans:
-                for sequence, message in listener.fetch_blocks(self.keys, channel, first, last):
-                    self._spool.add(channel, sequence, message)
-                    self._fetched += 1
-                    self.last_heard = time.monotonic()
-        for channel in self.wrong():
-            self.note(f"{channel}: the blocks that came were not those that were sent; all were asked for again")
-            self._spool.discard(channel)
-
-    def wrong(self) -> list[str]:
-        """Channels that have every block, but not the manifest's checksum."""
-        if self.manifest is None:
-            return []
-        incomplete = self.missing()
-        return [
-            name
-            for name, tally in self.manifest.channels.items()
-            if name not in incomplete and self._spool.checksum(name) != tally.checksum
-        ]
-
-    @property
-    def complete(self) -> bool:
-        """Whether everything published has been received."""
-        return self.start is not None and self.manifest is not None and not self.missing() and not self.wrong()
-
-    @property
-    def fetched(self) -> int:
-        """Number of blocks that had to be requested."""
-        return self._fetched
-
-    def write(self, path: Path) -> None:
-        """Write the run as a log of decoded blocks: a complete file or none."""
-        assert self.start is not None
-        draft = path.with_name(path.name + ".part")
-        axes = recorded_axes(self.start)
-        losses = self.manifest.losses if self.manifest is not None else {}
-        with LogWriter(draft, self.start, axes=axes, chunk_seconds=1.0, overwrite=True) as log:
-            end_ns = self.start.started_ns
-            streams = [self._blocks(name) for name in self._spool.names()]
-            for block in heapq.merge(*streams, key=lambda block: int(block.t_ns[0])):
-                log.write_block(block)
-                end_ns = max(end_ns, int(block.t_ns[-1]))
-            reason = "assembled from the bus" if self.complete else "assembled from the bus, not complete"
-            log.close(StopRecord(end_ns, reason, {}, losses))
-        os.replace(draft, path)
-
-    def _blocks(self, channel: str) -> Iterator[Block]:
-        for sequence, message in self._spool.messages(channel):
-            try:
-                yield block_from_bytes(message)[0]
-            except WireError as error:
-                self.note(f"{channel}, block {sequence}: {error}")
-
-    def close(self) -> None:
-        """Release the space of the run's blocks."""
-        self._spool.close()
-
-
-def recorded_axes(start: StartRecord) -> dict[str, str]:
-    """Channel → axes that the rig in a start record declares; empty when its text cannot be read."""
-    try:
-        rig = Rig.parse(start.rig_text, "rig of the run")
-    except LacetError:
-        return {}
-    return {channel: sensor.axes for sensor in rig.sensors for channel in sensor.channels}
-
-
 class Worker:
     """Worker that receives runs from the bus, assembles and processes each, and publishes the results.
 
+    Whatever a run sends, it cannot end the worker or touch the log of another; see `MOST_RUNS` for how many are taken.
+
     Parameters
     ----------
-    folder : folder of logs and results; may be empty.
+    folder : folder of logs and results; may be empty. Runs in it whose result is missing are processed first.
     name : this worker's name on the bus.
-    on_run : processing of an assembled run.
+    on_run : processing of an assembled run, in a thread of its own.
     patience, deadline : see `PATIENCE`, `DEADLINE` [s].
+    unreachable : time after which a run is closed though the bus cannot be reached [s].
     notify : called with plain sentences for the user.
     """
 
@@ -225,6 +111,7 @@ class Worker:
         *,
         patience: float = PATIENCE,
         deadline: float = DEADLINE,
+        unreachable: float = 3600.0,
         notify: Callable[[str], None] = print,
     ):
         self._listener = listener
@@ -233,102 +120,268 @@ class Worker:
         self._on_run = on_run
         self._patience = patience
         self._deadline = deadline
+        self._unreachable = unreachable
         self._notify = notify
         self._runs: dict[Keys, Assembly] = {}
-        self._done: set[Keys] = set()
+        self._unknown: dict[Keys, float] = {}
+        self._said: set[str] = set()
+        self._acknowledged: dict[Keys, float] = {}
+        self._away = 0.0
+        self._full_until = 0.0
+        self._jobs: queue.SimpleQueue[RunResult] = queue.SimpleQueue()
+        self._finished: queue.SimpleQueue[RunResult] = queue.SimpleQueue()
+        self._unwritten: list[RunResult] = []
         folder.mkdir(parents=True, exist_ok=True)
+        self._states = {state.keys: state for state in read_states(folder)}
 
     def run(self, stop: Event, once: bool = False) -> list[RunResult]:
         """Work until `stop` is set, or after one run when `once`."""
         results: list[RunResult] = []
-        while not stop.is_set():
-            message = self._listener.get(0.1)
-            if message is not None:
-                self._take(message)
-                continue  # waiting messages first
-            for assembly in [a for a in self._runs.values() if self._is_over(a)]:
-                results.append(self._close(assembly, stop))
-                if once:
-                    return results
+        threading.Thread(target=self._work, name="worker-fit", daemon=True).start()
+        for state in self._states.values():
+            if not state.worked:
+                self._notify(f"run {state.run}: it is here, its result is not: it is worked on now")
+                path = self._folder / state.log
+                self._jobs.put(RunResult(state.run, state.car, path, True, {}, list(state.notes), {}))
+        last = time.monotonic()
+        while not stop.is_set() and not (once and results):
+            until = time.monotonic() + TURN
+            while (message := self._listener.get(0.05)) is not None:
+                self._guarded(message.keys, self._take, message)
+                if message.kind == "answered" or time.monotonic() > until:
+                    break
+            now = time.monotonic()
+            # A worker that was stopped itself has heard nothing, which says nothing of the recorder.
+            passed, last = min(now - last, 2.0 * TURN), now
+            connected = self._listener.connected
+            self._away = 0.0 if connected else self._away + passed
+            for assembly in list(self._runs.values()):
+                self._guarded(assembly.keys, self._turn, assembly, passed if connected else 0.0)
+            results += self._written()
+        for assembly in [a for a in self._runs.values() if stop.is_set() and a.phase is not Phase.INCOMPLETE]:
+            if (closed := self._guarded(assembly.keys, self._incomplete, assembly, "the worker was ended")) is not None:
+                results.append(closed)
         return results
 
+    def _guarded(self, keys: Keys, do: Callable[..., Any], *args: Any) -> Any:
+        """The value of a call for one run; its faults, whatever they are, end the reception of that run only."""
+        try:
+            return do(*args)
+        except (OSError, LogWriteError) as error:
+            self._full(error)
+        except Exception as error:
+            self._notify(f"run {keys.run} of {keys.car}: given up ({type(error).__name__}: {str(error)[:200]})")
+            if (assembly := self._runs.pop(keys, None)) is not None:
+                assembly.close()
+        return None
+
+    def _full(self, error: OSError | LogWriteError) -> None:
+        """The disk takes nothing more: nothing is acknowledged, and it is tried again."""
+        self._full_until = time.monotonic() + ROOM
+        self._say(f"THE DISK CANNOT BE WRITTEN ({error}): runs wait at their recorders until it can")
+
+    def _say(self, text: str) -> None:
+        """Say something once."""
+        if text not in self._said and len(self._said) < 1000:
+            self._said.add(text)
+            self._notify(text)
+
+    # -- messages -----------------------------------------------------------------------------------------------------
+
     def _take(self, message: Message) -> None:
-        if message.keys in self._done or message.kind == "result":
+        keys = message.keys
+        if message.kind == "result":
             return
-        if message.kind == "gone" and message.keys not in self._runs:
+        if keys in self._states:
+            if message.kind != "gone":
+                self._acknowledge(self._states[keys])
             return
-        if message.keys not in self._runs:
-            self._runs[message.keys] = Assembly(message.keys, self._folder, self._deadline)
-            self._notify(f"run {message.keys.run}: listening")
-        self._runs[message.keys].take(message)
+        assembly = self._runs.get(keys)
+        if assembly is None:
+            self._take_unknown(message)
+            return
+        if assembly.phase is Phase.INCOMPLETE:
+            if not (message.kind == "start" and message.requested):
+                self._ask_start(message)
+                return
+            assembly.reopen()
+            self._notify(f"run {keys.run}: its recorder is heard again")
+            self._listener.ask(keys, "manifest")
+        if message.kind == "manifest" and not message.requested:
+            # Anyone may have sent it: the run's holder is asked, and its answer counts.
+            self._listener.ask(keys, "manifest")
+        elif message.kind == "alive":
+            self._listener.ask(keys, "manifest")
+        assembly.take(message)
 
-    def _is_over(self, assembly: Assembly) -> bool:
-        """Whether the run has ended: its manifest has come, or its recorder has gone without one."""
-        if assembly.manifest is not None:
-            return True
-        if time.monotonic() - assembly.last_heard < self._patience:
-            return False
-        payload = self._listener.fetch(assembly.keys, "manifest", timeout=1.0)
-        if payload is not None:
-            assembly.take_manifest(payload)
-            return True
-        if self._listener.fetch(assembly.keys, "start", timeout=1.0) is not None:
-            assembly.last_heard = time.monotonic()  # the recorder is alive and has nothing to send
-            return False
-        return True
+    def _take_unknown(self, message: Message) -> None:
+        """A run is opened by its start record, which its holder is asked for."""
+        if message.kind == "start" and message.requested:
+            self._open(message.keys, message.payload)
+        else:
+            self._ask_start(message)
 
-    def _close(self, assembly: Assembly, stop: Event) -> RunResult:
-        until = assembly.until or time.monotonic()
-        pause = 0.1
-        while not assembly.complete and not stop.is_set():
-            try:
-                assembly.fetch(self._listener)
-            except LacetError as error:
-                assembly.note(str(error))
-            if assembly.complete or time.monotonic() > until:
-                break
-            stop.wait(pause)
-            pause = min(2.0, 2.0 * pause)
-        result = self._assembled(assembly)
-        self._listener.acknowledge(
-            assembly.keys, self._name, {"run_id": result.run_id, "complete": result.complete, "notes": result.notes}
-        )
-        for note in result.notes:
-            self._notify(f"run {result.run_id}: {note}")
-        if result.path is not None:
-            self._notify(
-                f"run {result.run_id}: {'complete' if result.complete else 'NOT complete'}, "
-                f"{assembly.fetched} blocks fetched, written to {result.path}"
-            )
-            try:
-                result.work.update(self._on_run(result.path))
-            except LacetError as error:
-                result.work["error"] = str(error)
-                self._notify(f"run {result.run_id}: {error}")
-        text = json.dumps(plain(result.payload()), indent=1, ensure_ascii=False) + "\n"
-        self._listener.publish_result(assembly.keys, self._name, text)
-        (self._folder / RESULT).write_text(text, encoding="utf-8")
-        self._done.add(assembly.keys)
-        del self._runs[assembly.keys]
+    def _ask_start(self, message: Message) -> None:
+        """Ask for the start record of a run that is heard of, not too often."""
+        keys, now = message.keys, time.monotonic()
+        if message.kind in ("gone", "answered", "blocks") or now - self._unknown.get(keys, -AGAIN) < AGAIN:
+            return
+        self._unknown = {key: at for key, at in self._unknown.items() if now - at < AGAIN}
+        if len(self._unknown) < MOST_UNKNOWN:
+            self._unknown[keys] = now
+            if message.kind != "alive":  # the listener has asked
+                self._listener.ask(keys, "start")
+
+    def _open(self, keys: Keys, payload: bytes) -> None:
+        try:
+            start = start_from_bytes(payload)
+        except WireError as error:
+            self._say(f"run {keys.run} of {keys.car}: a start record that cannot be read: {error}")
+            return
+        if chunk(start.run_id) != keys.run:
+            self._say(f"run {keys.run} of {keys.car}: a start record of another run")
+            return
+        of_car = [run for run in self._runs.values() if run.keys.car == keys.car]
+        for runs, most in ((of_car, MOST_RUNS_OF_A_CAR), (list(self._runs.values()), MOST_RUNS)):
+            closed = [run for run in runs if run.phase is Phase.INCOMPLETE]
+            if len(runs) >= most and not closed:
+                self._say(f"car {keys.car}: a further run was not taken, {most} are open")
+                return
+            if len(runs) >= most:
+                self._runs.pop(closed[0].keys, closed[0]).close()
+        self._runs[keys] = Assembly(keys, start, self._folder)
+        self._unknown.pop(keys, None)
+        self._notify(f"run {keys.run}: listening")
+        self._listener.ask(keys, "manifest")
+
+    def _acknowledge(self, state: RunState) -> None:
+        """Acknowledge a run that is here, again when it is still offered."""
+        now = time.monotonic()
+        if now - self._acknowledged.get(state.keys, -AGAIN) >= AGAIN:
+            self._acknowledged[state.keys] = now
+            what = {"run_id": state.run, "complete": True, "notes": list(state.notes), "digest": state.digest}
+            self._listener.acknowledge(state.keys, self._name, what)
+
+    # -- runs ---------------------------------------------------------------------------------------------------------
+
+    def _turn(self, assembly: Assembly, passed: float) -> None:
+        """What is to be done for a run now, `passed` seconds after the last time on a reachable bus."""
+        if assembly.phase is Phase.INCOMPLETE:
+            return
+        if self._away > self._unreachable:
+            self._incomplete(assembly, "its router could not be reached any more", work=True)
+            return
+        before, assembly.silent = assembly.silent, assembly.silent + passed
+        if assembly.no_room:
+            assembly.no_room, assembly.silent = False, 0.0
+            self._full(OSError("no room for blocks"))
+        if time.monotonic() < self._full_until:
+            assembly.silent = 0.0
+            return
+        if assembly.phase is Phase.RECORDING:
+            if before < self._patience <= assembly.silent:
+                self._listener.ask(assembly.keys, "start")
+                self._listener.ask(assembly.keys, "manifest")
+            if assembly.silent > self._patience + SIGN:
+                self._incomplete(assembly, "its recorder is gone, without a manifest", work=True)
+            return
+        assembly.pause -= passed
+        if assembly.pause <= 0.0 and not assembly.waits():
+            self._fetch(assembly)
+
+    def _fetch(self, assembly: Assembly) -> None:
+        """Request the next missing blocks; without any, the run is whole."""
+        wanted = assembly.request()
+        if wanted is None:
+            digest = assembly.digest()
+            if digest is not None:
+                self._complete(assembly, digest)
+        elif assembly.silent > self._deadline:
+            self._incomplete(assembly, "what is missing is not kept any more", work=True)
+        else:
+            assembly.asked, assembly.asked_at = wanted[:2], time.monotonic()
+            assembly.pause = min(2.0, assembly.silent / 2.0)
+            self._listener.ask_blocks(assembly.keys, *wanted)
+
+    def _complete(self, assembly: Assembly, digest: str) -> None:
+        path = free_log(self._folder, assembly.keys.run)
+        assembly.write(path, complete=True)
+        keys = assembly.keys
+        state = RunState(keys.car, keys.run, path.name, digest, tuple(assembly.notes))
+        state.save(self._folder)
+        path.with_name(keys.run + INCOMPLETE).unlink(missing_ok=True)
+        del self._runs[keys]
+        self._states[keys] = state
+        self._acknowledge(state)
         assembly.close()
-        return result
+        for note in assembly.notes:
+            self._notify(f"run {keys.run}: {note}")
+        self._notify(f"run {keys.run}: complete, {assembly.fetched} blocks fetched, written to {path}")
+        self._jobs.put(RunResult(keys.run, keys.car, path, True, {}, list(assembly.notes), {}))
 
-    def _assembled(self, assembly: Assembly) -> RunResult:
-        complete, missing = assembly.complete, assembly.missing()
-        notes = list(assembly.notes)
+    def _incomplete(self, assembly: Assembly, why: str, work: bool = False) -> RunResult:
+        """Close a run without all of it, for now: it is reopened when its recorder is heard again."""
+        missing, keys = assembly.missing(), assembly.keys
+        path = self._folder / f"{keys.run}{INCOMPLETE}"
+        assembly.write(path, complete=False)
+        assembly.phase = Phase.INCOMPLETE
+        notes = [*assembly.notes, why]
         if assembly.manifest is None:
-            notes.append("the recorder went away without a manifest: what it recorded after the last block is not here")
+            notes.append("without a manifest: what was recorded after the last block is not here")
         notes += [
             f"{name}: missing blocks {', '.join(f'{a}' if a == b else f'{a} to {b}' for a, b in spans)}"
             for name, spans in missing.items()
         ]
-        notes += [f"{name}: the checksum is wrong" for name in assembly.wrong()]
-        start, path = assembly.start, None
-        if start is None:
-            notes.append("the start record was not to be had: nothing can be written")
-        else:
-            path = self._folder / f"{assembly.keys.run}.mcap"
-            assembly.write(path)
-            notes += [note for note in assembly.notes if note not in notes]
-        run_id = start.run_id if start is not None else assembly.keys.run
-        return RunResult(run_id, assembly.keys.rig, path, complete, missing, notes, {})
+        for note in notes:
+            self._notify(f"run {keys.run}: {note}")
+        self._notify(
+            f"run {keys.run}: NOT complete, {assembly.fetched} blocks fetched, written to {path}; it goes on when its "
+            "recorder is heard again, or with `lacet publish` of its log"
+        )
+        result = RunResult(keys.run, keys.car, path, False, missing, notes, {})
+        if work:
+            self._jobs.put(result)
+        return result
+
+    # -- results ------------------------------------------------------------------------------------------------------
+
+    def _work(self) -> None:
+        """The thread that processes runs, one after the other."""
+        while True:
+            result = self._jobs.get()
+            try:
+                work = self._on_run(result.path)
+            except LacetError as error:
+                work = {"error": str(error)}
+            except Exception as error:
+                work = {"error": f"{type(error).__name__}: {error}"}
+            self._finished.put(replace(result, work=work))
+
+    def _written(self) -> list[RunResult]:
+        """Results that were finished and are written and published now."""
+        while not self._finished.empty():
+            self._unwritten.append(self._finished.get())
+        out: list[RunResult] = []
+        if time.monotonic() < self._full_until:
+            return out
+        for result in list(self._unwritten):
+            text = json.dumps(plain(result.payload()), indent=1, ensure_ascii=False) + "\n"
+            state = self._states.get(result.keys)
+            if not result.complete and state is not None:  # the whole run has come in the meantime
+                self._unwritten.remove(result)
+                continue
+            stem = state.log.removesuffix(".mcap") if state is not None else result.run_id
+            try:
+                write_text(self._folder / f"{stem}{RESULT}", text)
+                if state is not None:
+                    self._states[result.keys] = state.done()
+                    self._states[result.keys].save(self._folder)
+            except OSError as error:
+                self._full(error)
+                break
+            if "error" in result.work:
+                self._notify(f"run {result.run_id}: {result.work['error']}")
+            self._listener.publish_result(result.keys, self._name, text)
+            self._unwritten.remove(result)
+            out.append(result)
+        return out

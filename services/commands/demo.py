@@ -175,11 +175,11 @@ def _wait(name: str, process: subprocess.Popen[bytes], limit: float = 120.0) -> 
 
 
 def _report_of_worker(out: Path) -> None:
-    file = out / "worker" / "result.json"
-    if not file.is_file():
+    results = sorted((out / "worker").glob("*.result.json"), key=lambda file: file.stat().st_mtime)
+    if not results:
         print(f"   The worker gave no result: see {out / 'worker.txt'}")
         return
-    result = json.loads(file.read_text(encoding="utf-8"))
+    result = json.loads(results[-1].read_text(encoding="utf-8"))
     result = result["result"]
     if "error" in result:
         print(f"   The worker could not fit this run: {result['error']}")

@@ -19,7 +19,7 @@ from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
-from lacet.services.acquisition.worker import DEADLINE, PATIENCE, RESULT, Worker
+from lacet.services.acquisition.worker import DEADLINE, INCOMPLETE, PATIENCE, RESULT, Worker
 
 HELP = "assemble runs from the bus and identify the car from them"
 DESCRIPTION = f"""\
@@ -31,7 +31,7 @@ the run as a local log, acknowledges it, fits the base model and writes and publ
   lacet worker --connect tcp/10.0.0.7:7447 --out runs
   lacet worker --once                              end after one run; exit code 3 when the run is not complete
 
-Files: RUN.mcap for each run (decoded channels), {RESULT} for the last."""
+Files: RUN.mcap (decoded channels) and RUN{RESULT} for each run; RUN{INCOMPLETE} for one that lacks blocks."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -46,21 +46,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         type=float,
         default=PATIENCE,
-        help=f"silence after which a run whose recorder is gone is closed (default {PATIENCE:g} s)",
+        help=f"silence after which a run whose recorder is gone is closed for now (default {PATIENCE:g} s)",
     )
     parser.add_argument(
         "--deadline",
         metavar="S",
         type=float,
         default=DEADLINE,
-        help=f"how long to go on asking for missing blocks after the run (default {DEADLINE:g} s)",
+        help=f"how long to go on asking for missing blocks when none come (default {DEADLINE:g} s)",
     )
     parser.add_argument(
         "--wait",
         metavar="S",
         type=float,
         default=3600.0,
-        help="how long to wait for the router to be there at first (default one hour)",
+        help="how long to wait for the router, at first or when it is gone (default one hour)",
     )
 
 
@@ -81,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
             (lambda path: {}) if args.no_fit else fit,
             patience=args.patience,
             deadline=args.deadline,
+            unreachable=args.wait,
             notify=lambda text: print(text, file=sys.stderr, flush=True),
         )
         results = worker.run(stop, args.once)

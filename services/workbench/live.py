@@ -49,7 +49,7 @@ class Live:
         self.endpoint, self._events = endpoint, events
         self._stop, self._lock = threading.Event(), threading.Lock()
         self._connected, self._why = False, ""
-        self._run, self._rig, self._about = "", "", dict[str, Any]()
+        self._run, self._car, self._about = "", "", dict[str, Any]()
         self._recording, self._last = False, 0.0
         self._heard: dict[str, _Heard] = {}
         self._ledger: dict[str, Any] = {}
@@ -72,7 +72,7 @@ class Live:
             return plain(
                 {
                     "connected": self._connected, "endpoint": self.endpoint, "why": self._why,
-                    "run": self._run or None, "rig": self._rig or None, "recording": recording, **self._about,
+                    "run": self._run or None, "rig": self._car or None, "recording": recording, **self._about,
                     "channels": [self._channel(name, heard, now) for name, heard in sorted(self._heard.items())],
                     "losses": self._ledger.get("losses", {}), "down": self._ledger.get("down", []),
                     "seconds": self._ledger.get("seconds"),
@@ -128,7 +128,7 @@ class Live:
         if message.keys.run != self._run:
             if message.kind not in ("start", "alive", "block"):
                 return
-            self._run, self._rig = message.keys.run, message.keys.rig
+            self._run, self._car = message.keys.run, message.keys.car
             self._heard, self._ledger, self._about = {}, {}, {}
         self._last = time.monotonic()
         try:

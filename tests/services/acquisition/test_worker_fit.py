@@ -56,7 +56,7 @@ def test_a_worker_in_an_empty_folder_gets_the_same_fit_though_5_percent_of_the_l
         assert worker.wait(90) == 0, worker.text()
         said = worker.text()
     assert int(said.split("complete, ")[1].split(" blocks fetched")[0]) > 0  # otherwise nothing was dropped
-    remote = json.loads((empty / "result.json").read_text(encoding="utf-8"))
+    remote = json.loads(next(empty.glob("*.result.json")).read_text(encoding="utf-8"))
     assert remote["complete"]
     assert main(["identify", str(tmp_path / "log.mcap"), "--json", str(tmp_path / "local.json")]) == 0
     local = json.loads((tmp_path / "local.json").read_text(encoding="utf-8"))
