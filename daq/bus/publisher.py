@@ -136,9 +136,8 @@ class RunPublisher:
     def _on_ack(self, sample: zenoh.Sample) -> None:
         if self.manifest is None or len(sample.payload) > MOST_ACK:
             return
-        with contextlib.suppress(
-            ValueError, RecursionError
-        ):  # no acknowledgement: whoever sent it does not have the run
+        # What is none is not answered: whoever sent it does not have the run.
+        with contextlib.suppress(ValueError, RecursionError):
             ack = json.loads(sample.payload.to_bytes())
             if not isinstance(ack, dict) or ack.get("complete") is not True:
                 return

@@ -119,7 +119,7 @@ class Spool:
             return self._ends.get(name, 0)
 
     def gaps(self, name: str, end: int, begin: int = 0) -> list[tuple[int, int]]:
-        """(first, last) of the first `MOST_GAPS` stretches of numbers from `begin` to below `end` that are not stored."""
+        """The first `MOST_GAPS` stretches (first, last) of numbers from `begin` to below `end` that are not stored."""
         out: list[tuple[int, int]] = []
         known = max(begin, min(end, self.end(name)))
         for at in range(begin, known, 1 << 16):
