@@ -23,9 +23,10 @@ class Flag(IntFlag):
     RANGE = 16  # at the end of the sensor's range (saturated)
     MISSING = 32  # no value (NaN in an exchange table)
     CLOCK = 64  # the time stamp jumped or went back
+    STUCK = 128  # the value stands still in a moving car (found when a run is read)
 
 
-UNUSABLE = Flag.CHECKSUM | Flag.STATUS | Flag.INCOMPLETE | Flag.RANGE | Flag.MISSING | Flag.CLOCK
+UNUSABLE = Flag.CHECKSUM | Flag.STATUS | Flag.INCOMPLETE | Flag.RANGE | Flag.MISSING | Flag.CLOCK | Flag.STUCK
 """Flags of samples that the identification leaves out."""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.wire import StartRecord
 from lacet.daq.rig import Rig
 from lacet.daq.run import BRAKES, Run, Signal
+from lacet.daq.stuck import STUCK_SECONDS, stuck_samples
 
 
 def read_run(path: Path) -> Run:
@@ -60,9 +62,14 @@ def build_run(name: str, start: StartRecord, blocks: Mapping[str, Block], damage
         channel: _signal(block, stamps[channel], start_ns, remedies.get(channel, ""), problems)
         for channel, block in kept.items()
     }
+    signals = {channel: signal for channel, signal in signals.items() if len(signal.t)}
+    stuck = {channel: stuck_samples(signals, channel) for channel in signals}
+    for channel, samples in stuck.items():
+        if samples.any():
+            signals[channel] = _without_stuck(channel, signals[channel], samples, problems)
     return Run(
         name=name,
-        signals={channel: signal for channel, signal in signals.items() if len(signal.t)},
+        signals=signals,
         vehicle=start.vehicle,
         manoeuvre=start.manoeuvre,
         rig=rig.name if rig else "",
@@ -134,6 +141,20 @@ def _doubtful(block: Block, count: int, cause: str) -> str:
         f"{block.channel}: {count} samples are left out: for {LEVEL_NS / 1e9:.0f} s and more every one of them arrived "
         f"over {MISFIT_NS / 1e6:.0f} ms after its stamp, so {cause}"
     )
+
+
+def _without_stuck(channel: str, signal: Signal, stuck: np.ndarray, problems: list[str]) -> Signal:
+    """The signal with the samples flagged at which it stands still in a moving car."""
+    t = signal.t[stuck]
+    begins = np.flatnonzero(np.diff(t, prepend=-np.inf) > STUCK_SECONDS)
+    ends = np.append(begins[1:], len(t)) - 1
+    where = ", ".join(f"{t[a]:.1f} to {t[b]:.1f} s" for a, b in zip(begins[:3], ends[:3], strict=True))
+    more = f" and {len(begins) - 3} times more" if len(begins) > 3 else ""
+    problems.append(
+        f"{channel}: its value stands still in the moving car ({where}{more}), so those samples are left out; "
+        "check the sensor"
+    )
+    return replace(signal, flags=signal.flags | np.where(stuck, np.uint8(Flag.STUCK), np.uint8(0)))
 
 
 def _signal(block: Block, t_ns: np.ndarray, start_ns: int, remedy: str, problems: list[str]) -> Signal:
