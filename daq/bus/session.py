@@ -29,11 +29,15 @@ from typing import Any
 
 import zenoh
 
+from lacet.daq.bus.credentials import Credentials, check_endpoint
 from lacet.daq.errors import UsageError
 
 ROOT = "lacet"
-ROUTER = "tcp/127.0.0.1:7447"
+PORT = 7447
+ROUTER = f"tcp/127.0.0.1:{PORT}"
 """Default endpoint of a recorder's embedded router: this machine only."""
+SEALED_ROUTER = f"tls/127.0.0.1:{PORT}"
+"""The same with keys."""
 REPLY = 256 << 10
 """Size of the blocks in one reply to a request [bytes]: what has come counts when a slow link is cut."""
 SEQUENCE = struct.Struct("<Q")
@@ -77,32 +81,47 @@ def split_key(key: str) -> tuple[Keys, str, str] | None:
     return Keys(parts[0], parts[1]), parts[2], "".join(parts[3:])
 
 
-def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wait: float = 5.0) -> zenoh.Session:
+def common_settings() -> dict[str, Any]:
+    """Zenoh's settings of every session and router: nothing is looked for, and no message above `LARGEST` comes in."""
+    limit = {"flows": ["ingress"], "messages": ["put", "query", "reply"], "key_exprs": ["**"], "size_limit": LARGEST}
+    return {
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        # The filter counts exactly; this one, which does not, ends the collection of the pieces in memory.
+        "transport/link/rx/max_message_size": LARGEST,
+        "low_pass_filter": [limit],
+    }
+
+
+def open_session(
+    listen: tuple[str, ...] = (),
+    connect: tuple[str, ...] = (),
+    wait: float = 5.0,
+    credentials: Credentials | None = None,
+) -> zenoh.Session:
     """A Zenoh session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
 
     It uses no multicast and listens on the given addresses only (Zenoh's defaults do otherwise). A client that loses
-    its router reconnects by itself. Messages above `LARGEST` are not let in.
+    its router reconnects by itself. Without credentials it stays on this machine.
 
     Parameters
     ----------
     wait : longest time for a client's first connection to the router [s].
+    credentials : keys for mutual TLS and access control.
 
     Raises
     ------
-    UsageError : an endpoint is malformed, in use, or does not answer.
+    UsageError : an endpoint is malformed, in use, beyond this machine without credentials, or does not answer.
     """
+    for endpoint in (*listen, *connect):
+        check_endpoint(endpoint, credentials)
     config = zenoh.Config()
     settings: dict[str, Any] = {
         "mode": "router" if listen else "client",
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        # The filter counts exactly; this one, which does not, ends the collection of the pieces in memory.
-        "transport/link/rx/max_message_size": LARGEST,
-        "low_pass_filter": [
-            {"flows": ["ingress"], "messages": ["put", "query", "reply"], "key_exprs": ["**"], "size_limit": LARGEST}
-        ],
+        **common_settings(),
+        **(credentials.settings() if credentials is not None else {}),
     }
     if not listen:
         settings["connect/timeout_ms"] = round(wait * 1000)
@@ -111,13 +130,21 @@ def open_session(listen: tuple[str, ...] = (), connect: tuple[str, ...] = (), wa
             config.insert_json5(key, json.dumps(value))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        what = "cannot listen on" if listen else "cannot reach a router at"
-        remedy = (
-            "another recorder may be running; give another address with --listen tcp/127.0.0.1:PORT"
-            if listen
-            else "start the recorder or the router first, or give its address with --connect tcp/HOST:PORT"
-        )
-        raise UsageError(f"{what} {', '.join(listen or connect)}: {remedy} (Zenoh: {short(error)})") from None
+        raise UsageError(_why_not(listen, connect, credentials, error)) from None
+
+
+def _why_not(
+    listen: tuple[str, ...], connect: tuple[str, ...], credentials: Credentials | None, error: Exception
+) -> str:
+    place = ", ".join(listen or connect)
+    if listen:
+        what = f"cannot listen on {place}: another recorder may be running; give another address with --listen"
+    else:
+        what = f"cannot reach a router at {place}: start the recorder or the router first, or give its address with "
+        what += "--connect"
+        if credentials is not None:
+            what += f"; its keys and those of '{credentials.name}' have to be of one authority, and valid"
+    return f"{what} (Zenoh: {short(error)})"
 
 
 def short(error: Exception) -> str:

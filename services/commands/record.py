@@ -13,6 +13,8 @@ from pathlib import Path
 from threading import Event
 from typing import Any
 
+from lacet.daq.bus.certificates import Role
+from lacet.daq.bus.credentials import Credentials, check_endpoint
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.bus.spool import Spool
@@ -34,6 +36,7 @@ from lacet.services.acquisition.transports.endpoints import (
     read_endpoints,
     ready_file,
 )
+from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 from lacet.services.commands.progress import Line
 
 HELP = "record an instrumented car: log, decode, publish"
@@ -47,8 +50,8 @@ the run, 30 s at most. A dead link is reported and opened again; a full disk is 
   lacet record ... --manoeuvre slalom --brakes off --duration 60
   lacet record ... --endpoints wires.json --until-idle 2   what `lacet replay --endpoints wires.json` sends
   lacet record ... --from can0=socketcan:can1              a bus that is somewhere else today
-  lacet record ... --listen tcp/10.0.0.7:7447              workers on other machines
-  lacet record ... --connect tcp/10.0.0.9:7447             through a router elsewhere
+  lacet record ... --listen tls/0.0.0.0:7447 --keys keys/peugeot     workers on other machines (lacet keys)
+  lacet record ... --connect tls/10.0.0.9:7447 --keys keys/peugeot   through a router elsewhere
 
 Exit code: 0, or 3 when frames were lost; what was lost where is printed and in the log."""
 
@@ -76,9 +79,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--duration", metavar="S", type=float, help="stop after S seconds")
     parser.add_argument("--until-idle", metavar="S", type=float, help="stop when nothing has come for S seconds")
     place = parser.add_mutually_exclusive_group()
-    place.add_argument("--listen", metavar="ENDPOINT", default=ROUTER, help=f"be the router at (default {ROUTER})")
+    place.add_argument("--listen", metavar="ENDPOINT", help=f"be the router at (default {ROUTER})")
     place.add_argument("--connect", metavar="ENDPOINT", help="use the router at ENDPOINT")
     place.add_argument("--no-bus", action="store_true", help="log only")
+    add_keys(parser, Role.CAR)
     parser.add_argument(
         "--ack-wait", metavar="S", type=float, default=30.0, help="how long to wait for a worker at the end (30 s)"
     )
@@ -91,6 +95,8 @@ def run(args: argparse.Namespace) -> int:
     """Record. Returns 0, or 3 when anything was lost."""
     rig = Rig.load(args.rig)
     vehicle = Vehicle.load(args.vehicle)
+    credentials = credentials_of(args, Role.CAR)
+    check_endpoint(args.connect or args.listen or router_of(credentials), credentials)
     own = own_drivers(rig, args.trust)
     decoder = Decoder(rig, own=own.classes)
     receivers = _receivers(args, rig)
@@ -121,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with Line(period=0.5) as line, contextlib.ExitStack() as stack:
         log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
-        publisher = _publisher(args, rig, start, line, stack)
+        publisher = _publisher(args, credentials, rig, start, line, stack)
         recorder = Recorder(
             receivers,
             decoder,
@@ -182,20 +188,28 @@ def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
 
 
 def _publisher(
-    args: argparse.Namespace, rig: Rig, start: StartRecord, line: Line, stack: contextlib.ExitStack
+    args: argparse.Namespace,
+    credentials: Credentials | None,
+    rig: Rig,
+    start: StartRecord,
+    line: Line,
+    stack: contextlib.ExitStack,
 ) -> RunPublisher | None:
     """The publisher on the bus; None where it is not wanted or unavailable, which does not prevent recording."""
     if args.no_bus:
         return None
     try:
-        session = open_session(connect=(args.connect,)) if args.connect else open_session(listen=(args.listen,))
+        listen = () if args.connect else (args.listen or router_of(credentials),)
+        session = open_session(listen, (args.connect,) if args.connect else (), credentials=credentials)
     except LacetError as error:
         line.notify(f"RECORDING WITHOUT THE BUS: {error}")
         return None
     stack.callback(session.close)
     spool = Spool(args.out.absolute().parent)
     stack.callback(spool.close)
-    publisher = RunPublisher(session, rig.name, start, spool, args.drop_live, line.notify)
+    publisher = RunPublisher(
+        session, rig.name if credentials is None else credentials.name, start, spool, args.drop_live, line.notify
+    )
     stack.callback(publisher.close)
     return publisher
 

@@ -6,9 +6,12 @@ import argparse
 import importlib
 from pathlib import Path
 
+from lacet.daq.bus.certificates import Role
+from lacet.daq.bus.credentials import check_endpoint
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, write_result
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS, LEAST_DRAWS
+from lacet.services.commands.bus_options import add_keys, credentials_of
 
 HELP = "the workbench: a local page to look, compare, add effects, and watch the error fall"
 DESCRIPTION = """\
@@ -20,7 +23,7 @@ with the other commands at any time.
   lacet ui                                  a new study in ./study, or the one that is there
   lacet ui DIR                              the study in DIR; a new one when there is none
   lacet ui DIR --open                       and open the browser
-  lacet ui DIR --connect tcp/10.0.0.7:7447  show the car live while it is recorded (lacet record --listen)
+  lacet ui DIR --connect tls/10.0.0.7:7447 --keys keys/lab   show the car live while it is recorded (lacet keys)
   lacet ui DIR --host 0.0.0.0               for other machines: the address printed holds a token they need
 
 It listens on loopback only by default, and loads nothing from elsewhere. Ctrl-C ends it.
@@ -37,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--open", action="store_true", help="open the browser")
     parser.add_argument("--connect", metavar="ENDPOINT", help="the recorder's router, to show the car live")
+    add_keys(parser, Role.WORKER)
     parser.add_argument(
         "--most-upload", metavar="GB", type=float, default=4.0, help="largest file taken from the page (default 4 GB)"
     )
@@ -58,8 +62,11 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--draws {args.draws}: at least {LEAST_DRAWS} are needed to show p = 0.05")
     if args.study.exists() and not args.study.is_dir():
         raise UsageError(f"{args.study} is a file: name a folder")
+    credentials = credentials_of(args, Role.WORKER)
+    if args.connect:
+        check_endpoint(args.connect, credentials)
     # Imported here, so that the other commands start without it.
     server = importlib.import_module("lacet.services.workbench.server")
-    server.serve(server.settings_of(args), args.open)
+    server.serve(server.settings_of(args, credentials), args.open)
     write_result(args.json, "ui", {"folder": args.study})
     return DONE

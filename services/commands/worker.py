@@ -15,11 +15,14 @@ from typing import Any
 
 import zenoh
 
+from lacet.daq.bus.certificates import Role
+from lacet.daq.bus.credentials import Credentials, check_endpoint
 from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.session import ROUTER, open_session
 from lacet.daq.errors import UsageError
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.services.acquisition.worker import DEADLINE, INCOMPLETE, PATIENCE, RESULT, Worker
+from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
 
 HELP = "assemble runs from the bus and identify the car from them"
 DESCRIPTION = f"""\
@@ -28,7 +31,7 @@ driver files come with the run. At its end the worker checks that it has every b
 the run as a local log, acknowledges it, fits the base model and writes and publishes the result.
 
   lacet worker                                     the recorder on this machine, runs go to the current folder
-  lacet worker --connect tcp/10.0.0.7:7447 --out runs
+  lacet worker --connect tls/10.0.0.7:7447 --keys keys/lab --out runs     in the car: lacet record --listen (lacet keys)
   lacet worker --once                              end after one run; exit code 3 when the run is not complete
 
 Files: RUN.mcap (decoded channels) and RUN{RESULT} for each run; RUN{INCOMPLETE} for one that lacks blocks."""
@@ -36,11 +39,12 @@ Files: RUN.mcap (decoded channels) and RUN{RESULT} for each run; RUN{INCOMPLETE}
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("--connect", metavar="ENDPOINT", default=ROUTER, help=f"the router (default {ROUTER})")
+    parser.add_argument("--connect", metavar="ENDPOINT", help=f"the router (default {ROUTER})")
     parser.add_argument("--out", metavar="DIR", type=Path, default=Path(), help="where files go (default: here)")
     parser.add_argument("--once", action="store_true", help="end after one run")
     parser.add_argument("--no-fit", action="store_true", help="assemble runs only, identify nothing")
-    parser.add_argument("--name", default=f"{socket.gethostname()}-{os.getpid()}", help="this worker's name on the bus")
+    parser.add_argument("--name", help="this worker's name on the bus (default: host and process; with --keys, theirs)")
+    add_keys(parser, Role.WORKER)
     parser.add_argument(
         "--patience",
         metavar="S",
@@ -66,10 +70,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Work. Returns 0 when every run was complete, 3 when one was not or could not be processed."""
+    credentials = credentials_of(args, Role.WORKER)
+    router = args.connect or router_of(credentials)
+    check_endpoint(router, credentials)
+    name = args.name or f"{socket.gethostname()}-{os.getpid()}"
+    if credentials is not None:
+        if args.name not in (None, credentials.name):
+            raise UsageError(f"--name {args.name}: with --keys it is that of the certificate, {credentials.name}")
+        name = credentials.name
     stop = Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    session = _connect(args.connect, args.wait, stop)
+    session = _connect(router, args.wait, stop, credentials)
     if session is None:
         return WITH_LOSSES
     try:
@@ -77,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
         worker = Worker(
             listener,
             args.out,
-            args.name,
+            name,
             (lambda path: {}) if args.no_fit else fit,
             patience=args.patience,
             deadline=args.deadline,
@@ -93,13 +105,13 @@ def run(args: argparse.Namespace) -> int:
     return DONE if good and (results or not args.once) else WITH_LOSSES
 
 
-def _connect(router: str, wait: float, stop: Event) -> zenoh.Session | None:
+def _connect(router: str, wait: float, stop: Event, credentials: Credentials | None) -> zenoh.Session | None:
     """The bus session, opened as soon as the router answers; None when stopped before."""
     until = time.monotonic() + wait
     warned = False
     while not stop.is_set():
         try:
-            return open_session(connect=(router,), wait=1.0)  # not longer: signals are not handled meanwhile
+            return open_session((), (router,), 1.0, credentials)  # not longer: signals are not handled meanwhile
         except UsageError:
             if time.monotonic() > until:
                 raise

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lacet.daq.bus.credentials import Credentials
 from lacet.daq.bus.listener import BusListener, Message
 from lacet.daq.bus.session import open_session
 from lacet.daq.channels import CHANNELS
@@ -43,9 +44,10 @@ class _Heard:
 
 
 class Live:
-    """Listener to a router, if given, in a thread of its own; `endpoint` like ``tcp/10.0.0.7:7447``."""
+    """Listener to a router, if given, in a thread of its own; `endpoint` like ``tls/10.0.0.7:7447``."""
 
-    def __init__(self, endpoint: str | None, events: Events):
+    def __init__(self, endpoint: str | None, events: Events, credentials: Credentials | None = None):
+        self._credentials = credentials
         self.endpoint, self._events = endpoint, events
         self._stop, self._lock = threading.Event(), threading.Lock()
         self._connected, self._why = False, ""
@@ -95,7 +97,7 @@ class Live:
         assert self.endpoint is not None
         while not self._stop.is_set():
             try:
-                session = open_session(connect=(self.endpoint,), wait=1.0)
+                session = open_session((), (self.endpoint,), 1.0, self._credentials)
             except UsageError as error:
                 with self._lock:
                     self._connected, self._why = False, str(error)

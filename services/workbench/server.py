@@ -20,6 +20,7 @@ from fastapi.responses import JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.staticfiles import StaticFiles
 
+from lacet.daq.bus.credentials import Credentials
 from lacet.daq.errors import LacetError, UsageError
 from lacet.identify.validation.noise_floor import DEFAULT_DRAWS
 from lacet.services.workbench.access_guard import Guard, new_token
@@ -43,7 +44,8 @@ class Settings:
 
     `folder` : the study's, existing or not; `host`, `port` : address, port 0 for any that is free; `hosts` : further
     names of the server; `token` : required where it listens elsewhere than on loopback; `most_upload` [bytes];
-    `connect` : router of the live recording; `draws` : noise-floor simulations of a new study.
+    `connect` : router of the live recording; `draws` : noise-floor simulations of a new study; `credentials` : keys
+    for that router.
     """
 
     folder: Path
@@ -54,6 +56,7 @@ class Settings:
     most_upload: int = MOST
     connect: str | None = None
     draws: int = DEFAULT_DRAWS
+    credentials: Credentials | None = None
 
 
 def is_loopback(host: str) -> bool:
@@ -74,7 +77,7 @@ def create_app(settings: Settings) -> FastAPI:
         jobs = Jobs(Tasks(cache, files, settings.draws).by_name(), events)
         for capture in undecoded(cache):  # decoding was interrupted with an earlier server
             jobs.submit("decode", {"file": capture.name})
-        live, watch = Live(settings.connect, events), Watch(settings.folder, events)
+        live, watch = Live(settings.connect, events, settings.credentials), Watch(settings.folder, events)
         app.state.bench = Bench(cache, jobs, events, files, channels, live, settings.most_upload)
         try:
             yield
@@ -190,9 +193,17 @@ def _listening(settings: Settings) -> socket.socket:
     return own
 
 
-def settings_of(args: Any) -> Settings:
+def settings_of(args: Any, credentials: Credentials | None = None) -> Settings:
     """The settings of the command line's arguments."""
     token = None if is_loopback(args.host) else new_token()
     return Settings(
-        args.study, args.host, args.port, tuple(args.name), token, int(args.most_upload * 1e9), args.connect, args.draws
+        args.study,
+        args.host,
+        args.port,
+        tuple(args.name),
+        token,
+        int(args.most_upload * 1e9),
+        args.connect,
+        args.draws,
+        credentials,
     )

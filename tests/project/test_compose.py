@@ -8,6 +8,7 @@ import subprocess
 
 import jsonschema
 
+from lacet.daq.bus.router_file import ROUTER_FILE, ROUTER_LISTEN
 from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
@@ -33,7 +34,7 @@ def test_the_schema_would_find_a_fault():
 
 def test_every_lacet_command_in_it_is_one():
     found = {name: lacet_commands(service) for name, service in COMPOSE["services"].items()}
-    assert [args[0] for commands in found.values() for args in commands] == ["worker", "replay", "record"]
+    assert [args[0] for commands in found.values() for args in commands] == ["keys", "worker", "replay", "record"]
     for commands in found.values():
         for args in commands:
             build_parser().parse_args(args)
@@ -63,15 +64,21 @@ def test_services_wait_for_what_they_need_and_volumes_are_declared():
             assert source in COMPOSE["volumes"] or source.startswith("./")
 
 
-def test_nothing_is_open_on_the_host_and_everybody_meets_at_the_router():
+def test_nothing_is_open_on_the_host_and_everybody_meets_at_the_router_with_keys():
     services = COMPOSE["services"]
     assert not any("ports" in service or "network_mode" in service for service in services.values())
-    listen = services["router"]["command"]
-    port = listen[listen.index("--listen") + 1].rpartition(":")[2]
+    (made,) = lacet_commands(services["keys"])
+    folder, names = made[1], {made[i + 1] for i, word in enumerate(made) if word in ("--car", "--worker", "--router")}
+    assert services["router"]["command"] == ["--config", f"{folder}/router/{ROUTER_FILE}"]
+    assert "router" in names
+    port = ROUTER_LISTEN.rpartition(":")[2]
     for name in ("worker", "recorder"):
         for args in lacet_commands(services[name]):
             if args[0] in ("worker", "record"):
-                assert args[args.index("--connect") + 1] == f"tcp/router:{port}"
+                assert args[args.index("--connect") + 1] == f"tls/router:{port}"
+                assert args[args.index("--keys") + 1] in {f"{folder}/{name}" for name in names}
+    for service in services.values():
+        assert any(volume.split(":")[:2] == ["keys", folder] for volume in service["volumes"])
 
 
 def test_the_capture_is_there_and_of_this_rig():

@@ -8,8 +8,8 @@ import sys
 import time
 
 import pytest
+import zenoh
 
-from lacet.daq.bus.session import open_session
 from lacet.daq.formats.log import LogReader
 from lacet.daq.rig import Rig
 from tests.support.compose import compose_file
@@ -33,7 +33,10 @@ def machine(tmp_path):
         (tmp_path / runs).mkdir()
         words = compose_file()["services"][name]["command"]
         for place, here in (
-            ("tcp/router:7447", f"tcp/127.0.0.1:{port}"),
+            ("tls/router:7447", f"tls/127.0.0.1:{port}"),
+            ("/keys", str(tmp_path / "keys")),
+            ("--router router", f"--router router --router-listen tls/127.0.0.1:{port}"),
+            ("chown -R lacet", "ls"),
             ("/runs", str(tmp_path / runs)),
             ("/capture.mcap", str(tmp_path / "capture.mcap")),
             ("/tmp/wires.json", str(tmp_path / "wires.json")),
@@ -45,7 +48,11 @@ def machine(tmp_path):
         started.append(process)
         return process
 
-    router = open_session(listen=(f"tcp/127.0.0.1:{port}",))
+    made = start("keys", "keys-runs")
+    assert made.wait(30.0) == 0, (tmp_path / "keys.txt").read_text()
+    words = compose_file()["services"]["router"]["command"]
+    assert words[0] == "--config"
+    router = zenoh.open(zenoh.Config.from_file(words[1].replace("/keys", str(tmp_path / "keys"))))
     try:
         yield tmp_path, start
     finally:
