@@ -6,6 +6,7 @@ PROFILE = "lacet"
 START = "/lacet/start"
 STOP = "/lacet/stop"
 MANIFEST = "/lacet/manifest"
+EVENTS = "/lacet/events"
 RAW = "/raw/"
 DECODED = "/decoded/"
 

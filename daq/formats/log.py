@@ -1,6 +1,7 @@
 """Writer of run logs: one MCAP file a run, readable up to the last whole chunk after a crash or a full disk.
 
-Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``.
+Topics: ``/raw/<source>``, ``/decoded/<channel with slashes>``, ``/lacet/start``, ``/lacet/stop``, ``/lacet/manifest``,
+``/lacet/events``.
 The page ``docs/log.md`` describes the format. `LogReader` and `recover` of `formats.log_read` and `formats.log_recover`
 are offered here too.
 """
@@ -20,6 +21,7 @@ import numpy as np
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError
 from lacet.daq.formats.array_messages import block_to_messages, frames_to_messages
+from lacet.daq.formats.events import RunEvent, event_to_bytes
 from lacet.daq.formats.log_read import LogReader
 from lacet.daq.formats.log_recover import recover
 from lacet.daq.formats.mcap_write import McapWriter
@@ -34,7 +36,7 @@ from lacet.daq.formats.wire import (
 )
 from lacet.daq.frames import Frames
 from lacet.daq.schema import lacet_pb2 as pb
-from lacet.daq.topics import MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
+from lacet.daq.topics import EVENTS, MANIFEST, META_START, META_STOP, START, STOP, decoded_topic, raw_topic
 
 __all__ = ["LogReader", "LogWriteError", "LogWriter", "StartRecord", "StopRecord", "recover"]
 
@@ -104,6 +106,7 @@ class LogWriter:
         self._chunk_bytes = chunk_bytes
         self._chunk_ns = round(chunk_seconds * 1e9)
         self._fsync_ns = None if fsync_seconds is None else round(fsync_seconds * 1e9)
+        self._events = 0
         self._open_bytes = 0
         self._open_first_ns = 0
         self._last_ns = self._synced_ns = max(0, start.started_ns)
@@ -133,6 +136,11 @@ class LogWriter:
     def write_block(self, block: Block) -> bytes:
         """Store a block; return the message stored, empty for an empty block. Raises as `write_frames`."""
         return self.write(self.messages(block, (0, len(block)))[0]) if len(block) else b""
+
+    def write_event(self, event: RunEvent) -> None:
+        """Store an event. Raises as `write_frames`."""
+        self._put(EVENTS, pb.Document, event_to_bytes(event, self.start.run_id, self._events), event.t_ns, self._events)
+        self._events += 1
 
     def messages(self, item: Frames | Block, edges: Sequence[int]) -> list[LogMessage]:
         """Messages of the stretches of a batch or a block between `edges`, none of them empty, to be given to `write`.

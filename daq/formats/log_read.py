@@ -10,6 +10,7 @@ from pathlib import Path
 from lacet.daq.blocks import Block
 from lacet.daq.errors import RunError, UsageError, nearest
 from lacet.daq.formats.array_messages import joined_block
+from lacet.daq.formats.events import RunEvent, event_from_bytes
 from lacet.daq.formats.mcap_read import McapScan
 from lacet.daq.formats.wire import (
     Manifest,
@@ -23,7 +24,7 @@ from lacet.daq.formats.wire import (
     stop_from_bytes,
 )
 from lacet.daq.frames import Frames
-from lacet.daq.topics import DECODED, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
+from lacet.daq.topics import DECODED, EVENTS, MANIFEST, META_RECOVERED, META_START, RAW, START, STOP
 
 PIECE_SECONDS = 20.0
 """Stretch of a log whose messages are joined before more are read [s]: thousands of small arrays cost memory."""
@@ -135,6 +136,17 @@ class LogReader:
         if held:
             yield _joined(held, refused)
         self._note_refused(refused)
+
+    def events(self) -> list[RunEvent]:
+        """The events of the recording, in the order recorded."""
+        found, refused = list[RunEvent](), dict[str, tuple[int, str]]()
+        for message in self._scan.messages(self._numbers([EVENTS])):
+            try:
+                found.append(event_from_bytes(message.data))
+            except WireError as error:
+                _refuse(refused, EVENTS, error)
+        self._note_refused(refused)
+        return found
 
     def _stamped_blocks(
         self, channels: Iterable[str] | None, between: tuple[int, int] | None = None

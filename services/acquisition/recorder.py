@@ -12,9 +12,11 @@ from typing import Any, Protocol
 from lacet.daq.blocks import Block
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.formats.log import LogWriteError, LogWriter, StopRecord
 from lacet.daq.formats.wire import Losses, Tally, block_to_bytes, frames_to_bytes
 from lacet.daq.frames import Frames
+from lacet.services.acquisition.host_clock import HostClock, synchronisation
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.reader import Reader
 
@@ -92,6 +94,7 @@ class Recorder:
     notify : called with plain sentences for the user.
     report : called once a second.
     queue_frames : capacity of the queue.
+    clock : the machine's clock.
     """
 
     def __init__(
@@ -105,9 +108,11 @@ class Recorder:
         notify: Callable[[str], None] = print,
         report: Callable[[Health], None] = lambda health: None,
         queue_frames: int = QUEUE_FRAMES,
+        clock: HostClock | None = None,
     ):
         self.queue: BoundedQueue[Frames] = BoundedQueue(queue_frames)
-        self.readers = [Reader(receiver, self.queue, notify) for receiver in receivers]
+        self._clock = clock or HostClock()
+        self.readers = [Reader(receiver, self.queue, notify, self._clock) for receiver in receivers]
         self._decoder = decoder
         self._log = log
         self._publisher = publisher
@@ -115,6 +120,7 @@ class Recorder:
         self._notify = notify
         self._report = report
         self._log_error: str | None = None
+        self._clock_steps = 0
         self._frames: dict[str, Tally] = {}
         self._blocks: dict[str, Tally] = {}
         self._reported: tuple[float, Counter[str], Counter[str]] = (0.0, Counter(), Counter())
@@ -174,6 +180,7 @@ class Recorder:
                 last_frame = now
                 self._work(batch)
             self._tick()
+            self._watch_clock()
             for reader in self.readers:
                 if reader.fault is not None:
                     raise reader.fault
@@ -234,7 +241,26 @@ class Recorder:
     def _tick(self) -> None:
         try:
             if self._log.error is None:
-                self._log.tick(time.time_ns())
+                self._log.tick(self._clock.now_ns())
+        except LogWriteError as error:
+            self._log_failed(error)
+
+    def _watch_clock(self) -> None:
+        for step in self._clock.steps[self._clock_steps :]:
+            self._clock_steps += 1
+            seconds = step.step_ns / 1e9
+            text = (
+                f"the clock of this machine was set by {seconds:+.3f} s; the stamps of the run go on without that, the "
+                "sensors' clocks are not concerned"
+            )
+            self._notify(text)
+            self._event(RunEvent(step.t_ns, EventKind.HOST_CLOCK, "", "stepped", text))
+
+    def _event(self, event: RunEvent) -> None:
+        """Store an event in the log."""
+        try:
+            if self._log.error is None:
+                self._log.write_event(event)
         except LogWriteError as error:
             self._log_failed(error)
 
@@ -279,12 +305,15 @@ class Recorder:
 
     def _finish(self, reason: str, started: float) -> Summary:
         losses = self.losses()
+        self._watch_clock()
+        text = f"the clock of this machine is {synchronisation()}"
+        self._event(RunEvent(self._clock.now_ns(), EventKind.HOST_CLOCK, "", "stop", text))
         if self._log_error is not None:
             reason = f"{reason}; the log is not complete: {self._log_error}"
         frames = {name: tally.samples for name, tally in self._frames.items()}
         samples = {name: tally.samples for name, tally in sorted(self._blocks.items())}
         try:
-            self._log.close(StopRecord(time.time_ns(), reason, {}, losses))
+            self._log.close(StopRecord(self._clock.now_ns(), reason, {}, losses))
         except LogWriteError as error:
             self._log_failed(error)
             losses = self.losses()

@@ -24,6 +24,7 @@ from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
+from lacet.services.acquisition.host_clock import synchronisation
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
@@ -112,6 +113,7 @@ def run(args: argparse.Namespace) -> int:
         brakes=args.brakes,
         notes=args.notes,
         software=_software(),
+        extra={"host_clock": synchronisation()},
     )
     axes = {channel: sensor.axes for sensor in rig.sensors for channel in sensor.channels}
     stop = Event()

@@ -55,6 +55,8 @@ def decode_log(
                 for fraction in log.write_to(writer):
                     progress(ServiceStep(ServiceStage.DECODING_LOG, int(99 * fraction), 100))
                 progress(ServiceStep(ServiceStage.WRITING_LOG, 99, 100))
+                for event in reader.events():
+                    writer.write_event(event)
                 writer.close(closing_record(reader, decoder, log.last_ns))
             # Damage found on the way belongs into the start record, a late sample into its window: once more with them.
             reader.damage[damage:] = sorted(reader.damage[damage:])

@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.frames import Frames
+from lacet.services.acquisition.host_clock import HostClock
 from lacet.services.acquisition.transports.base import Receiver
 
 RETRY = 0.5
@@ -25,9 +26,16 @@ class Reader:
     receiver : source of the frames.
     queue : the queue, which drops and counts frames beyond its capacity under the bus name.
     notify : called with a sentence when the link is up, lost, or up again, and with each warning.
+    clock : the machine's clock, whose steps are kept out of the stamps.
     """
 
-    def __init__(self, receiver: Receiver, queue: BoundedQueue[Frames], notify: Callable[[str], None]):
+    def __init__(
+        self,
+        receiver: Receiver,
+        queue: BoundedQueue[Frames],
+        notify: Callable[[str], None],
+        clock: HostClock | None = None,
+    ):
         self.receiver = receiver
         self.received = 0
         """Number of frames received so far, including those that the queue dropped."""
@@ -36,6 +44,7 @@ class Reader:
         self.fault: BaseException | None = None
         """Exception that ended the thread, which the recorder raises again."""
         self._queue = queue
+        self._clock = clock or HostClock()
         self._notify = notify
         self._links_lost = 0
         self._stop = threading.Event()
@@ -114,5 +123,5 @@ class Reader:
         if not len(frames):
             return False
         self.received += len(frames)
-        self._queue.put(frames, self.receiver.source, len(frames))
+        self._queue.put(self._clock.without_steps(frames), self.receiver.source, len(frames))
         return True

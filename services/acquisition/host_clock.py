@@ -1,0 +1,121 @@
+"""Clock of the recording machine: steps are kept out of the stamps and reported; whether it is synchronised."""
+
+from __future__ import annotations
+
+import ctypes
+import struct
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lacet.daq.frames import Frames
+
+STEP_NS = 5_000_000
+"""Change of the wall clock against the monotonic one, from one read to the next, that is a step [ns]. In the fifth of a
+second between two reads neither clock drifts from the other: slewing by NTP acts on both."""
+
+OLDEST_NS = 1_000_000_000
+"""Time after a step in which frames stamped before it may still come out of the system's buffers [ns]."""
+
+_BRACKET_NS = 200_000  # ns; longest time in which both clocks are read together, else they are read again
+_TRIES = 5
+_UNSYNCHRONISED, _NANOSECONDS = 0x40, 0x2000  # linux/timex.h: STA_UNSYNC, STA_NANO
+_TIMEX = 208  # bytes of struct timex on 64-bit Linux
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """A step of the wall clock: time on the stamps' scale [ns], and by how much it was set forward [ns]."""
+
+    t_ns: int
+    step_ns: int
+
+
+class HostClock:
+    """The machine's clock without its steps: the wall clock at the start, then as the monotonic clock runs.
+
+    Parameters
+    ----------
+    wall, monotonic : the clocks [ns].
+    """
+
+    def __init__(
+        self, wall: Callable[[], int] = time.time_ns, monotonic: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._wall, self._monotonic = wall, monotonic
+        self._lock = threading.Lock()
+        self._offset: int | None = None
+        self._steps: list[ClockStep] = []
+        self._summed = 0
+        self._observe()
+
+    @property
+    def steps(self) -> tuple[ClockStep, ...]:
+        """The steps so far."""
+        with self._lock:
+            return tuple(self._steps)
+
+    def now_ns(self) -> int:
+        """The time on the stamps' scale [ns]."""
+        with self._lock:
+            return self._observe()
+
+    def without_steps(self, frames: Frames) -> Frames:
+        """Frames just received, their stamps without the steps of the wall clock.
+
+        A frame stamped before a step and read after it is known by a stamp that would lie in the future otherwise.
+        """
+        with self._lock:
+            now = self._observe()
+            if not self._summed and not self._steps:
+                return frames
+            stamps = frames.t_ns - self._summed
+            summed = self._summed
+            for step in reversed(self._steps):
+                if now - step.t_ns > OLDEST_NS:
+                    break
+                summed -= step.step_ns
+                before = frames.t_ns - summed
+                stamps = np.where((stamps > now) | ((before <= now) & (before > stamps)), before, stamps)
+        return replace(frames, t_ns=stamps)
+
+    def _observe(self) -> int:
+        """Note a step since the last time; the time on the stamps' scale [ns]."""
+        for _ in range(_TRIES):
+            first = self._monotonic()
+            wall = self._wall()
+            if self._monotonic() - first < _BRACKET_NS:
+                offset = wall - first
+                break
+        else:  # the machine is too busy to compare them
+            return self._wall() - self._summed
+        if self._offset is not None and abs(offset - self._offset) > STEP_NS:
+            step = offset - self._offset
+            self._summed += step
+            self._steps.append(ClockStep(wall - self._summed, step))
+        self._offset = offset
+        return wall - self._summed
+
+
+def synchronisation() -> str:
+    """How far the machine's clock can be trusted, in words, as the kernel has it from chrony, NTP or PTP."""
+    buffer = ctypes.create_string_buffer(_TIMEX + 48)
+    try:
+        state = ctypes.CDLL(None, use_errno=True).adjtimex(buffer)
+    except (OSError, AttributeError):
+        state = -1
+    if state < 0 or struct.calcsize("l") != 8:
+        return "unknown: the system does not say"
+    offset, _, largest, estimated, status = struct.unpack_from("@qqqqi", buffer.raw, 8)
+    return describe_synchronisation(status, offset, largest, estimated)
+
+
+def describe_synchronisation(status: int, offset: int, largest_us: int, estimated_us: int) -> str:
+    """The state of ``adjtimex`` in words; `offset` is in ns or µs, as `status` says."""
+    if status & _UNSYNCHRONISED:
+        return "not synchronised"
+    ms = offset / (1e6 if status & _NANOSECONDS else 1e3)
+    return f"synchronised, offset {ms:+.3f} ms, error {estimated_us / 1e3:.3f} ms, at most {largest_us / 1e3:.1f} ms"
