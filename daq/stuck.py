@@ -36,7 +36,7 @@ LEARNED = 10
 MOVING = 1.0
 """Speed from which the car moves [m/s]: ten times what a Correvit or a wheel sensor shows at rest."""
 
-_SPEEDS = {"correvit.speed": 1.0, "car.speed": 1.0, "gnss.speed": 1.0, "wheel.speed": 0.3}
+SPEEDS = {"correvit.speed": 1.0, "car.speed": 1.0, "gnss.speed": 1.0, "wheel.speed": 0.3}
 """Families of channels that show whether the car moves; factor to a speed [m/s], that of a wheel a rolling radius."""
 
 
@@ -83,12 +83,12 @@ def is_noisy(turns: NDArray[np.int64], length: int) -> NDArray[np.bool_]:
 
 def moves(signals: Mapping[str, Signal], channel: str, t: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) whether the car moves at times [s], by the median of the speeds of other instruments; False without any."""
-    mine = _instrument(channel)
+    mine = instrument(channel)
     speeds = []
     for name, signal in signals.items():
-        factor = _SPEEDS.get(CHANNELS[name].family)
+        factor = SPEEDS.get(CHANNELS[name].family)
         good = signal.usable
-        if factor is None or _instrument(name) == mine or np.count_nonzero(good) < 2:
+        if factor is None or instrument(name) == mine or np.count_nonzero(good) < 2:
             continue
         speed = factor * np.linalg.norm(signal.values[good], axis=1)
         speeds.append(np.interp(t, signal.t[good], speed, left=0.0, right=0.0))
@@ -139,9 +139,9 @@ def _turning(signals: Mapping[str, Signal], channel: str, t: NDArray[np.float64]
     if CHANNELS[channel].family != "wheel.angle" or speed is None or not speed.usable.any():
         return None
     found = np.interp(t, speed.t[speed.usable], np.abs(speed.values[speed.usable, 0]))
-    return _SPEEDS["wheel.speed"] * found > MOVING
+    return SPEEDS["wheel.speed"] * found > MOVING
 
 
-def _instrument(channel: str) -> tuple[str, str | None]:
+def instrument(channel: str) -> tuple[str, str | None]:
     """What a channel is measured by: its instrument, at its corner."""
     return channel.partition(".")[0], CHANNELS[channel].corner

@@ -17,6 +17,7 @@ from lacet.daq.formats.log import LogWriteError, LogWriter, StopRecord
 from lacet.daq.formats.wire import Losses, Tally, block_to_bytes, frames_to_bytes
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.host_clock import HostClock, synchronisation
+from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorStatus, Watched
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.reader import Reader
 
@@ -31,6 +32,11 @@ class LiveDecoder(Protocol):
 
     def feed(self, frames: Frames) -> list[Block]:
         """Blocks completed by the batch."""
+        ...
+
+    @property
+    def watched(self) -> Sequence[Watched]:
+        """The sensors that it decodes."""
         ...
 
     def finish(self) -> list[Block]:
@@ -58,6 +64,7 @@ class Health:
     losses : source → cause → number since the start.
     down : buses whose wire is not open.
     waiting : number of frames in the queue.
+    sensors : sensor → what it does.
     """
 
     seconds: float
@@ -66,6 +73,7 @@ class Health:
     losses: dict[str, dict[str, int]]
     down: list[str]
     waiting: int
+    sensors: Mapping[str, SensorStatus] = field(default_factory=dict)
 
 
 @dataclass
@@ -121,6 +129,7 @@ class Recorder:
         self._report = report
         self._log_error: str | None = None
         self._clock_steps = 0
+        self._monitor = SensorMonitor(decoder.watched, time.monotonic())
         self._frames: dict[str, Tally] = {}
         self._blocks: dict[str, Tally] = {}
         self._reported: tuple[float, Counter[str], Counter[str]] = (0.0, Counter(), Counter())
@@ -181,6 +190,7 @@ class Recorder:
                 self._work(batch)
             self._tick()
             self._watch_clock()
+            self._watch_sensors()
             for reader in self.readers:
                 if reader.fault is not None:
                     raise reader.fault
@@ -215,6 +225,7 @@ class Recorder:
             self._blocks_out(self._decoder.feed(frames))
 
     def _blocks_out(self, blocks: list[Block]) -> None:
+        self._monitor.take(blocks, time.monotonic())
         for block in blocks:
             if not len(block):
                 continue
@@ -256,6 +267,11 @@ class Recorder:
             self._notify(text)
             self._event(RunEvent(step.t_ns, EventKind.HOST_CLOCK, "", "stepped", text))
 
+    def _watch_sensors(self) -> None:
+        for name, status in self._monitor.check(time.monotonic()):
+            self._notify(f"sensor {name}: {status}")
+            self._event(RunEvent(self._clock.now_ns(), EventKind.SENSOR, name, status.state, f"{name}: {status}"))
+
     def _event(self, event: RunEvent) -> None:
         """Store an event in the log."""
         try:
@@ -276,6 +292,8 @@ class Recorder:
             out[reader.receiver.source] = Counter(reader.losses())
         for source, number in self.queue.dropped.items():
             out.setdefault(source, Counter())["queue"] += number
+        for source, number in self._monitor.hidden_losses().items():
+            out.setdefault(source, Counter())["lost_unseen"] += number
         for source, causes in (*self._decoder.losses().items(), *self._log.losses.items()):
             out.setdefault(source, Counter()).update(causes)
         return {source: {c: n for c, n in sorted(causes.items()) if n} for source, causes in out.items() if +causes}
@@ -295,6 +313,7 @@ class Recorder:
             self.losses(),
             [reader.receiver.source for reader in self.readers if not (reader.up.is_set() or reader.stopping)],
             self.queue.held,
+            self._monitor.status,
         )
         if self._publisher is not None:
             try:
@@ -332,4 +351,8 @@ def _ledger(health: Health, counts: Losses) -> dict[str, Any]:
         "counts": counts,
         "down": health.down,
         "queue": health.waiting,
+        "sensors": {
+            name: {"state": status.state.value, "detail": status.detail, "channels": list(status.channels)}
+            for name, status in health.sensors.items()
+        },
     }

@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from lacet.daq.blocks import Block
+from lacet.daq.channels import CHANNELS
 from lacet.daq.errors import RigError
 from lacet.daq.formats.log import LogReader
 from lacet.daq.formats.wire import StopRecord
 from lacet.daq.frames import Frames
 from lacet.daq.rig import Rig, Sensor
 from lacet.drivers import open_driver
-from lacet.drivers.framework.base import Driver, State
+from lacet.drivers.framework.base import Driver, Reader, State
+from lacet.services.acquisition.sensor_monitor import Watched
 
 NO_LOSS = frozenset(
     {
@@ -80,6 +82,23 @@ class Decoder:
     def channels(self) -> tuple[str, ...]:
         """Channels that the drivers can decode and the rig lists."""
         return tuple(name for wired in self._wired for name in wired.driver.channels if name in wired.sensor.channels)
+
+    @property
+    def watched(self) -> tuple[Watched, ...]:
+        """The sensors with a driver; rates are those of the channels, where the driver is not for any sender's."""
+        return tuple(
+            Watched(
+                wired.sensor.name,
+                wired.sensor.bus or "",
+                {
+                    name: None if isinstance(wired.driver, Reader) else CHANNELS[name].rate
+                    for name in wired.driver.channels
+                    if name in wired.sensor.channels
+                },
+                numbered=wired.sensor.clock == "steady",
+            )
+            for wired in self._wired
+        )
 
     def feed(self, frames: Frames) -> list[Block]:
         """Blocks of a batch of one bus, whose next batch continues it."""

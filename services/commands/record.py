@@ -28,6 +28,7 @@ from lacet.services.acquisition.host_clock import synchronisation
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
+from lacet.services.acquisition.sensor_monitor import SensorState
 from lacet.services.acquisition.stream_decoder import Decoder
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.endpoints import (
@@ -223,10 +224,14 @@ def _ready(args: argparse.Namespace) -> None:
 
 
 def describe(health: Health) -> str:
-    """The line of one second: rates, losses, wires that are down."""
+    """The line of one second: rates, wires that are down, sensors that do not run as they should, losses."""
     frames = ", ".join(f"{name} {rate:.0f}/s" for name, rate in health.frames.items())
     down = f"; DOWN: {', '.join(health.down)}" if health.down else ""
     lost = lost_text(health.losses)
+    running = (SensorState.RUNNING, SensorState.WAITING)
+    faulty = "".join(
+        f"; {name} {one.state.upper()}" for name, one in health.sensors.items() if one.state not in running
+    )
     families: dict[str, list[float]] = {}
     for channel, rate in health.samples.items():
         families.setdefault(CHANNELS[channel].family, []).append(rate)
@@ -235,7 +240,8 @@ def describe(health: Health) -> str:
         f"{family} {min(found):.0f}" + (f" to {max(found):.0f}" if max(found) > 1.05 * min(found) else "")
         for family, found in families.items()
     )
-    return f"{health.seconds:.0f} s: {frames}{down}; {'LOST ' + lost if lost else 'nothing lost'}; samples/s: {rates}"
+    losses = f"LOST {lost}" if lost else "nothing lost"
+    return f"{health.seconds:.0f} s: {frames}{down}{faulty}; {losses}; samples/s: {rates}"
 
 
 def lost_text(losses: dict[str, dict[str, int]]) -> str:
