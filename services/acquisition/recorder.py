@@ -191,6 +191,7 @@ class Recorder:
             self._tick()
             self._watch_clock()
             self._watch_sensors()
+            self._watch_wires()
             for reader in self.readers:
                 if reader.fault is not None:
                     raise reader.fault
@@ -272,6 +273,11 @@ class Recorder:
             self._notify(f"sensor {name}: {status}")
             self._event(RunEvent(self._clock.now_ns(), EventKind.SENSOR, name, status.state, f"{name}: {status}"))
 
+    def _watch_wires(self) -> None:
+        for reader in self.readers:
+            while reader.events:
+                self._event(reader.events.popleft())
+
     def _event(self, event: RunEvent) -> None:
         """Store an event in the log."""
         try:
@@ -325,6 +331,7 @@ class Recorder:
     def _finish(self, reason: str, started: float) -> Summary:
         losses = self.losses()
         self._watch_clock()
+        self._watch_wires()
         text = f"the clock of this machine is {synchronisation()}"
         self._event(RunEvent(self._clock.now_ns(), EventKind.HOST_CLOCK, "", "stop", text))
         if self._log_error is not None:

@@ -11,17 +11,20 @@ import errno
 import socket
 import struct
 import time
+from collections import Counter
 from functools import partial
 
 import msgpack
 
 from lacet.daq.frames import EXTENDED, STANDARD, Frames
+from lacet.services.acquisition.transports import can_errors
+from lacet.services.acquisition.transports.can_errors import BusError
 from lacet.services.acquisition.transports.sockets import SocketReceiver, waiting_bytes
 
 _FRAME = struct.Struct("=IB3x8s")  # struct can_frame: id and flags, length, padding, data
 _FD_FRAME = struct.Struct("=IBB2x64s")  # struct canfd_frame: id and flags, length, FD flags, reserved, data
 _FD = 0x04  # CANFD_FDF
-_SOL_CAN_RAW, _FD_FRAMES = 101, 5  # linux/can/raw.h: a socket without the option sees no FD frame
+_SOL_CAN_RAW, _ERROR_FILTER, _FD_FRAMES = 101, 2, 5  # linux/can/raw.h: without these no error and FD frames are seen
 _REMOTE, _ERROR = 0x4000_0000, 0x2000_0000  # linux/can.h: CAN_{RTR,ERR}_FLAG; CAN_EFF_FLAG is EXTENDED
 _ID = 0x1FFF_FFFF
 _CAN_RAW = 1
@@ -110,6 +113,7 @@ def _open_socketcan(interface: str) -> socket.socket:
     sock = socket.socket(socket.AF_CAN, socket.SOCK_RAW, _CAN_RAW)
     with contextlib.suppress(OSError):  # kernels before 3.6
         sock.setsockopt(_SOL_CAN_RAW, _FD_FRAMES, 1)
+    sock.setsockopt(_SOL_CAN_RAW, _ERROR_FILTER, can_errors.MASK)
     try:
         sock.bind((interface,))
     except OSError:
@@ -120,7 +124,30 @@ def _open_socketcan(interface: str) -> socket.socket:
 
 def socketcan_receiver(source: str, interface: str) -> SocketReceiver:
     """Receiver on a SocketCAN interface. Its `read` raises OSError when the link is down; `open` then waits for it."""
-    return SocketReceiver(source, partial(_open_socketcan, interface), unpack_socketcan)
+    return SocketReceiver(source, partial(_open_socketcan, interface), unpack_socketcan, BusErrors(interface))
+
+
+class BusErrors:
+    """Counts of the error frames of an interface by class, and sentences for the user: once for each class, for
+    bus-off and restart each time."""
+
+    def __init__(self, interface: str):
+        self._interface = interface
+        self.counts: Counter[str] = Counter()
+
+    def __call__(self, data: bytes) -> str | None:
+        """Count a datagram that is no data frame; what is to be said of it."""
+        classes = can_errors.error_classes(data)
+        lines = []
+        for one in classes:
+            self.counts[one] += 1
+            number = self.counts[one]
+            again = one in (BusError.BUS_OFF, BusError.RESTARTED)
+            if number == 1 or again:
+                lines.append(can_errors.SAYS[one].format(interface=self._interface) + (f" ({number})" if again else ""))
+        if not classes:
+            self.counts["not_data"] += 1
+        return "; ".join(lines) or None
 
 
 def _open_multicast(group: str, port: int) -> socket.socket:

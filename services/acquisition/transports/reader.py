@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable
 
 from lacet.daq.bus.queue import BoundedQueue
+from lacet.daq.formats.events import EventKind, RunEvent
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.host_clock import HostClock
 from lacet.services.acquisition.transports.base import Receiver
@@ -46,7 +47,10 @@ class Reader:
         self._queue = queue
         self._clock = clock or HostClock()
         self._notify = notify
+        self.events: deque[RunEvent] = deque()
+        """What happened to the wire, for the log; the recorder takes it from here."""
         self._links_lost = 0
+        self._warned: set[str] = set()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"reader-{receiver.source}", daemon=True)
 
@@ -76,33 +80,29 @@ class Reader:
 
     def _run(self) -> None:
         complained = False
-        warned: set[str] = set()
         try:
             while True:
                 try:
                     self.receiver.open()
                 except OSError as error:
                     if not complained:
-                        self._notify(f"{self.receiver.source} is not there ({error}); trying every {RETRY:g} s")
+                        self._say("absent", f"{self.receiver.source} is not there ({error}); trying every {RETRY:g} s")
                         complained = True
                     if self._stop.wait(RETRY):
                         return
                     continue
                 if complained:
-                    self._notify(f"{self.receiver.source} is there")
+                    self._say("up", f"{self.receiver.source} is there")
                 complained = False
                 self.up.set()
-                for warning in self.receiver.warnings:
-                    if warning not in warned:
-                        self._notify(f"{self.receiver.source}: {warning}")
-                warned.update(self.receiver.warnings)
+                self._warn()
                 try:
                     self._read()
                     return
                 except OSError as error:
                     self._links_lost += 1
                     complained = True
-                    self._notify(f"{self.receiver.source}: link lost ({error}); trying every {RETRY:g} s")
+                    self._say("down", f"{self.receiver.source}: link lost ({error}); trying every {RETRY:g} s")
                 finally:
                     self.up.clear()
                     self.receiver.close()
@@ -112,9 +112,20 @@ class Reader:
             self.fault = error
             raise
 
+    def _warn(self) -> None:
+        for warning in self.receiver.warnings:
+            if warning not in self._warned:
+                self._say("warning", f"{self.receiver.source}: {warning}")
+                self._warned.add(warning)
+
+    def _say(self, state: str, text: str) -> None:
+        self._notify(text)
+        self.events.append(RunEvent(self._clock.now_ns(), EventKind.BUS, self.receiver.source, state, text))
+
     def _read(self) -> None:
         while not self._stop.is_set():
             self._hand_over(self.receiver.read(_TURN))
+            self._warn()
         until = time.monotonic() + _LAST_CALL
         while self._hand_over(self.receiver.read(0.0)) and time.monotonic() < until:  # frames still in the kernel
             pass

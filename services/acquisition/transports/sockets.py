@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from select import POLLIN, poll
+from typing import Protocol
 
 from lacet.daq.frames import Frames
 
@@ -77,19 +78,42 @@ def switch_stamps_on() -> socket.socket:
     return sock
 
 
+class OtherFrames(Protocol):
+    """What becomes of frames that carry no data: counted by cause in `counts`; a call gives a sentence for the user."""
+
+    counts: Counter[str]
+
+    def __call__(self, data: bytes) -> str | None: ...
+
+
+class Uncounted:
+    """Other frames under one cause, ``not_data``."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[str] = Counter()
+
+    def __call__(self, data: bytes) -> str | None:
+        """Count one."""
+        self.counts["not_data"] += 1
+
+
 class SocketReceiver:
-    """Receiver on a datagram socket; `connect` opens the socket, `unpack` parses one datagram.
+    """Receiver on a datagram socket; `connect` opens the socket, `unpack` parses one datagram, `others` takes those
+    that carry no data.
 
     Attributes
     ----------
     source, warnings : see `Receiver`.
     """
 
-    def __init__(self, source: str, connect: Callable[[], socket.socket], unpack: Unpack):
+    def __init__(
+        self, source: str, connect: Callable[[], socket.socket], unpack: Unpack, others: OtherFrames | None = None
+    ):
         self.source = source
         self.warnings: list[str] = []
         self._connect = connect
         self._unpack = unpack
+        self._others = others or Uncounted()
         self._socket: socket.socket | None = None
         self._poll = poll()
         self._losses: Counter[str] = Counter()
@@ -139,7 +163,8 @@ class SocketReceiver:
                     self._losses["malformed"] += 1
                     continue
                 if content is None:
-                    self._losses["not_data"] += 1
+                    if (line := self._others(data)) is not None:
+                        self.warnings.append(line)
                     continue
                 rows.append((source, _stamp(ancillary), *content))
         except BlockingIOError:
@@ -149,8 +174,9 @@ class SocketReceiver:
         return Frames.from_iter(source, rows)
 
     def losses(self) -> dict[str, int]:
-        """``kernel`` (receive buffer full), ``malformed`` (no frame), ``not_data`` (error and remote frames)."""
-        counts = Counter(self._losses)
+        """``kernel`` (receive buffer full), ``malformed`` (no frame), ``not_data`` (remote frames), and error frames by
+        class (`transports.can_errors.BusError`)."""
+        counts = self._losses + self._others.counts
         if self._socket is not None:
             counts["kernel"] += kernel_drops(self._socket)
         return {cause: n for cause, n in counts.items() if n}
