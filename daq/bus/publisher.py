@@ -39,6 +39,7 @@ class RunPublisher:
 
     Attributes
     ----------
+    session : the session at present.
     keys : keys of the run.
     manifest : the manifest, set by `finish`.
     """
@@ -56,7 +57,7 @@ class RunPublisher:
         self.manifest: Manifest | None = None
         self.last_request = time.monotonic()
         """Time of the last request [s, monotonic]."""
-        self._session = session
+        self.session = session
         self._start = start_to_bytes(start)
         self._run_id = start.run_id
         self._spool = spool
@@ -68,18 +69,35 @@ class RunPublisher:
         self._blocks: BoundedQueue[tuple[str, int, bytes]] = BoundedQueue(QUEUE)
         self._requests: BoundedQueue[zenoh.Query] = BoundedQueue(1000)
         self._acks: dict[str, dict[str, Any]] = {}
-        self._handles = [
-            session.declare_queryable(self.keys.key(name), self._requests.put, complete=True)
-            for name in ("start", "manifest", "block/*")
-        ]
-        self._ack_listener = session.declare_subscriber(self.keys.key("ack", "*"), self._on_ack)
-        self._token = session.liveliness().declare_token(self.keys.key("alive"))
+        self._lock = threading.Lock()
+        self._handles: list[Any] = []
+        self._declare()
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
             for name, work in (("bus-sender", self._send_blocks), ("bus-answers", self._answer_requests))
         ]
         for thread in self._threads:
             thread.start()
+
+    def move(self, session: zenoh.Session) -> None:
+        """Go on at another session: the router has gone, or another one is to be had. The old one stays open."""
+        old, self.session = self._handles, session
+        self._declare()
+        for handle in old:
+            with contextlib.suppress(zenoh.ZError):
+                handle.undeclare()
+
+    def _declare(self) -> None:
+        session = self.session
+        with self._lock:
+            self._handles = [
+                session.declare_queryable(self.keys.key(name), self._requests.put, complete=True)
+                for name in ("start", "manifest", "block/*")
+            ]
+            self._handles.append(session.declare_subscriber(self.keys.key("ack", "*"), self._on_ack))
+            self._handles.append(
+                session.liveliness().declare_token(self.keys.key("alive"))
+            )  # last: now it can be asked
 
     def put_block(self, channel: str, message: bytes, samples: int) -> None:
         """Send the next block of a channel: its `DecodedBlock` message, numbered by the caller from 0."""
@@ -93,7 +111,7 @@ class RunPublisher:
 
     def put_ledger(self, ledger: dict[str, Any]) -> None:
         """Publish rates and losses so far."""
-        self._session.put(self.keys.key("ledger"), json.dumps(ledger))
+        self.session.put(self.keys.key("ledger"), json.dumps(ledger))
 
     def finish(self, losses: Losses, frames: dict[str, Tally]) -> Manifest:
         """End the run: publish its manifest, blocks by channel and `frames` by source."""
@@ -102,7 +120,7 @@ class RunPublisher:
             time.sleep(0.005)  # live blocks are sent before the manifest
         self.manifest = Manifest(self._run_id, dict(self._tallies), frames, losses)
         with contextlib.suppress(zenoh.ZError):  # it can be asked for
-            self._session.put(self.keys.key("manifest"), manifest_to_bytes(self.manifest))
+            self.session.put(self.keys.key("manifest"), manifest_to_bytes(self.manifest))
         return self.manifest
 
     def wait_for_ack(self, timeout: float, cancelled: Callable[[], bool] = lambda: False) -> dict[str, Any]:
@@ -130,7 +148,7 @@ class RunPublisher:
         self._requests.close()
         for thread in self._threads:
             thread.join(2.0)
-        for handle in (*self._handles, self._ack_listener, self._token):
+        for handle in self._handles:
             handle.undeclare()
 
     def _on_ack(self, sample: zenoh.Sample) -> None:
@@ -145,16 +163,18 @@ class RunPublisher:
                 self._acks[str(sample.key_expr).rpartition("/")[2]] = ack
 
     def _send_blocks(self) -> None:
-        publishers: dict[str, zenoh.Publisher] = {}
+        session, publishers = self.session, dict[str, zenoh.Publisher]()
         complained = False
         while True:
             item = self._blocks.get()
             if item is None:
                 break
             channel, sequence, message = item
+            if session is not self.session:
+                session, publishers = self.session, {}
             try:
                 if channel not in publishers:
-                    publishers[channel] = self._session.declare_publisher(
+                    publishers[channel] = session.declare_publisher(
                         self.keys.key("block", channel), congestion_control=zenoh.CongestionControl.DROP
                     )
                 publishers[channel].put(message, attachment=SEQUENCE.pack(sequence))

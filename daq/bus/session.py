@@ -101,8 +101,8 @@ def open_session(
 ) -> zenoh.Session:
     """A Zenoh session: the embedded router when `listen` names endpoints, otherwise a client of those in `connect`.
 
-    It uses no multicast and listens on the given addresses only (Zenoh's defaults do otherwise). A client that loses
-    its router reconnects by itself. Without credentials it stays on this machine.
+    With neither it reaches nobody. It uses no multicast and listens on the given addresses only (Zenoh's defaults do
+    otherwise). A client that loses its router reconnects by itself. Without credentials it stays on this machine.
 
     Parameters
     ----------
@@ -117,13 +117,13 @@ def open_session(
         check_endpoint(endpoint, credentials)
     config = zenoh.Config()
     settings: dict[str, Any] = {
-        "mode": "router" if listen else "client",
+        "mode": "router" if listen else "client" if connect else "peer",
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
         **common_settings(),
         **(credentials.settings() if credentials is not None else {}),
     }
-    if not listen:
+    if connect:
         settings["connect/timeout_ms"] = round(wait * 1000)
     try:
         for key, value in settings.items():

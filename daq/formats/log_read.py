@@ -161,6 +161,12 @@ class LogReader:
         """Frame batches and blocks one by one as recorded, each with its log time [ns], for replay."""
         yield from self._items(self._topics)
 
+    def block_messages(self) -> Iterator[tuple[str, bytes]]:
+        """Channel and `DecodedBlock` message of every block, as stored and so with the same checksum."""
+        topics = [topic for topic in self._topics if topic.startswith(DECODED)]
+        for message in self._scan.messages(self._numbers(topics)):
+            yield self._scan.channels[message.channel].topic.removeprefix(DECODED).replace("/", "."), message.data
+
     def _items(
         self, topics: Iterable[str], between: tuple[int, int] | None = None
     ) -> Iterator[tuple[int, Frames | Block]]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 
 from lacet.daq.bus.certificates import Role
 from lacet.daq.bus.credentials import Credentials
+from lacet.daq.bus.link import Link
 from lacet.daq.bus.session import ROUTER, SEALED_ROUTER
 
 
@@ -28,3 +30,10 @@ def credentials_of(args: argparse.Namespace, role: Role) -> Credentials | None:
 def router_of(credentials: Credentials | None) -> str:
     """The router's address where none is given: on this machine only."""
     return ROUTER if credentials is None else SEALED_ROUTER
+
+
+def link_of(args: argparse.Namespace, credentials: Credentials | None, notify: Callable[[str], None]) -> Link:
+    """The link to the bus that ``--listen`` and ``--connect`` name."""
+    if args.connect:
+        return Link(args.connect, False, credentials, notify)
+    return Link(args.listen or router_of(credentials), True, credentials, notify)

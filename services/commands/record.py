@@ -14,12 +14,13 @@ from threading import Event
 from typing import Any
 
 from lacet.daq.bus.certificates import Role
-from lacet.daq.bus.credentials import Credentials, check_endpoint
+from lacet.daq.bus.credentials import check_endpoint
+from lacet.daq.bus.link import Link
 from lacet.daq.bus.publisher import RunPublisher
-from lacet.daq.bus.session import ROUTER, open_session
+from lacet.daq.bus.session import ROUTER
 from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
-from lacet.daq.errors import LacetError, UsageError
+from lacet.daq.errors import UsageError
 from lacet.daq.formats.log import LogWriter, StartRecord
 from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
@@ -38,7 +39,7 @@ from lacet.services.acquisition.transports.endpoints import (
     read_endpoints,
     ready_file,
 )
-from lacet.services.commands.bus_options import add_keys, credentials_of, router_of
+from lacet.services.commands.bus_options import add_keys, credentials_of, link_of, router_of
 from lacet.services.commands.progress import Line
 
 HELP = "record an instrumented car: log, decode, publish"
@@ -130,7 +131,12 @@ def run(args: argparse.Namespace) -> int:
         signal.signal(signal.SIGHUP, signal.SIG_IGN)
     with Line(period=0.5) as line, contextlib.ExitStack() as stack:
         log = LogWriter(args.out, start, axes=axes, overwrite=args.overwrite)
-        publisher = _publisher(args, credentials, rig, start, line, stack)
+        link = None if args.no_bus else link_of(args, credentials, line.notify)
+        publisher = None
+        if link is not None:
+            stack.callback(link.close)
+            car = rig.name if credentials is None else credentials.name
+            publisher = _publisher(args, link, car, start, line, stack)
         recorder = Recorder(
             receivers,
             decoder,
@@ -146,14 +152,15 @@ def run(args: argparse.Namespace) -> int:
             ready_file(args.endpoints).unlink(missing_ok=True)
         line.notify(_closing(summary))
         acks: dict[str, Any] = {}
-        if publisher is not None:
-            line.notify(f"waiting up to {args.ack_wait:g} s for a worker (Ctrl-C: not any longer)")
+        if publisher is not None and link is not None:
+            wait = args.ack_wait if link.made else 0.0
+            line.notify(f"waiting up to {wait:g} s for a worker (Ctrl-C: not any longer)")
             before = len(signals)
-            acks = publisher.wait_for_ack(args.ack_wait, lambda: len(signals) > before)
-            for worker, ack in acks.items():
-                line.notify(f"worker {worker} has the run{'' if ack.get('complete') else ', NOT complete'}")
+            acks = publisher.wait_for_ack(wait, lambda: len(signals) > before)
+            for worker in acks:
+                line.notify(f"worker {worker} has the run")
             if not acks:
-                line.notify("no worker has taken the run; the log has everything")
+                line.notify(f"no worker has taken the run yet; later: lacet publish {args.out}")
     write_result(
         args.json,
         "record",
@@ -191,29 +198,14 @@ def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
 
 
 def _publisher(
-    args: argparse.Namespace,
-    credentials: Credentials | None,
-    rig: Rig,
-    start: StartRecord,
-    line: Line,
-    stack: contextlib.ExitStack,
-) -> RunPublisher | None:
-    """The publisher on the bus; None where it is not wanted or unavailable, which does not prevent recording."""
-    if args.no_bus:
-        return None
-    try:
-        listen = () if args.connect else (args.listen or router_of(credentials),)
-        session = open_session(listen, (args.connect,) if args.connect else (), credentials=credentials)
-    except LacetError as error:
-        line.notify(f"RECORDING WITHOUT THE BUS: {error}")
-        return None
-    stack.callback(session.close)
+    args: argparse.Namespace, link: Link, car: str, start: StartRecord, line: Line, stack: contextlib.ExitStack
+) -> RunPublisher:
+    """The run's publisher on the bus."""
     spool = Spool(args.out.absolute().parent)
     stack.callback(spool.close)
-    publisher = RunPublisher(
-        session, rig.name if credentials is None else credentials.name, start, spool, args.drop_live, line.notify
-    )
+    publisher = RunPublisher(link.session, car, start, spool, args.drop_live, line.notify)
     stack.callback(publisher.close)
+    link.add(publisher)
     return publisher
 
 

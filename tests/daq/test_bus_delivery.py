@@ -16,17 +16,25 @@ from typing import Any
 import pytest
 import zenoh
 
+from lacet.daq.blocks import Block
+from lacet.daq.bus import link as bus_link
 from lacet.daq.bus import publisher as bus_publisher
+from lacet.daq.bus.link import Link
 from lacet.daq.bus.listener import BusListener
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.session import open_session
 from lacet.daq.bus.spool import Spool
+from lacet.daq.channels import CHANNELS
+from lacet.daq.formats.log import LogReader, LogWriter, StopRecord
 from lacet.daq.formats.wire import StartRecord
 from lacet.services.acquisition import worker as worker_module
 from lacet.services.acquisition.assembly import Assembly
+from lacet.services.acquisition.offer import offer
 from lacet.services.acquisition.worker import RunResult, Worker
-from tests.daq.test_bus import assert_whole, publish, wait_until
-from tests.support.rig import T0, free_port, rig_text
+from lacet.services.commands.__main__ import main
+from tests.daq.test_bus import BLOCKS, CHANNEL_NAMES, assert_whole, publish, wait_until
+from tests.support.processes import Command, commands
+from tests.support.rig import T0, free_port, rig_text, samples
 
 
 @dataclass
@@ -210,6 +218,140 @@ def test_a_worker_started_again_acknowledges_what_it_has(net: Net, tmp_path: Pat
     assert len(list(tmp_path.glob("*.mcap"))) == 1
     assert not worker.has_said("listening")
     again.close()
+
+
+def test_two_recorders_at_one_address_both_reach_the_worker_and_the_second_takes_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(bus_publisher, "OTHERS", 0.1)
+    monkeypatch.setattr(bus_link, "AGAIN", 0.1)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    links = [Link(endpoint, True) for _ in range(2)]
+    client = open_session(connect=(endpoint,))
+    spools = [Spool(), Spool()]
+    publishers = []
+    for i, (link, spool) in enumerate(zip(links, spools, strict=True)):
+        publishers.append(RunPublisher(link.session, "car", StartRecord(f"run-{i}", T0, "", rig_text()), spool))
+        link.add(publishers[i])
+    with working(client, tmp_path) as worker:
+        wait_until(lambda: worker.has_said("run-0: listening") and worker.has_said("run-1: listening"))
+        wholes = [publish(publishers[0])]
+        publishers[0].finish({}, {})
+        assert set(publishers[0].wait_for_ack(10.0)) == {"w"}
+        publishers[0].close()
+        links[0].close()  # the first was the router
+        wholes.append(publish(publishers[1]))
+        publishers[1].finish({}, {})
+        assert set(publishers[1].wait_for_ack(15.0)) == {"w"}
+        wait_until(lambda: len(list(tmp_path.glob("*.result.json"))) == 2)
+    results = sorted(worker.results, key=lambda result: result.run_id)
+    for result, whole in zip(results, wholes, strict=True):
+        assert_whole(result, whole)
+    publishers[1].close()
+    links[1].close()
+    client.close()
+    for spool in spools:
+        spool.close()
+
+
+def test_a_link_that_cannot_be_made_is_made_later(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(bus_link, "AGAIN", 0.1)
+    net.off()
+    lines: list[str] = []
+    link = Link(net.endpoint, False, notify=lines.append)
+    publisher = net.publisher(link.session)
+    link.add(publisher)
+    assert "RECORDING WITHOUT THE BUS" in lines[0]
+    whole = publish(publisher)
+    with working(net.client, tmp_path) as worker:
+        net.on()
+        publisher.finish({}, {})
+        assert set(publisher.wait_for_ack(15.0)) == {"w"}
+        wait_until(lambda: (tmp_path / "run-1.result.json").exists())
+    assert_whole(worker.results[0], whole)
+    publisher.close()
+    link.close()
+
+
+def recorded(path: Path, run_id: str = "run-1") -> LogReader:
+    """A log of two channels, 40 blocks of each."""
+    with LogWriter(path, StartRecord(run_id, T0, "", rig_text())) as log:
+        for name in CHANNEL_NAMES[:2]:
+            whole = samples(CHANNELS[name], BLOCKS / 10, 100.0)
+            for i in range(BLOCKS):
+                part = slice(10 * i, 10 * i + 10)
+                log.write_block(Block(name, whole.t_ns[part], whole.values[part], whole.flags[part]))
+        log.close(StopRecord(T0 + 1, "stopped"))
+    return LogReader(path)
+
+
+def test_a_log_is_offered_to_a_worker_that_came_after_the_recorder_had_gone(net: Net, tmp_path: Path):
+    log = recorded(tmp_path / "log.mcap")
+    assert log.manifest is not None
+    publisher = offer(net.car, "car", log, net.spool, print)
+    (tmp_path / "worker").mkdir()
+    with working(net.client, tmp_path / "worker"):
+        assert set(publisher.wait_for_ack(10.0)) == {"w"}
+    (path,) = (tmp_path / "worker").glob("*.mcap")
+    found = LogReader(path)
+    assert found.damage == []
+    assert found.manifest is not None
+    assert found.manifest.channels == log.manifest.channels  # the very messages
+    publisher.close()
+
+
+def test_what_a_cut_link_had_brought_is_not_fetched_again(net: Net, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """The link is cut while blocks are fetched, and the log is offered by another process."""
+    monkeypatch.setattr(bus_publisher, "REPLY", 3000)
+    log = recorded(tmp_path / "log.mcap")
+    publisher = offer(net.car, "car", log, net.spool, print)
+    (tmp_path / "worker").mkdir()
+    stored, add = list[int](), Spool.add
+
+    def cut_after_20(spool: Spool, name: str, sequence: int, message: bytes) -> bool:
+        if spool in (net.spool, second):
+            return add(spool, name, sequence, message)
+        if len(stored) == 20:
+            net.car.close()
+        stored.append(sequence)
+        return len(stored) != 21 and add(spool, name, sequence, message)
+
+    second = Spool()
+    monkeypatch.setattr(Spool, "add", cut_after_20)
+    monkeypatch.setattr(worker_module, "ROOM", 0.2)
+    with working(net.client, tmp_path / "worker", deadline=60.0) as worker:
+        wait_until(lambda: len(stored) > 20)
+        publisher.close()
+        net.car = open_session(connect=(net.endpoint,))
+        again = offer(net.car, "car", log, second, print)
+        assert set(again.wait_for_ack(10.0)) == {"w"}
+        assert worker.has_said("run-1: complete")
+    assert len(stored) == 2 * BLOCKS + 1  # each once, but for the one that was refused
+    again.close()
+    second.close()
+
+
+def test_publish_offers_logs_until_they_are_at_a_worker(tmp_path: Path):
+    logs = [recorded(tmp_path / f"log-{i}.mcap", f"run-{i}").path for i in range(2)]
+    router = f"tcp/127.0.0.1:{free_port()}"
+    with commands() as running:
+        running.append(Command("publish", *logs, "--listen", router, "--json", "publish.json", cwd=tmp_path))
+        (tmp_path / "worker").mkdir()
+        running.append(Command("worker", "--connect", router, "--no-fit", "--name", "w", cwd=tmp_path / "worker"))
+        assert running[0].wait() == 0, running[0].text()
+        wait_until(lambda: len(list((tmp_path / "worker").glob("*.result.json"))) == 2)
+    report = json.loads((tmp_path / "publish.json").read_text(encoding="utf-8"))
+    assert [set(run["acknowledged"]) for run in report["runs"]] == [{"w"}, {"w"}]
+
+
+def test_publish_without_a_worker_ends_with_3_and_a_log_without_channels_is_refused(tmp_path: Path, capsys):
+    log = recorded(tmp_path / "log.mcap")
+    place = ["--listen", f"tcp/127.0.0.1:{free_port()}"]
+    assert main(["publish", str(log.path), *place, "--ack-wait", "0.1"]) == 3
+    with LogWriter(tmp_path / "empty.mcap", log.start) as empty:
+        empty.close(StopRecord(T0 + 1, "stopped"))
+    assert main(["publish", str(tmp_path / "empty.mcap"), *place]) == 2
+    assert "lacet decode" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("what", ["blocks", "log"])
