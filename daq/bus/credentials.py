@@ -129,7 +129,7 @@ def _allowed(name: str, role: Role) -> list[tuple[str, tuple[str, ...], list[str
                 ("egress", ("put",), [f"{runs}/ack/*"]),
             ]
         case Role.WORKER:
-            results = [f"lacet/*/*/{part}/{name}" for part in ("ack", "result", "claim", "claim/*")]
+            results = [f"lacet/*/*/{part}/{name}" for part in ("ack", "result", "claim", "working")]
             return [
                 ("ingress", (*_DECLARE, *_ASK), everything),
                 ("ingress", _SEND, results),

@@ -14,6 +14,8 @@ import zenoh
 from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.bus.session import EVERY_RUN, LARGEST, LENGTH, QUEUE, SEQUENCE, Keys, chunk, split_key
 
+_PRESENCE = {"alive": ("alive", "gone"), "claim": ("claimed", "unclaimed"), "working": ("working", "idle")}
+"""Liveliness token → kinds of the messages that say that it is there, or no more."""
 RESERVE = 32 << 20
 """Room in the queue for messages other than blocks, which blocks must not displace [bytes]."""
 ANSWER = 20.0
@@ -30,8 +32,9 @@ class Message:
     ----------
     keys : keys of its run.
     kind : ``start``, ``block``, ``ledger``, ``manifest``, ``result``, ``alive`` or ``gone`` (the recorder's presence);
-        ``blocks`` with several that were requested, ``answered`` at the end of them.
-    name : channel of a block, worker of a result, otherwise empty.
+        ``blocks`` with several that were requested, ``answered`` at the end of them; ``claimed``, ``unclaimed``,
+        ``working`` and ``idle`` (other workers' claims).
+    name : channel of a block, worker of a result or a claim, otherwise empty.
     sequence : number of a block within its channel, of the first of several, otherwise 0.
     payload : the message's bytes.
     requested : whether it is an answer to a request, and so from who holds the run.
@@ -74,6 +77,16 @@ class BusListener:
         if message is not None and message.kind == "alive":
             self.ask(message.keys, "start")
         return message
+
+    def watch_claims(self) -> None:
+        """Receive the claims of workers on runs, too."""
+        for kind in ("claim", "working"):
+            key = EVERY_RUN.key(kind, "*")
+            self._handles.append(self._session.liveliness().declare_subscriber(key, self._on_presence, history=True))
+
+    def declare_token(self, keys: Keys, *parts: str) -> zenoh.LivelinessToken:
+        """A token that others see until it is undeclared, or this worker is gone."""
+        return self._session.liveliness().declare_token(keys.key(*parts))
 
     @property
     def dropped(self) -> int:
@@ -146,9 +159,10 @@ class BusListener:
             self._put(reply.ok, requested=True)
 
     def _on_presence(self, sample: zenoh.Sample) -> None:
-        if (parts := split_key(str(sample.key_expr))) is not None:
-            kind = "alive" if sample.kind == zenoh.SampleKind.PUT else "gone"
-            self._queue.put(Message(parts[0], kind, "", 0, b""), kind, OVERHEAD, RESERVE)
+        if (parts := split_key(str(sample.key_expr))) is not None and parts[1] in _PRESENCE:
+            there, gone = _PRESENCE[parts[1]]
+            kind = there if sample.kind == zenoh.SampleKind.PUT else gone
+            self._queue.put(Message(parts[0], kind, parts[2], 0, b""), kind, OVERHEAD, RESERVE)
 
     def _put(self, sample: zenoh.Sample, requested: bool) -> None:
         parts, sequence = split_key(str(sample.key_expr)), _number(sample)

@@ -2,15 +2,17 @@
 
 Keys, below ``lacet/<car>/<run>/``; the page ``docs/bus.md`` describes them:
 
-=================== ============================================================ ==========
-``start``           `StartRecord`: full texts of rig, vehicle and driver files   on request
+==================== ============================================================= ==========
+``start``            `StartRecord`: full texts of rig, vehicle and driver files   on request
 ``block/<channel>`` `DecodedBlock`, numbered per channel from 0                  on request
 ``ledger``          JSON, once a second: rates and losses so far
 ``manifest``        `Manifest`, at the end: count and checksum of every channel  on request
 ``ack/<worker>``    JSON, a worker has assembled the run
 ``result/<worker>`` JSON, a worker's result                                      on request
 ``alive``           liveliness token of the recorder
-=================== ============================================================ ==========
+``claim/<worker>``  liveliness token of a worker that would work on the run
+``working/<worker>`` liveliness token of the worker that does
+==================== ============================================================= ==========
 
 Completeness does not depend on the network: blocks are numbered, the manifest has their number, and missing ones are
 requested. Live blocks are therefore sent with DROP, which cannot stall the recorder. Callbacks only fill a bounded

@@ -19,6 +19,7 @@ from lacet.daq.formats.log import LogWriteError
 from lacet.daq.formats.result import plain
 from lacet.daq.formats.wire import WireError, start_from_bytes
 from lacet.services.acquisition.assembly import Assembly, Phase
+from lacet.services.acquisition.claims import Claims
 from lacet.services.acquisition.run_state import RunState, free_log, read_states, write_text
 
 RESULT = ".result.json"
@@ -59,6 +60,7 @@ class RunResult:
     missing : channel → ranges (first, last) of missing block numbers.
     notes : plain sentences: what is missing and why.
     work : the result of `OnRun`, or ``{"error": …}``.
+    worker : the worker that worked on it; empty for this one.
     """
 
     run_id: str
@@ -68,6 +70,7 @@ class RunResult:
     missing: dict[str, list[tuple[int, int]]]
     notes: list[str]
     work: dict[str, Any]
+    worker: str = ""
 
     @property
     def keys(self) -> Keys:
@@ -128,6 +131,9 @@ class Worker:
         self._acknowledged: dict[Keys, float] = {}
         self._away = 0.0
         self._full_until = 0.0
+        self._claims = Claims(listener, name)
+        self._waiting: dict[Keys, RunResult] = {}
+        self._busy: Keys | None = None
         self._jobs: queue.SimpleQueue[RunResult] = queue.SimpleQueue()
         self._finished: queue.SimpleQueue[RunResult] = queue.SimpleQueue()
         self._unwritten: list[RunResult] = []
@@ -142,7 +148,7 @@ class Worker:
             if not state.worked:
                 self._notify(f"run {state.run}: it is here, its result is not: it is worked on now")
                 path = self._folder / state.log
-                self._jobs.put(RunResult(state.run, state.car, path, True, {}, list(state.notes), {}))
+                self._waiting[state.keys] = RunResult(state.run, state.car, path, True, {}, list(state.notes), {})
         last = time.monotonic()
         while not stop.is_set() and not (once and results):
             until = time.monotonic() + TURN
@@ -158,6 +164,9 @@ class Worker:
             for assembly in list(self._runs.values()):
                 self._guarded(assembly.keys, self._turn, assembly, passed if connected else 0.0)
             results += self._written()
+            if self._busy is None and (keys := self._claims.next(self._waiting)) is not None:
+                self._busy = keys
+                self._jobs.put(self._waiting.pop(keys))
         for assembly in [a for a in self._runs.values() if stop.is_set() and a.phase is not Phase.INCOMPLETE]:
             if (closed := self._guarded(assembly.keys, self._incomplete, assembly, "the worker was ended")) is not None:
                 results.append(closed)
@@ -190,10 +199,14 @@ class Worker:
 
     def _take(self, message: Message) -> None:
         keys = message.keys
+        if message.kind in ("claimed", "unclaimed", "working", "idle"):
+            self._claims.take(message)
+            return
         if message.kind == "result":
+            self._take_result(message)
             return
         if keys in self._states:
-            if message.kind != "gone":
+            if message.kind not in ("gone", "blocks", "answered"):
                 self._acknowledge(self._states[keys])
             return
         assembly = self._runs.get(keys)
@@ -213,6 +226,20 @@ class Worker:
         elif message.kind == "alive":
             self._listener.ask(keys, "manifest")
         assembly.take(message)
+
+    def _take_result(self, message: Message) -> None:
+        """The result of another worker, for a run that waits here: it is not worked on again."""
+        if message.name == chunk(self._name) or (waiting := self._waiting.get(message.keys)) is None:
+            return
+        try:
+            content = json.loads(message.payload)
+            if content["digest"] != self._states[message.keys].digest or not isinstance(content["result"], dict):
+                return
+        except (ValueError, TypeError, KeyError, RecursionError):  # of nobody who has the run
+            return
+        del self._waiting[message.keys]
+        self._notify(f"run {message.keys.run}: worker {message.name} has worked on it")
+        self._finished.put(replace(waiting, work=content["result"], worker=message.name))
 
     def _take_unknown(self, message: Message) -> None:
         """A run is opened by its start record, which its holder is asked for."""
@@ -317,7 +344,7 @@ class Worker:
         for note in assembly.notes:
             self._notify(f"run {keys.run}: {note}")
         self._notify(f"run {keys.run}: complete, {assembly.fetched} blocks fetched, written to {path}")
-        self._jobs.put(RunResult(keys.run, keys.car, path, True, {}, list(assembly.notes), {}))
+        self._waiting[keys] = RunResult(keys.run, keys.car, path, True, {}, list(assembly.notes), {})
 
     def _incomplete(self, assembly: Assembly, why: str, work: bool = False) -> RunResult:
         """Close a run without all of it, for now: it is reopened when its recorder is heard again."""
@@ -365,8 +392,10 @@ class Worker:
         if time.monotonic() < self._full_until:
             return out
         for result in list(self._unwritten):
-            text = json.dumps(plain(result.payload()), indent=1, ensure_ascii=False) + "\n"
             state = self._states.get(result.keys)
+            proof = {} if state is None else {"digest": state.digest}
+            content = {"worker": result.worker or self._name, **result.payload(), **proof}
+            text = json.dumps(plain(content), indent=1, ensure_ascii=False) + "\n"
             if not result.complete and state is not None:  # the whole run has come in the meantime
                 self._unwritten.remove(result)
                 continue
@@ -381,7 +410,11 @@ class Worker:
                 break
             if "error" in result.work:
                 self._notify(f"run {result.run_id}: {result.work['error']}")
-            self._listener.publish_result(result.keys, self._name, text)
+            if not result.worker:
+                self._listener.publish_result(result.keys, self._name, text)
+            if result.keys == self._busy:
+                self._busy = None
+                self._claims.release()
             self._unwritten.remove(result)
             out.append(result)
         return out

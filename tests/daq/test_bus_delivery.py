@@ -99,8 +99,8 @@ def working(
         found.said.append(text)
         options.get("on_line", print)(text)
 
-    numbers = {"patience": 0.3, "deadline": 0.5, **{k: v for k, v in options.items() if k != "on_line"}}
-    worker = Worker(listener, folder, options.pop("name", "w"), on_run, notify=notify, **numbers)
+    numbers = {"patience": 0.3, "deadline": 0.5, **{k: v for k, v in options.items() if k not in ("on_line", "name")}}
+    worker = Worker(listener, folder, options.get("name", "w"), on_run, notify=notify, **numbers)
     thread = threading.Thread(target=lambda: found.results.extend(worker.run(stop)))
     thread.start()
     yield found
@@ -271,6 +271,85 @@ def test_a_link_that_cannot_be_made_is_made_later(net: Net, tmp_path: Path, monk
     assert_whole(worker.results[0], whole)
     publisher.close()
     link.close()
+
+
+def test_two_workers_fit_each_run_once_and_both_have_its_result(net: Net, tmp_path: Path):
+    other = open_session(connect=(net.endpoint,))
+    begun: list[tuple[str, str]] = []
+
+    def work_of(name: str) -> Callable[[Path], dict[str, Any]]:
+        def work(path: Path) -> dict[str, Any]:
+            begun.append((name, path.stem))
+            time.sleep(0.3)
+            return {"by": name}
+
+        return work
+
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    spools = [Spool() for _ in range(4)]
+    with (
+        working(net.client, tmp_path / "a", work_of("a"), name="a") as first,
+        working(other, tmp_path / "b", work_of("b"), name="b") as second,
+    ):
+        publishers = [
+            RunPublisher(net.car, "car", StartRecord(f"run-{i}", T0, "", rig_text()), spool)
+            for i, spool in enumerate(spools)
+        ]
+        for publisher in publishers:
+            publish(publisher)
+            publisher.finish({}, {})
+        for name in "ab":
+            wait_until(lambda folder=tmp_path / name: len(list(folder.glob("*.result.json"))) == 4)
+    assert sorted(run for _, run in begun) == [f"run-{i}" for i in range(4)]
+    assert {name for name, _ in begun} == {"a", "b"}  # they share the work
+    for worker in (first, second):
+        assert {result.run_id: result.work["by"] for result in worker.results} == {run: name for name, run in begun}
+    for item in (*publishers, *spools, other):
+        item.close()
+
+
+def test_a_run_whose_worker_dies_is_taken_over(net: Net, tmp_path: Path):
+    never, begun = Event(), Event()
+
+    def dies(path: Path) -> dict[str, Any]:
+        begun.set()
+        never.wait(20.0)
+        return {}
+
+    for name in "ab":
+        (tmp_path / name).mkdir()
+    other = open_session(connect=(net.endpoint,))
+    publisher = net.publisher()
+    with (
+        working(net.client, tmp_path / "b", lambda path: {"by": "b"}, name="b") as survivor,
+        working(other, tmp_path / "a", dies, name="a"),
+    ):
+        publish(publisher)
+        publisher.finish({}, {})
+        assert begun.wait(10.0)  # a, the first name, has it
+        wait_until(lambda: survivor.has_said("run-1: complete"))
+        time.sleep(1.0)
+        assert survivor.results == []
+        assert not (tmp_path / "b" / "run-1.result.json").exists()
+        other.close()  # as when its process is killed
+        wait_until(lambda: (tmp_path / "b" / "run-1.result.json").exists())
+    never.set()
+    assert survivor.results[0].work == {"by": "b"}
+    publisher.close()
+
+
+def test_a_result_of_nobody_who_has_the_run_does_not_keep_a_worker_from_it(net: Net, tmp_path: Path):
+    publisher = net.publisher()
+    publish(publisher)
+    with working(net.client, tmp_path, lambda path: {"by": "w"}) as worker:
+        publisher.finish({}, {})
+        wait_until(lambda: worker.has_said("run-1: complete"))
+        for payload in (b"{", b"[]", b'{"digest": "00", "result": {}}', b'{"digest": 1}'):
+            net.car.put(publisher.keys.key("result", "a"), payload)
+        wait_until(lambda: (tmp_path / "run-1.result.json").exists())
+    assert worker.results[0].work == {"by": "w"}
+    publisher.close()
 
 
 def recorded(path: Path, run_id: str = "run-1") -> LogReader:

@@ -34,9 +34,10 @@ from lacet.daq.formats.wire import (
     manifest_to_bytes,
     start_to_bytes,
 )
+from lacet.services.acquisition import claims
 from lacet.services.acquisition.assembly import Assembly
 from lacet.services.acquisition.worker import MOST_RUNS_OF_A_CAR, RunResult, Worker
-from tests.daq.test_bus import BLOCKS, Bus, assert_whole, publish
+from tests.daq.test_bus import BLOCKS, Bus, assert_whole, publish, wait_until
 from tests.support.rig import T0, free_port, rig_text, samples
 
 MEMORY = 500 << 20
@@ -107,6 +108,7 @@ ATTACKS: dict[str, Attack] = {
     "a false acknowledgement": put("ack", "w", payload=b'{"run_id": "run-1", "complete": true, "notes": []}'),
     "an acknowledgement with a false digest": put("ack", "w", payload=b'{"complete": true, "digest": "0"}'),
     "an acknowledgement that is no JSON": put("ack", "w", payload=b"\xff{"),
+    "a false claim": lambda session, keys: [session.liveliness().declare_token(keys.key("claim", "a"))],
     "an acknowledgement of brackets": put("ack", "w", payload=b"[" * 60_000),
     "a run name of 300 letters": false_run("bench", "n" * 300, HUGE_MANIFEST),
     "a run named as the folder above": false_run("bench", "..", HUGE_MANIFEST),
@@ -133,6 +135,8 @@ def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session, zenoh.Session]]:
 @pytest.fixture
 def bus(sessions: tuple[zenoh.Session, zenoh.Session, zenoh.Session], monkeypatch: pytest.MonkeyPatch) -> Iterator[Bus]:
     monkeypatch.setattr(bus_publisher, "OTHERS", 0.1)
+    monkeypatch.setattr(claims, "SETTLE", 0.05)
+    monkeypatch.setattr(claims, "TAKE_OVER", 0.3)
     spool = Spool()
     yield Bus(sessions[0], sessions[1], spool, "", f"run-{time.monotonic_ns()}")
     spool.close()
@@ -168,6 +172,7 @@ def test_the_true_run_is_whole(sessions: Any, bus: Bus, tmp_path: Path, name: st
         publisher.finish({}, {})
         ATTACKS[name](attacker, publisher.keys)
         acks.update(publisher.wait_for_ack(10.0))
+        wait_until((tmp_path / f"{bus.run_id}.result.json").exists)
         assert thread.is_alive()
     assert set(acks) == {"true"}  # and by no false one
     (result,) = (found for found in results if found.run_id == bus.run_id)
@@ -229,6 +234,7 @@ def test_a_fault_in_one_run_is_not_the_end_of_the_worker(bus: Bus, tmp_path: Pat
         whole = publish(publisher)
         publisher.finish({}, {})
         assert set(publisher.wait_for_ack(10.0)) == {"true"}
+        wait_until((tmp_path / f"{bus.run_id}.result.json").exists)
     assert_whole(results[0], whole)
     for item in (publisher, false, spool):
         item.close()
