@@ -43,6 +43,9 @@ __all__ = ["LogReader", "LogWriteError", "LogWriter", "StartRecord", "StopRecord
 DISK = "disk"
 """Cause of loss under which a log counts samples and frames that it could not store."""
 
+CHUNK_SECONDS = 0.1
+"""Duration of a chunk [s]: what a killed recorder loses at most."""
+
 
 class LogWriteError(RunError):
     """A log that cannot be written any further; what was recorded before remains readable."""
@@ -89,7 +92,7 @@ class LogWriter:
         start: StartRecord,
         *,
         chunk_bytes: int = 256 * 1024,
-        chunk_seconds: float = 0.1,
+        chunk_seconds: float = CHUNK_SECONDS,
         fsync_seconds: float | None = None,
         axes: Mapping[str, str] | None = None,
         overwrite: bool = False,

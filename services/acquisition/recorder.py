@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from threading import Event
 from typing import Any, Protocol
 
@@ -13,10 +15,11 @@ from lacet.daq.blocks import Block
 from lacet.daq.bus.publisher import RunPublisher
 from lacet.daq.bus.queue import BoundedQueue
 from lacet.daq.formats.events import EventKind, RunEvent
-from lacet.daq.formats.log import LogWriteError, LogWriter, StopRecord
+from lacet.daq.formats.log import CHUNK_SECONDS, DISK, LogWriteError, LogWriter, StopRecord
 from lacet.daq.formats.wire import Losses, Tally, block_to_bytes, frames_to_bytes
 from lacet.daq.frames import Frames
 from lacet.services.acquisition.host_clock import HostClock, synchronisation
+from lacet.services.acquisition.log_medium import RESERVE_BYTES, ROOM_BYTES, STALL_SECONDS, LogMedium
 from lacet.services.acquisition.sensor_monitor import SensorMonitor, SensorStatus, Watched
 from lacet.services.acquisition.transports.base import Receiver
 from lacet.services.acquisition.transports.reader import Reader
@@ -65,6 +68,7 @@ class Health:
     down : buses whose wire is not open.
     waiting : number of frames in the queue.
     sensors : sensor → what it does.
+    disk_seconds : time until the disk is full but for a reserve [s].
     """
 
     seconds: float
@@ -74,6 +78,7 @@ class Health:
     down: list[str]
     waiting: int
     sensors: Mapping[str, SensorStatus] = field(default_factory=dict)
+    disk_seconds: float = float("inf")
 
 
 @dataclass
@@ -87,6 +92,8 @@ class Summary:
     losses: dict[str, dict[str, int]]
     log_error: str | None = None
     tallies: dict[str, Tally] = field(default_factory=dict)
+    unsafe: bool = False
+    """Whether the log was removed or replaced, or its medium reported an error."""
 
 
 class Recorder:
@@ -103,6 +110,7 @@ class Recorder:
     report : called once a second.
     queue_frames : capacity of the queue.
     clock : the machine's clock.
+    medium : maker of the watcher of a log's file.
     """
 
     def __init__(
@@ -117,6 +125,7 @@ class Recorder:
         report: Callable[[Health], None] = lambda health: None,
         queue_frames: int = QUEUE_FRAMES,
         clock: HostClock | None = None,
+        medium: Callable[[Path], LogMedium] = LogMedium,
     ):
         self.queue: BoundedQueue[Frames] = BoundedQueue(queue_frames)
         self._clock = clock or HostClock()
@@ -129,6 +138,13 @@ class Recorder:
         self._report = report
         self._log_error: str | None = None
         self._clock_steps = 0
+        self._open_medium = medium
+        self._medium = medium(log.path)
+        self._first_path = log.path
+        self._part = 1
+        self._closed_for_room = False
+        self._unstored: Counter[str] = Counter()
+        self._published_bytes = 0
         self._monitor = SensorMonitor(decoder.watched, time.monotonic())
         self._frames: dict[str, Tally] = {}
         self._blocks: dict[str, Tally] = {}
@@ -158,7 +174,10 @@ class Recorder:
         started = time.monotonic()
         for reader in self.readers:
             reader.start()
-        with self._log:  # an exception closes it with its reason
+        self._medium.start()
+        with contextlib.ExitStack() as stack:
+            stack.callback(lambda: self._medium.stop())
+            stack.push(lambda *exception: self._log.__exit__(*exception))  # an exception closes it with its reason
             try:
                 reason = self._loop(stop, started, duration, until_idle, on_ready)
             finally:
@@ -192,6 +211,10 @@ class Recorder:
             self._watch_clock()
             self._watch_sensors()
             self._watch_wires()
+            self._watch_medium()
+            self._watch_room()
+            if (held_up := time.monotonic() - now) > STALL_SECONDS:
+                self._notify(f"the recording was held up for {held_up:.1f} s; what came in meanwhile waits in memory")
             for reader in self.readers:
                 if reader.fault is not None:
                     raise reader.fault
@@ -234,25 +257,35 @@ class Recorder:
             message = self._store_block(block, tally.messages)
             self._blocks[block.channel] = tally.add(message, len(block))
             if self._publisher is not None:
+                self._published_bytes += len(message)
                 self._publisher.put_block(block.channel, message, len(block))
 
     def _store_frames(self, frames: Frames, sequence: int) -> bytes:
+        if self._closed_for_room:
+            self._unstored[frames.source] += len(frames)
+            return frames_to_bytes(frames, sequence)
         try:
-            return self._log.write_frames(frames)
+            stored = self._log.write_frames(frames)
+            return stored if self._part == 1 else frames_to_bytes(frames, sequence)
         except LogWriteError as error:
             self._log_failed(error)
             return frames_to_bytes(frames, sequence)
 
     def _store_block(self, block: Block, sequence: int) -> bytes:
-        try:
-            return self._log.write_block(block)
-        except LogWriteError as error:  # the block is still published, with the same number
-            self._log_failed(error)
-            return block_to_bytes(block, sequence, self._axes.get(block.channel))
+        if self._closed_for_room:
+            self._unstored[block.channel] += len(block)
+        else:
+            try:
+                stored = self._log.write_block(block)
+                if self._part == 1:  # later files number their own messages
+                    return stored
+            except LogWriteError as error:  # the block is still published, with the same number
+                self._log_failed(error)
+        return block_to_bytes(block, sequence, self._axes.get(block.channel))
 
     def _tick(self) -> None:
         try:
-            if self._log.error is None:
+            if self._log.error is None and not self._closed_for_room:
                 self._log.tick(self._clock.now_ns())
         except LogWriteError as error:
             self._log_failed(error)
@@ -278,10 +311,52 @@ class Recorder:
             while reader.events:
                 self._event(reader.events.popleft())
 
+    def _watch_medium(self) -> None:
+        self._medium.check()
+        while self._medium.messages:
+            state, text = self._medium.messages.popleft()
+            self._notify(text)
+            self._event(RunEvent(self._clock.now_ns(), EventKind.LOG, "", state, text))
+
+    def _watch_room(self) -> None:
+        """Close the log while there is room for its end; go on in a new file when there is room again."""
+        if self._log_error is not None:
+            return
+        free = self._medium.free()
+        if not self._closed_for_room and free < RESERVE_BYTES:
+            reason = f"less than {RESERVE_BYTES / 1e6:.0f} MB were free on the disk"
+            self._notify(
+                f"{reason}: THE LOG {self._log.path} IS CLOSED; publishing goes on. When there is room for "
+                f"{ROOM_BYTES / 1e6:.0f} MB more, recording goes on in a new file"
+            )
+            self._event(RunEvent(self._clock.now_ns(), EventKind.LOG, "", "closed", reason))
+            try:
+                self._log.close(StopRecord(self._clock.now_ns(), reason, {}, self.losses()))
+            except LogWriteError as error:
+                self._log_failed(error)
+            self._closed_for_room = True
+        elif self._closed_for_room and free > RESERVE_BYTES + ROOM_BYTES:
+            self._next_file()
+
+    def _next_file(self) -> None:
+        first = self._first_path
+        path = first.with_stem(f"{first.stem}-{self._part + 1}")
+        start = replace(self._log.start, extra={**self._log.start.extra, "part": str(self._part + 1)})
+        try:
+            log = LogWriter(path, start, axes=self._axes)
+        except LogWriteError as error:
+            self._log_failed(error)
+            return
+        self._medium.stop()
+        self._log, self._medium = log, self._open_medium(path)
+        self._medium.start()
+        self._part, self._closed_for_room = self._part + 1, False
+        self._notify(f"there is room again: recording goes on in {path}")
+
     def _event(self, event: RunEvent) -> None:
         """Store an event in the log."""
         try:
-            if self._log.error is None:
+            if self._log.error is None and not self._closed_for_room:
                 self._log.write_event(event)
         except LogWriteError as error:
             self._log_failed(error)
@@ -298,6 +373,8 @@ class Recorder:
             out[reader.receiver.source] = Counter(reader.losses())
         for source, number in self.queue.dropped.items():
             out.setdefault(source, Counter())["queue"] += number
+        for source, number in self._unstored.items():
+            out.setdefault(source, Counter())[DISK] += number
         for source, number in self._monitor.hidden_losses().items():
             out.setdefault(source, Counter())["lost_unseen"] += number
         for source, causes in (*self._decoder.losses().items(), *self._log.losses.items()):
@@ -320,6 +397,7 @@ class Recorder:
             [reader.receiver.source for reader in self.readers if not (reader.up.is_set() or reader.stopping)],
             self.queue.held,
             self._monitor.status,
+            self._medium.seconds_to_full(self._medium.size() + self._published_bytes),
         )
         if self._publisher is not None:
             try:
@@ -332,6 +410,9 @@ class Recorder:
         losses = self.losses()
         self._watch_clock()
         self._watch_wires()
+        self._watch_medium()
+        text = f"a power cut could have cost {self._medium.longest + CHUNK_SECONDS:.2f} s of the recording at most"
+        self._event(RunEvent(self._clock.now_ns(), EventKind.LOG, "", "stop", text))
         text = f"the clock of this machine is {synchronisation()}"
         self._event(RunEvent(self._clock.now_ns(), EventKind.HOST_CLOCK, "", "stop", text))
         if self._log_error is not None:
@@ -339,13 +420,25 @@ class Recorder:
         frames = {name: tally.samples for name, tally in self._frames.items()}
         samples = {name: tally.samples for name, tally in sorted(self._blocks.items())}
         try:
-            self._log.close(StopRecord(self._clock.now_ns(), reason, {}, losses))
+            self._log.close(
+                StopRecord(self._clock.now_ns(), reason, {}, losses)
+            )  # which may be closed for want of room
         except LogWriteError as error:
             self._log_failed(error)
             losses = self.losses()
+        self._medium.stop()
         if self._publisher is not None:
             self._publisher.finish(losses, dict(self._frames))
-        return Summary(reason, time.monotonic() - started, frames, samples, losses, self._log_error, self._blocks)
+        return Summary(
+            reason,
+            time.monotonic() - started,
+            frames,
+            samples,
+            losses,
+            self._log_error,
+            self._blocks,
+            self._medium.failed,
+        )
 
 
 def _ledger(health: Health, counts: Losses) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from lacet.daq.formats.result import DONE, WITH_LOSSES, write_result
 from lacet.daq.rig import Rig
 from lacet.daq.vehicle import Vehicle
 from lacet.services.acquisition.host_clock import synchronisation
+from lacet.services.acquisition.log_medium import remaining_text
 from lacet.services.acquisition.own_drivers import OPTION as TRUST
 from lacet.services.acquisition.own_drivers import own_drivers
 from lacet.services.acquisition.recorder import Health, Recorder, Summary
@@ -176,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
             "acknowledged": acks,
         },
     )
-    return WITH_LOSSES if summary.losses or summary.log_error else DONE
+    return WITH_LOSSES if summary.losses or summary.log_error or summary.unsafe else DONE
 
 
 def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:
@@ -233,7 +234,9 @@ def describe(health: Health) -> str:
         for family, found in families.items()
     )
     losses = f"LOST {lost}" if lost else "nothing lost"
-    return f"{health.seconds:.0f} s: {frames}{down}{faulty}; {losses}; samples/s: {rates}"
+    remaining = remaining_text(health.disk_seconds)
+    room = f"; {remaining}" if remaining else ""
+    return f"{health.seconds:.0f} s: {frames}{down}{faulty}; {losses}{room}; samples/s: {rates}"
 
 
 def lost_text(losses: dict[str, dict[str, int]]) -> str:

@@ -134,9 +134,8 @@ def test_a_run_through_a_step_of_the_machine_is_whole_and_names_the_machine(tmp_
     assert any(f"the clock of this machine was set by {step / 1e9:+.3f} s" in line for line in told)
     reader = LogReader(path)
     assert reader.damage == []
-    stepped, stopped = reader.events()
-    assert (stepped.kind, stepped.state) == (EventKind.HOST_CLOCK, "stepped")
-    assert (stopped.kind, stopped.state) == (EventKind.HOST_CLOCK, "stop")
+    stepped, stopped = (one for one in reader.events() if one.kind == EventKind.HOST_CLOCK)
+    assert (stepped.state, stopped.state) == ("stepped", "stop")
     np.testing.assert_array_equal(reader.frames("can0").t_ns, frames.t_ns + T0)
     run = build_run("run", reader.start, reader.blocks())
     assert run.problems == ()
