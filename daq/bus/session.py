@@ -89,9 +89,12 @@ def common_settings() -> dict[str, Any]:
     return {
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
+        "scouting/delay": 0,
         # The filter counts exactly; this one, which does not, ends the collection of the pieces in memory.
         "transport/link/rx/max_message_size": LARGEST,
         "low_pass_filter": [limit],
+        # A router that comes back is found within two seconds.
+        "connect/retry": {"period_init_ms": 250, "period_max_ms": 2000, "period_increase_factor": 2},
     }
 
 

@@ -143,12 +143,17 @@ class Live:
                 for name in _promised(start):
                     self._heard.setdefault(name, _Heard())
             elif message.kind == "ledger":
-                self._ledger = json.loads(message.payload)
+                ledger = json.loads(message.payload)
+                self._ledger = ledger if isinstance(ledger, dict) else {}
             elif message.kind == "alive":
                 self._recording = True
             elif message.kind in ("gone", "manifest"):
                 self._recording = False
-        except (WireError, ValueError):  # messages that cannot be read are not shown; the recorder's log is complete
+        except (
+            WireError,
+            ValueError,
+            RecursionError,
+        ):  # messages that cannot be read are not shown; the recorder's log is complete
             pass
 
     def _block(self, message: Message) -> None:
@@ -172,6 +177,6 @@ def _promised(start: StartRecord) -> list[str]:
     """Channels of the sensors in the rig of a run, so that one without samples is shown as silent."""
     try:
         rig = Rig.parse(start.rig_text, "rig of the run")
-    except LacetError:
+    except (LacetError, RecursionError):
         return []
     return [name for sensor in rig.sensors if sensor.driver and sensor.bus for name in sensor.channels]

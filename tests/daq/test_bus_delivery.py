@@ -27,6 +27,7 @@ from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.log import LogReader, LogWriter, StopRecord
 from lacet.daq.formats.wire import StartRecord
+from lacet.services.acquisition import claims
 from lacet.services.acquisition import worker as worker_module
 from lacet.services.acquisition.assembly import Assembly
 from lacet.services.acquisition.offer import offer
@@ -67,6 +68,7 @@ class Net:
 def net(monkeypatch: pytest.MonkeyPatch) -> Iterator[Net]:
     monkeypatch.setattr(bus_publisher, "OTHERS", 0.1)
     monkeypatch.setattr(worker_module, "SIGN", 0.5)
+    monkeypatch.setattr(claims, "SETTLE", 0.1)
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     router, spool = open_session(listen=(endpoint,)), Spool()
     net = Net(endpoint, router, open_session(connect=(endpoint,)), open_session(connect=(endpoint,)), spool)
@@ -116,7 +118,7 @@ def test_a_router_that_is_off_closes_no_run(net: Net, tmp_path: Path):
         wait_until(lambda: worker.has_said("listening"))
         net.off()
         whole = publish(publisher)
-        time.sleep(1.5)  # five times as long as its patience
+        time.sleep(1.2)  # longer than its patience and the time for a sign of life
         assert not worker.has_said("NOT complete")
         net.on()
         publisher.finish({}, {})
@@ -129,7 +131,7 @@ def test_a_router_that_is_off_closes_no_run(net: Net, tmp_path: Path):
 def test_a_worker_that_stalls_closes_no_run(net: Net, tmp_path: Path):
     def stall(text: str) -> None:
         if "listening" in text:
-            time.sleep(1.5)
+            time.sleep(1.2)
 
     publisher = net.publisher()
     with working(net.client, tmp_path, on_line=stall) as worker:
@@ -458,7 +460,7 @@ def test_a_full_disk_is_said_and_nothing_acknowledged_until_there_is_room(
         wait_until(lambda: worker.has_said("listening"))
         whole = publish(publisher)
         publisher.finish({}, {})
-        until = time.monotonic() + 1.5  # three times its deadline
+        until = time.monotonic() + 1.0  # twice its deadline
         assert publisher.wait_for_ack(10.0, lambda: time.monotonic() > until) == {}
         assert sum("THE DISK CANNOT BE WRITTEN" in line for line in worker.said) == 1
         full.clear()

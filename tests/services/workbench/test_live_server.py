@@ -16,14 +16,16 @@ import pytest
 from fastapi.testclient import TestClient
 
 from lacet.daq.blocks import Block
+from lacet.daq.bus.listener import Message
 from lacet.daq.bus.publisher import RunPublisher
-from lacet.daq.bus.session import open_session
+from lacet.daq.bus.session import Keys, open_session
 from lacet.daq.bus.spool import Spool
 from lacet.daq.channels import CHANNELS
 from lacet.daq.formats.wire import StartRecord, block_to_bytes
 from lacet.identify.validation.noise_floor import LEAST_DRAWS
 from lacet.services.commands.__main__ import main
 from lacet.services.workbench.events import WAITING, Events
+from lacet.services.workbench.live import Live
 from lacet.services.workbench.server import Settings, address, create_app, is_loopback
 from tests.support.processes import Command, commands
 from tests.support.rig import T0, free_port, rig_text, samples
@@ -165,3 +167,14 @@ def test_what_cannot_be_served_is_said(tmp_path: Path, capsys: pytest.CaptureFix
     text = capsys.readouterr().err
     for part in ("is a file", "0 to 65535", "--port 0"):
         assert part in text
+
+
+@pytest.mark.parametrize("kind", ["start", "block", "ledger", "manifest", "alive", "gone", "result"])
+@pytest.mark.parametrize("payload", [b"", b"\xff{", b"[" * 100_000, b"[]", b"7", b"\x00" * 100])
+def test_a_message_that_is_none_does_not_end_the_live_car(kind: str, payload: bytes):
+    live = Live(None, Events())
+    keys = Keys("car", "run-1")
+    live.take(Message(keys, "alive", "", 0, b""))
+    live.take(Message(keys, kind, "imu.accel", 0, payload))
+    assert live.payload()["run"] == "run-1"
+    assert live.payload()["losses"] == {}
