@@ -46,12 +46,14 @@ class ConditionalTravel:
     ----------
     travel, rate : (N,) expected values [m, m/s].
     travel_sigma, rate_sigma : (N,) 1 σ.
+    rate_rms : (N,) root mean square of the rate over the run [m/s].
     """
 
     travel: Array
     rate: Array
     travel_sigma: Array
     rate_sigma: Array
+    rate_rms: Array
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,12 @@ class CornerMotion:
             self, travel=given.travel + travel * given.travel_sigma, rate=given.rate + rate * given.rate_sigma
         )
 
+    def at_usual_rate(self, sign: float) -> CornerMotion:
+        """The corner with the expected travel, and the run's root mean square as its rate. Needs a `conditional`."""
+        given = self.conditional
+        assert given is not None
+        return replace(self, travel=given.travel, rate=sign * given.rate_rms)
+
 
 _Part = TypeVar("_Part", CornerMotion, FrameMotion, ConditionalTravel)
 
@@ -188,8 +196,8 @@ class Motion:
     ahead: float = 0.0
     masses: Mapping[str, Array] = field(default_factory=dict[str, Array])
     road_height: float = 0.0
-    _off: dict[tuple[tuple[str, ...], float, float], Motion] = field(
-        default_factory=dict[tuple[tuple[str, ...], float, float], "Motion"], init=False, repr=False, compare=False
+    _off: dict[tuple[tuple[str, ...], str, float, float], Motion] = field(
+        default_factory=dict[tuple[tuple[str, ...], str, float, float], "Motion"], init=False, repr=False, compare=False
     )
 
     def off_expectation(self, corners: tuple[str, ...], travel: float, rate: float) -> Motion:
@@ -197,14 +205,27 @@ class Motion:
 
         `corners` : of those with a `conditional`. Kept, as every law that bends asks for the same few.
         """
-        key = corners, travel, rate
+        return self._moved(corners, "σ", travel, rate)
+
+    def at_usual_rate(self, corners: tuple[str, ...], sign: float) -> Motion:
+        """The motion with the rate of some corners at ± the run's root mean square; kept likewise."""
+        return self._moved(corners, "rms", 0.0, sign)
+
+    def _moved(self, corners: tuple[str, ...], unit: str, travel: float, rate: float) -> Motion:
+        key = corners, unit, travel, rate
         if key not in self._off:
             if len(corners) == 1:
-                moved = {corners[0]: self.corners[corners[0]].off_expectation(travel, rate)}
+                one = self.corners[corners[0]]
+                moved = {corners[0]: one.at_usual_rate(rate) if unit == "rms" else one.off_expectation(travel, rate)}
             else:
-                moved = {c: self.off_expectation((c,), travel, rate).corners[c] for c in corners}
+                moved = {c: self._moved((c,), unit, travel, rate).corners[c] for c in corners}
             self._off[key] = replace(self, corners={**self.corners, **moved})
         return self._off[key]
+
+    def given(self, other: Motion) -> Motion:
+        """The motion with what is expected of the corners' travel given another record, that of `other`."""
+        corners = {c: replace(one, conditional=other.corners[c].conditional) for c, one in self.corners.items()}
+        return replace(self, corners=corners)
 
     def measured(self, row: Row) -> Array:
         """(N,) the measured left side of a row [N or N·m].

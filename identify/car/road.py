@@ -65,8 +65,9 @@ class Road:
             return None
         travel = self.mount[c][2] - self.vehicle.corners[c].position[2] - signals.mean[name][0]
         return ConditionalTravel(
-            travel, -signals.mean_rate[name][0], signals.sigma[name][0], signals.rate_sigma[name][0]
-        )
+            travel, -signals.mean_rate[name][0], signals.sigma[name][0], signals.rate_sigma[name][0],
+            signals.rate_rms[name][0],
+        )  # fmt: skip
 
     def point(self, c: str) -> Array:
         """(3, N) point of the road under a ground laser, body axes."""

@@ -67,6 +67,18 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Implausible:
+    """A quantity of an effect outside what is plausible on any car: a parameter, or what follows from several.
+
+    Its 95 % interval, `low` to `high` in the unit of `quantity`, is outside the plausible range of that.
+    """
+
+    quantity: Parameter
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
 class Effect(ABC):
     """A term of the model at one place: physics (`PhysicalEffect`) or a fault of the instruments (`SensorFault`).
 
@@ -144,6 +156,20 @@ class Effect(ABC):
     def sheet_bound(self, rig: Rig) -> float:
         """Tolerance of the sensor sheet for it, 1 σ in the parameter's unit; 0 for physics."""
         return 0.0
+
+    def implausible(self, values: Sequence[float] | Array, half: Sequence[float] | Array) -> Implausible | None:
+        """What no car has of an effect with these values ± half (95 %) of its parameters, the first; None without any.
+
+        Examples
+        --------
+        >>> stop = lacet.catalogue(runs)["bump_stop.front"]
+        >>> stop.implausible([-9000.0], [200.0]).quantity.name
+        'bump_stop.front.k'
+        """
+        for quantity, value, slack in zip(self.parameters, values, half, strict=True):
+            if value + slack < quantity.low or value - slack > quantity.high:
+                return Implausible(quantity, value - slack, value + slack)
+        return None
 
     @classmethod
     @abstractmethod
@@ -298,7 +324,9 @@ def expected_columns(
 ) -> dict[str, Array]:
     """Expectation of a law's columns over the true travel at some corners, given the record: row → (p, N).
 
-    The law itself where it does not bend, or the signals are exact.
+    The law itself where it does not bend, or the signals are exact. Of a law that bends with the rate, the linear part
+    is taken at the measured rate: it is what a damper does, and has the noise of a damper's column. A law that is all
+    but linear would else explain the noise of the rate, which the damper brings into the residual.
     """
     given = tuple(dict.fromkeys(c for c in corners if motion.corners[c].conditional is not None))
     if bend is Bend.NOWHERE or not given:
@@ -309,7 +337,23 @@ def expected_columns(
         moved = motion.off_expectation(given, travel, rate)
         for row, table in law(moved).items():
             out[row] = out[row] + share * table if row in out else share * table
+    if bend is Bend.RATE:
+        fast, slow = (law(motion.at_usual_rate(given, sign)) for sign in (1.0, -1.0))
+        for row in out:
+            if (c := row.rpartition(".")[2]) in given:
+                out[row] = out[row] + _linear_part(fast[row] - slow[row], motion.corners[c])
     return out
+
+
+def _linear_part(difference: Array, corner: CornerMotion) -> Array:
+    """(p, N) linear part of a law at the measured rate less that at the expected one.
+
+    `difference` : (p, N) of the law's values at ± the root mean square of the rate.
+    """
+    given = corner.conditional
+    assert given is not None
+    slope = np.divide(difference, 2.0 * given.rate_rms, out=np.zeros_like(difference), where=given.rate_rms > 0.0)
+    return slope * (corner.rate - given.rate)
 
 
 class TyreForce(PhysicalEffect):

@@ -31,9 +31,10 @@ class NoiseMoments:
     the product δWᵀ δr and the mean shift of nonlinear laws remain. Each run's zeros are functions of the parameters
     here: they absorb the mean shift of a nonlinear law, which would else move a static load by 100 N.
 
-    Columns that are expectations given the record (`PhysicalEffect.conditional`) count in δW and not in δr: what a law
-    differs from its expectation has the mean zero given anything that was measured, so that noise brings no bias
-    through it; what it brings through the other columns is correlated with these columns too.
+    Columns that are expectations given the record (`PhysicalEffect.conditional`) count in δW, and in δr with their
+    linear part alone, which is taken at the measured rate: what a law differs from its expectation has the mean zero
+    given anything that was measured, so that noise brings no bias through it; what it brings through the other columns
+    is correlated with these columns too.
 
     Attributes
     ----------
@@ -75,9 +76,6 @@ class NoiseMoments:
         placed = list(with_places(effects))
         position = np.full(placed[-1][1].stop, -1)
         position[keep] = np.arange(b)
-        expected = np.zeros(b, bool)
-        for effect, where in placed:
-            expected[position[where][position[where] >= 0]] = piece.prepared.expects(effect)
         for draw in range(self.draws):
             pair = piece.prepared.noisy_columns(effects, [2002, *place, draw])
             for row, W in plain.items():
@@ -85,15 +83,14 @@ class NoiseMoments:
                 if piece.weights is not None:
                     weight = weight * piece.weights[row] ** 2
                 # Only the few columns that act on this row have a δ.
-                active, shifts = _shifts(pair, placed, row, position, piece.blocks[row][:, z : z + b])
+                active, shifts, given = _shifts(pair, placed, row, position, piece.blocks[row][:, z : z + b])
                 errors = [noisy.measured[row] - piece.right[row] for noisy in pair]
-                wrong = ~expected[active]
                 weighted: Array = 0.5 * weight * W.T
-                self.slopes[draw][:, active[wrong]] += weighted @ (shifts[0] + shifts[1])[:, wrong]
+                self.slopes[draw][:, active] += weighted @ (given[0] + given[1])
                 self.constants[draw] += weighted @ (errors[0] + errors[1])
-                for shift, error in zip(shifts, errors, strict=True):
+                for shift, own, error in zip(shifts, given, errors, strict=True):
                     part: Array = 0.5 * shift.T * weight
-                    self.slopes[draw][np.ix_(active, active[wrong])] += part @ shift[:, wrong]
+                    self.slopes[draw][np.ix_(active, active)] += part @ own
                     self.constants[draw][active] += part @ error
 
     def correct(self, x: Array, root: Array, priors: Array) -> tuple[Array, Array]:
@@ -120,7 +117,7 @@ class NoiseMoments:
         spectrum = np.linalg.eigh(0.5 * (noise + noise.T))
         part, V = np.asarray(spectrum[0], float), np.asarray(spectrum[1], float)
         good, lost = V[:, part < SOUND], V[:, part >= SOUND]
-        # Columns that are expectations have no noise in the residual: the matrix is not symmetric.
+        # Columns that are expectations bring less noise into the residual than they have: the matrix is not symmetric.
         growth = np.asarray(np.linalg.inv(np.eye(good.shape[1]) - good.T @ noise @ good), float)
         given: Array = lost @ (lost.T @ x0)
         corrected = inverse @ (good @ (growth @ (good.T @ (x0 - k + noise @ given))) + given)
@@ -136,17 +133,22 @@ def _shifts(
     row: Row,
     position: NDArray[np.intp],
     clean: Array,
-) -> tuple[NDArray[np.intp], list[Array]]:
+) -> tuple[NDArray[np.intp], list[Array], list[Array]]:
     """Indices (a,) of a row's columns that contain noise, and their changes (n, a) with the draw added and subtracted.
 
-    `position` is the index of each parameter among the columns `clean` (n, b) without the draw, −1 for none.
+    Then the same changes of what the columns bring into the residual, per unit of their parameters. `position` is the
+    index of each parameter among the columns `clean` (n, b) without the draw, −1 for none.
     """
-    (places, added), (_, taken) = (noisy.acting(placed, row) for noisy in pair)
+    places, _ = pair[0].acting(placed, row)
     at = position[places]
     there = at >= 0
-    shifts = [columns[:, there] - clean[:, at[there]] for columns in (added, taken)]
+
+    def changes(given: bool) -> list[Array]:
+        return [noisy.acting(placed, row, given)[1][:, there] - clean[:, at[there]] for noisy in pair]
+
+    shifts, own = changes(given=False), changes(given=True)
     moved = np.any(shifts[0] != 0.0, axis=0)
-    return at[there][moved], [shift[:, moved] for shift in shifts]
+    return at[there][moved], [one[:, moved] for one in shifts], [one[:, moved] for one in own]
 
 
 def given_back(inverse: Array, noise: Array, priors: Array) -> Array:

@@ -58,31 +58,45 @@ class Unmeasured:
 
 @dataclass(frozen=True)
 class NoisyColumns:
-    """Columns of effects, and left sides row → (n,), of a run with one draw of simulated noise in its channels."""
+    """Columns of effects, and left sides row → (n,), of a run with one draw of simulated noise in its channels.
+
+    `given` : columns of effects that are expectations, given the record without the draw: the draw is in their linear
+    part alone.
+    """
 
     columns: Mapping[ColumnKey, Mapping[Row, Array]]
+    given: Mapping[ColumnKey, Mapping[Row, Array]]
     measured: Mapping[Row, Array]
 
-    def acting(self, placed: Iterable[tuple[PhysicalEffect, slice]], row: Row) -> tuple[NDArray[np.intp], Array]:
+    def acting(
+        self, placed: Iterable[tuple[PhysicalEffect, slice]], row: Row, given: bool = False
+    ) -> tuple[NDArray[np.intp], Array]:
         """Indices (a,) of the parameters that act on a row, and their (n, a) columns; `placed` : effects, slices."""
         places = [np.zeros(0, np.intp)]
         columns = [np.zeros((0, len(self.measured[row])))]
         for effect, place in placed:
-            found = self.of(effect)
+            found = self.of(effect, given)
             if row in found:
                 places.append(np.arange(place.start, place.stop, dtype=np.intp))
                 columns.append(found[row])
         return np.concatenate(places), np.concatenate(columns).T
 
-    def of(self, effect: PhysicalEffect) -> Mapping[Row, Array]:
-        """Columns of an effect, row → (p, n)."""
-        return self.columns[column_key(effect)]
+    def of(self, effect: PhysicalEffect, given: bool = False) -> Mapping[Row, Array]:
+        """Columns of an effect, row → (p, n); with `given` those with the draw in their linear part alone."""
+        key = column_key(effect)
+        return self.given[key] if given and key in self.given else self.columns[key]
 
-    def extended(self, run: PreparedRun, effects: Sequence[PhysicalEffect]) -> NoisyColumns:
-        """These columns and those of further effects on the `run`, which has the same noise."""
-        run.prepare(effects)
-        further = {column_key(effect): run.columns(effect) for effect in effects}
-        return NoisyColumns({**self.columns, **further}, self.measured or run.measured)
+    def extended(self, noisy: PreparedRun, effects: Sequence[PhysicalEffect], run: PreparedRun) -> NoisyColumns:
+        """These columns and those of further effects on `noisy`, which has the same noise added to `run`."""
+        noisy.prepare(effects)
+        further = {column_key(effect): noisy.columns(effect) for effect in effects}
+        expected = [effect for effect in effects if run.expects(effect)]
+        given = dict[ColumnKey, Mapping[Row, Array]]()
+        if expected:
+            motion = noisy.motion.given(run.motion)
+            found = noisy.decimated_each(checked_columns(effect, motion) for effect in expected)
+            given = dict(zip(map(column_key, expected), found, strict=True))
+        return NoisyColumns({**self.columns, **further}, {**self.given, **given}, self.measured or noisy.measured)
 
 
 def _joined(parts: Iterable[Mapping[Row, Array]]) -> dict[Row, Array]:
@@ -336,10 +350,10 @@ class PreparedRun:
 
     def noisy_columns(self, effects: Sequence[PhysicalEffect], seed: Sequence[int]) -> Sequence[NoisyColumns]:
         """Columns with a draw of noise added, and with it subtracted, wheel loads without noise; cached by `seed`."""
-        known = self._noisy.get(tuple(seed), (NoisyColumns({}, {}), NoisyColumns({}, {})))
+        known = self._noisy.get(tuple(seed), (NoisyColumns({}, {}, {}), NoisyColumns({}, {}, {})))
         fresh = [effect for effect in effects if column_key(effect) not in known[0].columns]
         if fresh or not known[0].measured:
-            known = [one.extended(run, fresh) for one, run in zip(known, self.noisy(seed), strict=True)]
+            known = [one.extended(noisy, fresh, self) for one, noisy in zip(known, self.noisy(seed), strict=True)]
             self._noisy[tuple(seed)] = known
         return known
 

@@ -24,6 +24,8 @@ from lacet.identify.selection.columns.cross_products import CrossProducts
 from lacet.identify.selection.columns.run_products import RunProducts
 from lacet.identify.selection.columns.samples import RunSamples
 from lacet.identify.selection.lack_of_fit import with_columns
+from lacet.identify.selection.partial_regression import PartialRegression
+from lacet.identify.selection.rest import AddedLaw
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -80,25 +82,73 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
     Parameters of the model, of the sensor tolerances and of the others are the same in all runs; each run has its own
     sensor zeros. Shape constants are those of the candidates.
     """
-    if len(space.linearisation.runs.names) < 2:
-        return None
     inside, trials = space.beside([replace(space.effects[one.key], shape=one.shape) for one in (c, *others)])
-    sums, mine, model = inside.sums, trials[0].place, inside.sums.layout.model
-    kept = np.arange(len(inside.nuisance))
-    if (
-        without_tolerance := space.best_tests[c.key].without_tolerance
-    ) is not None:  # a fault is tested without its own tolerance
-        kept = np.setdiff1d(kept, without_tolerance.own)
-    sheet, drawn = inside.nuisance[kept[model:]], space.columns.drawn[kept[model:] - model]
+    own = space.best_tests[c.key].without_tolerance  # a fault is tested without its own tolerance
     fresh = {
         i: q.prior
         for trial in trials[1:]
         for i, q in zip(range(trial.place.start, trial.place.stop), trial.effect.parameters, strict=True)
     }
-    known = with_columns(inside.nuisance[kept], inside.prior[np.ix_(kept, kept)], inside.prior_side[kept], fresh)
-    names, groups, chance = _groups(space, sums, inside.column_noise, mine)
-    chance = [noise + products[:, sheet] @ drawn for noise, products in zip(chance, groups, strict=True)]
-    energy = [float(np.trace(one[mine, mine])) for one in groups]
+    mine, columns = np.r_[trials[0].place], np.eye(inside.sums.layout.width)
+    return _tested(space, inside, _Law(mine, columns, own.own if own else _NONE, fresh=fresh))
+
+
+def chow_test_in_model(space: ScoreTests, law: AddedLaw, without: Sequence[AddedLaw] = ()) -> ParameterConstancy | None:
+    """Chow test of an effect that is in the fit of `space`; None where only one run shows it.
+
+    The other effects of the fit are beside it, without those of `without`. Zeros and tolerances act through the law,
+    too: an offset of a laser changes the stiffness of a spring that bends.
+    """
+    inside, _ = space.beside([])
+    model, width = inside.sums.layout.model, inside.sums.layout.width
+    columns = np.eye(width)  # the parameters' own columns in place of their combinations
+    columns[:model, :model] = np.linalg.inv(inside.sums.turn)
+    gone = [i for other in without for i in other.places]
+    theta = np.zeros(width)
+    fit = space.fitted.theta[space.fitted.place]
+    for i in (*law.places, *gone):
+        theta[i] = fit[i]
+    right = columns.copy()
+    right[:, inside.sums.layout.right] += columns @ theta
+    own = space.tolerances_of(law.sheet_entries)
+    return _tested(space, inside, _Law(np.array(law.places), right, np.concatenate([gone, own]).astype(np.intp)))
+
+
+_NONE = np.zeros(0, np.intp)
+
+
+@dataclass(frozen=True)
+class _Law:
+    """The columns of the law tested, and those beside it.
+
+    Attributes
+    ----------
+    mine : (k,) places of its columns.
+    columns : (w, w) coefficients of the columns that places refer to, the residual the last.
+    left_out : positions among the nuisance columns of those that are not in the model.
+    fresh : place → 1 σ of the prior of further columns with common parameters.
+    """
+
+    mine: NDArray[np.intp]
+    columns: Array
+    left_out: NDArray[np.intp]
+    fresh: Mapping[int, float] = field(default_factory=dict[int, float])
+
+
+def _tested(space: ScoreTests, inside: PartialRegression, law: _Law) -> ParameterConstancy | None:
+    """Chow test of a law; None where only one run shows it."""
+    if len(space.linearisation.runs.names) < 2:
+        return None
+    sums, mine, model = inside.sums, law.mine, inside.sums.layout.model
+    nuisance, basis = inside.nuisance, law.columns[np.ix_(inside.nuisance, inside.nuisance)]
+    prior, prior_side = basis.T @ inside.prior @ basis, basis.T @ inside.prior_side
+    kept = np.setdiff1d(np.arange(len(nuisance)), [*law.left_out, *np.flatnonzero(np.isin(nuisance, mine))])
+    sheet = kept[nuisance[kept] >= model]
+    known = with_columns(nuisance[kept], prior[np.ix_(kept, kept)], prior_side[kept], law.fresh)
+    names, groups, chance = _groups(space, sums, inside.column_noise, law)
+    drawn = space.columns.drawn[sheet - model]
+    chance = [noise + products[:, nuisance[sheet]] @ drawn for noise, products in zip(chance, groups, strict=True)]
+    energy = [float(np.trace(one[np.ix_(mine, mine)])) for one in groups]
     shown = [i for i, own in enumerate(energy) if own > SELECTION.least_energy_of_run * sum(energy)]
     if len(shown) < 2:
         return None
@@ -108,7 +158,7 @@ def chow_test(space: ScoreTests, c: Candidate, others: Sequence[Candidate] = ())
 
 def _compared(
     names: Sequence[str], groups: Sequence[Array], right: Sequence[Array], chance: Sequence[Array],
-    shown: Sequence[int], mine: slice, known: tuple[NDArray[np.intp], Array, Array],
+    shown: Sequence[int], mine: NDArray[np.intp], known: tuple[NDArray[np.intp], Array, Array],
 ) -> ParameterConstancy:  # fmt: skip
     """Chow test of the columns at `mine` over the `shown` groups of runs.
 
@@ -120,12 +170,12 @@ def _compared(
     known : places, normal matrix and right side of the priors of the columns with common parameters.
     """
     nuisance, prior, prior_side = known
-    k, m = mine.stop - mine.start, len(shown)
-    across = np.concatenate([groups[i][nuisance, mine] for i in shown], axis=1)
+    k, m = len(mine), len(shown)
+    across = np.concatenate([groups[i][np.ix_(nuisance, mine)] for i in shown], axis=1)
     gain = solved(np.sum([one[np.ix_(nuisance, nuisance)] for one in groups], axis=0) + prior, across)
     normal = -across.T @ gain
     for at, i in enumerate(shown):
-        normal[at * k : (at + 1) * k, at * k : (at + 1) * k] += groups[i][mine, mine]
+        normal[at * k : (at + 1) * k, at * k : (at + 1) * k] += groups[i][np.ix_(mine, mine)]
     alike = np.tile(np.eye(k), (m, 1))
     covariance = solved(normal, np.eye(k * m)).reshape(m, k, m, k)
     of_runs = np.linalg.pinv(covariance[range(m), :, range(m)], hermitian=True)
@@ -159,19 +209,20 @@ def _compared(
 
 
 def _groups(
-    space: ScoreTests, sums: CrossProducts, noise: Array, mine: slice
+    space: ScoreTests, sums: CrossProducts, noise: Array, law: _Law
 ) -> tuple[list[str], list[Array], list[Array]]:
     """Groups of runs: names, products (w, w) less the noise in columns, and products (w, D) with simulated noise.
 
     Runs that show the law best are groups by themselves, up to `chow_seconds` of data; all others are one group. The
     noise in the columns is drawn for each run by itself; that of the last group is `noise` (w, w), of all runs, less
-    those.
+    those. All are products of the law's `columns`.
     """
+    of_law = law.columns[:, law.mine]
     runs = space.linearisation.runs
     found = sums.samples.sum(SingleRunsTask(sums.layout.width, space.floor.count, space.noise_ratio))
     budget, single = SELECTION.chow_seconds, list[int]()
     seconds = runs.seconds
-    for run in sorted(range(len(seconds)), key=lambda run: -float(np.trace(found[run][0][mine, mine]))):
+    for run in sorted(range(len(seconds)), key=lambda run: -float(np.trace(of_law.T @ found[run][0] @ of_law))):
         budget -= seconds[run]
         if budget >= 0.0 or not single:
             single.append(run)
@@ -187,7 +238,8 @@ def _groups(
         names.append("the other run" if len(rest) == 1 else f"the {len(rest)} other runs")
         products.append(np.sum([found[run][0] for run in rest], axis=0) - noise)
         chance.append(np.sum([found[run][1] for run in rest], axis=0))
-    return names, products, chance
+    turned = [law.columns.T @ one @ law.columns for one in products]
+    return names, turned, [law.columns.T @ one for one in chance]
 
 
 def _distinct_names(names: Sequence[str], runs: Sequence[int]) -> list[str]:

@@ -19,7 +19,7 @@ from lacet.identify.effects.base import Effect
 from lacet.identify.progress import Progress, Stage, Step, silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.answers import answered
-from lacet.identify.selection.chow_test import ParameterConstancy, chow_test
+from lacet.identify.selection.chow_test import ParameterConstancy, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation, sheet_products
 from lacet.identify.selection.columns.ranked_runs import LocalRuns, RankedRuns
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
@@ -31,13 +31,14 @@ from lacet.identify.selection.joint.refits import (
     exchanged,
     found_together,
     not_part_of_the_rest,
+    only_plausible,
     only_standing,
 )
 from lacet.identify.selection.joint.shape_constants import refined
 from lacet.identify.selection.joint.subset_search import strength
 from lacet.identify.selection.laws.formulas import Formula, propose
 from lacet.identify.selection.relinearisation import relinearise, relinearised_columns
-from lacet.identify.selection.rest import Rest, acts_on
+from lacet.identify.selection.rest import Rest, acts_on, added_faults
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests, judged
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -183,7 +184,9 @@ def _settled(joint: Joint, seed: int, progress: Progress) -> tuple[Joint, Rest]:
     if other is not joint:
         joint = continued(other, seed, progress)
         rest = Rest.of(joint.space, joint.laws)
-    return not_part_of_the_rest(joint, rest, seed, progress)
+    possible = only_plausible(joint, seed, progress)
+    rest = rest if possible is joint else Rest.of(possible.space, possible.laws)
+    return not_part_of_the_rest(possible, rest, seed, progress)
 
 
 def _in_doubt(joint: Joint, rest: Rest) -> bool:
@@ -322,7 +325,7 @@ def _not_constant(
 ) -> dict[str, ParameterConstancy]:
     """Chow tests that reject an effect found, beside those not rejected; a law belongs to the car."""
     out: dict[str, ParameterConstancy] = {}
-    standing, first = list(found), joint.first
+    standing, laws = list(found), {law.key: law for law in (*joint.laws, *added_faults(joint.space))}
     # Where more remains than a selected law may be inexact, the law may stand in for it: it must then hold in each run
     # as well as it may be inexact there, also where a run shows little of it.
     doubted = {
@@ -334,7 +337,10 @@ def _not_constant(
         rejected: dict[str, ParameterConstancy] = {}
         for c in standing:
             progress(Step(Stage.PARAMETER_CONSTANCY, subject=c.key))
-            runs = chow_test(first, c, [other for other in standing if other.key != c.key])
+            if c.key in laws:
+                runs = chow_test_in_model(joint.space, laws[c.key], [laws[key] for key in out if key in laws])
+            else:
+                runs = chow_test(joint.first, c, [other for other in standing if other.key != c.key])
             if runs is not None and (
                 runs.differ_by_more_than(SELECTION.inconstant_share)
                 or (c.key in doubted and runs.fails_in_a_run(SELECTION.selected_inexactness**2))

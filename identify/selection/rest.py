@@ -13,7 +13,7 @@ import numpy as np
 
 from lacet.daq.channels import CORNERS
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, Implausible
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
 from lacet.identify.selection.score_tests import ScoreTests
@@ -32,6 +32,8 @@ class AddedLaw:
     force : weighted squares of the part of its force that nothing else in the model explains; `null` (D,) those in
         simulated runs that lack it.
     row_force : row → weighted squares of its whole force.
+    implausible : what no car has of it, if anything.
+    sheet_entries : entries of the sensor sheet for the same error, of a sensor fault.
     """
 
     key: str
@@ -41,6 +43,8 @@ class AddedLaw:
     force: float
     null: Array = field(repr=False)
     row_force: Mapping[Row, float]
+    implausible: Implausible | None = None
+    sheet_entries: frozenset[tuple[str, str]] = frozenset()
 
     @property
     def rows(self) -> frozenset[Row]:
@@ -80,12 +84,11 @@ def _added(space: ScoreTests, effects: Sequence[Effect]) -> tuple[AddedLaw, ...]
         normal = np.linalg.inv(spread[np.ix_(at, at)])
         force = float(theta[at] @ normal @ theta[at])
         null = np.einsum("kd,kd->d", drawn[at], normal @ drawn[at])
-        out.append(
-            AddedLaw(
-                effect.key, effect.name, theta[at], tuple(at), force, null,
-                {row: a for row, a in squares.items() if acts_on(effect, row)},
-            )
-        )  # fmt: skip
+        acting = {row: a for row, a in squares.items() if acts_on(effect, row)}
+        half = SELECTION.interval_quantile * np.sqrt(np.diag(spread)[at])
+        wrong = effect.implausible(theta[at], half) if len(at) == len(effect.parameters) else None
+        law = AddedLaw(effect.key, effect.name, theta[at], tuple(at), force, null, acting, wrong, effect.sheet_entries)
+        out.append(law)
     return tuple(out)
 
 

@@ -216,7 +216,11 @@ class ScoreTests:
             trial.place.start: FaultWithoutTolerance(self.regression, trial.place.start, own)
             for trial in self.layout.trials
             if trial.fault
-            and (own := tolerances_like(self.regression, trial.place.start, self._tolerances_of(trial))).size
+            and (
+                own := tolerances_like(
+                    self.regression, trial.place.start, self.tolerances_of(trial.effect.sheet_entries)
+                )
+            ).size
             and np.all(self.regression.remaining_energy(trial.place) > SELECTION.gone_share)
         }
         over_runs = self.sums.over_runs
@@ -339,10 +343,9 @@ class ScoreTests:
         drop, null = self.regression.scores(trial.place, self.null)
         return ScoreTest(trial, drop, null, *self.regression.values(trial.place))
 
-    def _tolerances_of(self, trial: Trial) -> NDArray[np.intp]:
-        """Positions among the nuisance columns of the tolerances that may be equivalent to a fault."""
-        mine = trial.effect.sheet_entries
-        return np.array([i for i, entries in self._entries_of_tolerances.items() if mine & entries], np.intp)
+    def tolerances_of(self, entries: frozenset[tuple[str, str]]) -> NDArray[np.intp]:
+        """Positions among the nuisance columns of the tolerances for these entries of the sensor sheet."""
+        return np.array([i for i, own in self._entries_of_tolerances.items() if entries & own], np.intp)
 
     @cached_property
     def _entries_of_tolerances(self) -> Mapping[int, frozenset[tuple[str, str]]]:
@@ -581,19 +584,11 @@ def judged(c: Candidate, effect: Effect, draws: int) -> Candidate:
         return replace(c, answer=Answer.NOT_NEEDED, reason=Reason.CHANCE)
     if c.gain <= 0.0 or max(c.gain, c.most) < SELECTION.least_gain:
         return replace(c, answer=Answer.SMALL, reason=Reason.LITTLE)
-    if implausible(c, effect) is not None:
+    if effect.implausible(c.values, c.interval) is not None:
         return replace(c, answer=Answer.IMPLAUSIBLE, reason=Reason.IMPLAUSIBLE)
     return replace(c, answer=Answer.MISSING, reason=Reason.PASSES)
 
 
 def is_significant(c: Candidate, effect: Effect, draws: int) -> bool:
     """Whether a candidate is significant and of plausible size, whatever its gain."""
-    return c.p <= SELECTION.level(draws) and c.gain > 0.0 and implausible(c, effect) is None
-
-
-def implausible(c: Candidate, effect: Effect) -> int | None:
-    """Index of the first parameter whose 95 % interval is outside its plausible range; None without any."""
-    for k, (q, value, half) in enumerate(zip(effect.parameters, c.values, c.interval, strict=True)):
-        if value + half < q.low or value - half > q.high:
-            return k
-    return None
+    return c.p <= SELECTION.level(draws) and c.gain > 0.0 and effect.implausible(c.values, c.interval) is None

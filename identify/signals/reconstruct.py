@@ -69,6 +69,7 @@ class Signals:
     mean, mean_rate : expected true value and rate of channels, given their whole noisy record (`wiener`); empty where
         signals are exact.
     sigma, rate_sigma : the standard deviations of the true ones from those.
+    rate_rms : root mean square of the true rate over the run, at every sample.
     assumed : value of each assumption (1, N), by name; empty where every channel is measured.
     """
 
@@ -79,6 +80,7 @@ class Signals:
     mean_rate: Mapping[str, Array] = field(default_factory=dict[str, Array])
     sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
     rate_sigma: Mapping[str, Array] = field(default_factory=dict[str, Array])
+    rate_rms: Mapping[str, Array] = field(default_factory=dict[str, Array])
     assumed: Mapping[str, Array] = field(default_factory=dict[str, Array])
 
     @classmethod
@@ -106,6 +108,7 @@ class Signals:
             mean_rate={name: smoother.mean(self.rate[name]) for name, smoother in smoothers.items()},
             sigma={name: smoother.sigma[None] for name, smoother in smoothers.items()},
             rate_sigma={name: smoother.rate_sigma[None] for name, smoother in smoothers.items()},
+            rate_rms={name: np.full_like(one.rate_sigma, one.rate_rms)[None] for name, one in smoothers.items()},
         )
 
     def scalar(self, channel: str, n: int) -> tuple[Array, Array, Array]:
@@ -117,7 +120,8 @@ class Signals:
     def at(self, index: NDArray[np.intp] | slice) -> Signals:
         """The signals at the samples `index`."""
         parts: list[Mapping[str, Array]] = [
-            self.value, self.rate, self.accel, self.mean, self.mean_rate, self.sigma, self.rate_sigma, self.assumed
+            self.value, self.rate, self.accel, self.mean, self.mean_rate, self.sigma, self.rate_sigma, self.rate_rms,
+            self.assumed,
         ]  # fmt: skip
         return Signals(*({name: a[:, index] for name, a in part.items()} for part in parts))
 
@@ -198,6 +202,7 @@ class Recording:
                     mean_rate={**signals.mean_rate, law.channel: given.mean_rate},
                     sigma={**signals.sigma, law.channel: given.sigma},
                     rate_sigma={**signals.rate_sigma, law.channel: given.rate_sigma},
+                    rate_rms={**signals.rate_rms, law.channel: given.rate_rms},
                 )
         return signals
 

@@ -91,12 +91,14 @@ class Series:
 
 @dataclass(frozen=True)
 class Conditional:
-    """Expected true value and rate of a channel given its noisy record, and their standard deviations, (1, N) each."""
+    """Expected true value and rate of a channel given its noisy record, their standard deviations, and the root mean
+    square of the rate over the run, (1, N) each."""
 
     mean: Array
     mean_rate: Array
     sigma: Array
     rate_sigma: Array
+    rate_rms: Array
 
 
 _Signals = TypeVar("_Signals", contravariant=True, bound=Any)

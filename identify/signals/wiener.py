@@ -63,6 +63,7 @@ class WienerSmoother:
     sigma, rate_sigma : (N,) conditional 1 σ of value and rate.
     rate : sample rate [Hz].
     beyond : mean square of the rate of motion faster than the record holds [1/s²].
+    rate_rms : root mean square of the rate of motion over the run [1/s].
     """
 
     intensity: Array
@@ -72,6 +73,7 @@ class WienerSmoother:
     rate_sigma: Array
     rate: float
     beyond: float = 0.0
+    rate_rms: float = 0.0
 
     @classmethod
     def of(cls, series: Array, sigma: float, filters: Filters, beyond: float = 0.0) -> WienerSmoother | None:
@@ -100,7 +102,11 @@ class WienerSmoother:
         variances = np.stack([np.zeros(series.size), beyond * found.intensity])
         for band in found._open:
             variances += np.stack([shares[band], rate_shares[band]])[:, None] * found.gain(band)
-        return replace(found, sigma=np.sqrt(variances[0]), rate_sigma=np.sqrt(variances[1]), beyond=beyond)
+        squares = found.mean(series) ** 2 + variances[1]
+        return replace(
+            found, sigma=np.sqrt(variances[0]), rate_sigma=np.sqrt(variances[1]), beyond=beyond,
+            rate_rms=float(np.sqrt(np.mean(squares[ends:-ends]))),
+        )  # fmt: skip
 
     @property
     def _open(self) -> list[int]:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from lacet.identify.effects.base import Effect, Parameter
+from lacet.identify.effects.base import Effect, Implausible, Parameter
 from lacet.identify.selection.chow_test import ParameterConstancy
 from lacet.identify.selection.diagnose import Diagnosis, Grounds
 from lacet.identify.selection.laws.formulas import Formula, Law
-from lacet.identify.selection.score_tests import Answer, Candidate, Reason, implausible, is_significant
+from lacet.identify.selection.score_tests import Answer, Candidate, Reason, is_significant
 from lacet.identify.selection.settings import SELECTION
 from lacet.services.render import tables
 from lacet.services.render.effect_text import needed, not_measured
@@ -179,11 +180,17 @@ def _chance(c: Candidate, fault: bool, draws: int) -> str:
 
 
 def _implausible(c: Candidate, effect: Effect) -> str:
-    k = implausible(c, effect)
-    if k is None:
+    wrong = effect.implausible(c.values, c.interval)
+    if wrong is None:
         return ""
-    q, value, half = effect.parameters[k], c.values[k], c.interval[k]
-    return f"{_last(q)} would be {value:.3g} ± {_two_digits(half)} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+    q = wrong.quantity
+    value, half = 0.5 * (wrong.low + wrong.high), 0.5 * (wrong.high - wrong.low)
+    size = f"{value:.3g} ± {_two_digits(half)}" if math.isfinite(half) else _beyond(wrong)
+    return f"{_last(q)} would be {size} {q.unit} (plausible: {q.low:g} to {q.high:g})"
+
+
+def _beyond(wrong: Implausible) -> str:
+    return f"above {wrong.low:.3g}" if math.isfinite(wrong.low) else f"below {wrong.high:.3g}"
 
 
 # -- the verdict -------------------------------------------------------------------------------------------------------

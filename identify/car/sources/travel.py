@@ -125,4 +125,5 @@ class DamperTravel(Law[Signals]):
         return Conditional(
             self.design - signals.mean[self.damper] / ratio, -signals.mean_rate[self.damper] / ratio,
             signals.sigma[self.damper] / size, signals.rate_sigma[self.damper] / size,
+            signals.rate_rms[self.damper] / size,
         )  # fmt: skip

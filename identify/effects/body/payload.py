@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Self
 
 from lacet.daq.vehicle import Vehicle
 from lacet.identify.car.motion import Motion
-from lacet.identify.effects.base import Parameter, PhysicalEffect
+from lacet.identify.effects.base import Implausible, Parameter, PhysicalEffect
 from lacet.identify.multibody.rigid_body import PARAMETERS, wrench_regressor
 from lacet.identify.multibody.vectors import Array
 
 _NAMES = ("M", "MX", "MY", "MZ")
+_ON_THE_CAR = {"x": (-5.0, 1.5), "y": (-1.2, 1.2), "z": (-0.6, 2.0)}
+"""Where a payload can be, from the body origin [m]: within the outline of a van, roof rack and tow ball included."""
 _ROWS = ("chassis.fx", "chassis.fy", "chassis.fz", "chassis.mx", "chassis.my", "chassis.mz")
 
 
@@ -48,6 +51,20 @@ class Payload(PhysicalEffect):
             self.named("my", "kg·m", -1000.0, 1000.0),
             self.named("mz", "kg·m", -1500.0, 1500.0),
         )
+
+    def implausible(self, values: Sequence[float] | Array, half: Sequence[float] | Array) -> Implausible | None:
+        """What no payload has: a parameter outside its range, or a position that is not on the car.
+
+        A first moment is the mass times its position: without a mass there is none.
+        """
+        mass, most = values[0], abs(values[0]) + half[0]
+        for (axis, (low, high)), moment, slack in zip(_ON_THE_CAR.items(), values[1:], half[1:], strict=True):
+            side = 0.0 if abs(mass) < half[0] else math.copysign(1.0, moment * mass)  # 0: the sign of the mass is open
+            nearest = max(0.0, abs(moment) - slack)
+            if nearest > most * max(high if side >= 0.0 else 0.0, -low if side <= 0.0 else 0.0):
+                ends = (nearest / most, math.inf) if moment * mass > 0.0 else (-math.inf, -nearest / most)
+                return Implausible(self.named(axis, "m", low, high), *ends)
+        return super().implausible(values, half)
 
     def columns(self, motion: Motion) -> dict[str, Array]:
         """The columns of the chassis' mass and first moments, in the one run."""

@@ -117,9 +117,8 @@ class _InPlaceOf:
 
         margin, alone = compared(known.reduced[at, right][:, None], self.values[:, None])
         half = SELECTION.interval_quantile * np.sqrt(np.maximum(0.0, np.diag(spread - gain @ across @ spread)))
-        for q, value, slack in zip(parameters, alone[:, 0], half, strict=True):
-            if value + slack < q.low or value - slack > q.high:
-                return None
+        if trial.effect.implausible(alone[:, 0], half) is not None:
+            return None
         # With the candidate the truth at that size, the law's own estimate beside it is noise.
         drawn, _ = compared(self.drawn[at] + normal @ alone, self.moved - across @ alone)
         p = (1 + int(np.count_nonzero(drawn >= margin[0]))) / (1 + drawn.size)

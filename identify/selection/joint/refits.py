@@ -185,6 +185,18 @@ def exchanged(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
         joint = other if nearest.key in other.keys else joint
 
 
+def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Joint:
+    """The same without the effects found that no car has at the size they have in the fit with all of them.
+
+    It looks like something else, with which its size would be another.
+    """
+    while True:
+        wrong = _weakest([law for law in joint.laws if law.key in joint.keys and law.implausible is not None])
+        if wrong is None:
+            return joint
+        joint = without_effect(joint, wrong.key, seed, progress)
+
+
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
     """The same without effects found that explain no more than is unlisted in their rows, and what then remains.
 

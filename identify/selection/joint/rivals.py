@@ -12,7 +12,7 @@ from lacet.identify.selection.columns.candidate_columns import solved
 from lacet.identify.selection.columns.layout import Trial
 from lacet.identify.selection.joint.shape_constants import with_best_constants
 from lacet.identify.selection.partial_regression import PartialRegression
-from lacet.identify.selection.score_tests import Candidate, ScoreTests, implausible
+from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
 
@@ -40,7 +40,8 @@ def rivals(free: ScoreTests, own: Candidate, tried: Sequence[Candidate]) -> list
     least = SELECTION.rival_share * own.drop
     near = [
         c for c in tried
-        if c.tested and c.key != own.key and c.drop >= least and implausible(c, effects[c.key]) is None
+        if c.tested and c.key != own.key and c.drop >= least
+        and effects[c.key].implausible(c.values, c.interval) is None
     ]  # fmt: skip
     near = sorted(near, key=lambda c: -c.drop)[: SELECTION.most_rivals]
     if not near:

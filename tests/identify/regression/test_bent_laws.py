@@ -75,7 +75,8 @@ def test_friction_and_damping_have_no_bias() -> None:
 def test_the_expectation_is_the_mean_over_the_conditional_distribution(
     bend: Bend, law: Callable[[Array, Array], Array]
 ) -> None:
-    """Against a mean over many draws of it; where signals are exact it is the law itself."""
+    """Against a mean over many draws of it, the linear part of a law of the rate at the measured rate; where signals
+    are exact it is the law itself."""
     motion = measured(calm(8.0), 0).motion
     corner = motion.corners["fl"]
     assert corner.conditional is not None
@@ -91,12 +92,29 @@ def test_the_expectation_is_the_mean_over_the_conditional_distribution(
         z = rng.standard_normal(expected.size)
         travel = given.travel + (bend is Bend.TRAVEL) * z * given.travel_sigma
         one[:] = law(travel, given.rate + (bend is Bend.RATE) * z * given.rate_sigma)
-    scatter = float(np.max(drawn.std(axis=0)))
-    np.testing.assert_allclose(expected, drawn.mean(axis=0), atol=0.12 * scatter)
+    scatter, linear = float(np.max(drawn.std(axis=0))), np.zeros(expected.size)
+    if bend is Bend.RATE:
+        slope = (law(given.travel, given.rate_rms) - law(given.travel, -given.rate_rms)) / (2.0 * given.rate_rms)
+        linear = slope * (corner.rate - given.rate)
+    np.testing.assert_allclose(expected, drawn.mean(axis=0) + linear, atol=0.12 * scatter)
     still = replace(motion, corners={c: replace(one, conditional=None) for c, one in motion.corners.items()})
     np.testing.assert_array_equal(
         expected_columns(columns, still, ["fl"], bend)["suspension.fl"][0], law(corner.travel, corner.rate)
     )
+
+
+def test_a_law_that_hardly_bends_is_a_damper() -> None:
+    """Noise in it too: a column with the rate's noise smoothed away would explain the noise of the damper's."""
+    motion = measured(calm(8.0), 0).motion
+
+    def columns(at: Motion) -> dict[str, Array]:
+        return {"suspension.fl": 5.0 * np.tanh(at.corners["fl"].rate / 5.0)[None]}
+
+    corner = motion.corners["fl"]
+    assert corner.conditional is not None
+    assert np.std(corner.rate - corner.conditional.rate) > 1e-3
+    found = expected_columns(columns, motion, ["fl"], Bend.RATE)["suspension.fl"][0]
+    np.testing.assert_allclose(found, corner.rate, atol=1e-6)
 
 
 def test_laws_that_bend_share_the_motions_off_the_expected_one() -> None:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -10,10 +11,11 @@ import scipy.linalg
 
 from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.wls import Fit, fit
-from lacet.identify.selection.chow_test import ParameterConstancy, _compared, chow_test
+from lacet.identify.selection.chow_test import ParameterConstancy, _compared, chow_test, chow_test_in_model
 from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.columns.regressor_noise import RegressorNoise
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.selection.rest import AddedLaw, added_laws
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.validation.noise_floor import floor_of
@@ -64,40 +66,84 @@ def test_it_is_dense_least_squares_with_columns_of_each_runs_own(
     tried, w = same.best_tests[key], same.layout.width
     own = tried.without_tolerance.own if tried.without_tolerance else np.zeros(0, int)
     kept = np.setdiff1d(np.arange(len(same.regression.nuisance)), own)
-    prior = same.regression.prior[np.ix_(kept, kept)]
     bar = same.best_tests[other.key].trial.place
     shared = np.r_[same.regression.nuisance[kept], bar]
     sigma = [q.prior for q in KNOWN[other.key].parameters]
-    shared_prior = scipy.linalg.block_diag(prior, np.diag([s**-2.0 for s in sigma]))
+    prior = scipy.linalg.block_diag(same.regression.prior[np.ix_(kept, kept)], np.diag([s**-2.0 for s in sigma]))
     prior_side = np.r_[same.regression.prior_side[kept], np.zeros(len(sigma))]
+    law, right = np.eye(w)[:, tried.trial.place.start], np.eye(w)[:, same.layout.right]
+    check(said, Dense(same, np.eye(w)[:, shared], prior, prior_side, law, right))
 
-    def fall(groups: list[list[int]]) -> tuple[float, np.ndarray]:
-        """Fall of the squares with the law's columns once for each group of runs, and its parameters."""
-        zeros = [len(run.zero_gain) for run in runs_of(same.sums)]
-        start = np.cumsum([0, *zeros, len(shared)])
+
+def test_a_law_in_the_model_is_tried_with_columns_of_each_runs_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same of a law that is in the fit, whose value in a run is that of the fit and what the run adds to it."""
+    none = lambda noise, sums, noise_ratio, sigma: np.zeros((sums.layout.width,) * 2)  # noqa: E731
+    monkeypatch.setattr(RegressorNoise, "products", none)
+    fitted = fit(MODEL + CUBIC, [run(number, size) for number, size in ((1, 4e6), (2, 3e6))])
+    space = ScoreTests.of(Linearisation.of(fitted, floor_of(fitted, DRAWS)), TRIED[1:], 0)
+    (law,) = added_laws(space)
+    said = chow_test_in_model(space, law)
+    assert said
+    model, w, (place,) = space.layout.model, space.layout.width, law.places
+    columns = np.eye(w)
+    columns[:model, :model] = np.linalg.inv(space.sums.turn)
+    nuisance = space.regression.nuisance
+    basis = columns[np.ix_(nuisance, nuisance)]
+    prior = basis.T @ space.regression.prior @ basis
+    kept = np.flatnonzero(nuisance != place)
+    right = np.eye(w)[:, space.layout.right] + fitted.theta[fitted.place][place] * columns[:, place]
+    prior_side = (basis.T @ space.regression.prior_side)[kept]
+    check(said, Dense(
+        space, columns[:, nuisance[kept]], prior[np.ix_(kept, kept)], prior_side, columns[:, place], right
+    ))  # fmt: skip
+    assert said.values["run 1"][0] > said.values["run 2"][0] + 5e5
+
+
+@dataclass(frozen=True)
+class Dense:
+    """Least squares with all samples stacked; columns are combinations of those of `space`.
+
+    `shared` (w, a) have common parameters with priors, `law` (w,) parameters of their own in groups of runs.
+    """
+
+    space: ScoreTests
+    shared: np.ndarray
+    prior: np.ndarray
+    prior_side: np.ndarray
+    law: np.ndarray
+    right: np.ndarray
+
+    def fall(self, groups: list[list[int]]) -> tuple[float, np.ndarray]:
+        """Fall of the squares with the law's column once for each group of runs, and its parameters."""
+        sums, width = self.space.sums, self.space.layout.width
+        zeros = [len(run.zero_gain) for run in runs_of(sums)]
+        start = np.cumsum([0, *zeros, self.shared.shape[1]])
         size = start[-1] + len(groups)
-        normal, right, squares = np.zeros((size, size)), np.zeros(size), 0.0
-        for run, block in blocks_of(same.sums):
-            wide = np.zeros((len(block.columns), w))
+        normal, right = np.zeros((size, size)), np.zeros(size)
+        for run, block in blocks_of(sums):
+            wide = np.zeros((len(block.columns), width))
             wide[:, block.active] = block.columns
             rows = np.zeros((len(wide), size))
             rows[:, start[run] : start[run + 1]] = block.zeros
-            rows[:, start[2] : start[3]] = wide[:, shared]
+            rows[:, start[2] : start[3]] = wide @ self.shared
             for g, group in enumerate(groups):
                 if run in group:
-                    rows[:, start[3] + g] = wide[:, tried.trial.place.start]
+                    rows[:, start[3] + g] = wide @ self.law
             normal += rows.T @ rows
-            right += rows.T @ wide[:, same.layout.right]
-        known = scipy.linalg.block_diag(np.eye(start[2]), shared_prior, np.zeros((len(groups),) * 2))
-        right[start[2] : start[3]] += prior_side
+            right += rows.T @ (wide @ self.right)
+        known = scipy.linalg.block_diag(np.eye(start[2]), self.prior, np.zeros((len(groups),) * 2))
+        right[start[2] : start[3]] += self.prior_side
         scale = np.sqrt(np.diag(normal + known))
         scale[scale == 0.0] = 1.0
         found = np.linalg.lstsq((normal + known) / np.outer(scale, scale), right / scale, rcond=1e-13)[0] / scale
-        return float(right @ found) - squares, found[start[3] :]
+        return float(right @ found), found[start[3] :]
 
-    nothing, _ = fall([])
-    common, _ = fall([[0, 1]])
-    each, values = fall([[0], [1]])
+
+def check(said: ParameterConstancy, dense: Dense) -> None:
+    """A Chow test of two runs against dense least squares."""
+    nothing, _ = dense.fall([])
+    common, _ = dense.fall([[0, 1]])
+    each, values = dense.fall([[0], [1]])
     assert said.common == pytest.approx(common - nothing, rel=1e-3)
     assert said.further == pytest.approx(each - common, rel=1e-2, abs=1e-3)
     np.testing.assert_allclose([said.values[r][0] for r in ("run 1", "run 2")], values, rtol=1e-3)
@@ -118,10 +164,12 @@ def test_a_law_of_the_car_is_named(same: ScoreTests) -> None:
 def test_each_law_found_is_tried_beside_the_others_found(same: ScoreTests, monkeypatch: pytest.MonkeyPatch) -> None:
     """What another missing effect does in some runs is not laid to the strongest."""
     asked: list[tuple[str, set[str]]] = []
-    monkeypatch.setattr(
-        "lacet.identify.selection.diagnose.chow_test",
-        lambda space, c, others: asked.append((c.key, {o.key for o in others})),
-    )
+
+    def test(space: ScoreTests, law: AddedLaw, without: Sequence[AddedLaw]) -> None:
+        beside = {one.key for one in added_laws(space)} - {one.key for one in (law, *without)}
+        asked.append((law.key, beside))
+
+    monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test_in_model", test)
     found = diagnose(same.fitted, same.floor, TRIED, noise=same.noise)
     keys = {c.key for c in found.found}
     assert CUBIC.key in keys
@@ -160,7 +208,7 @@ def test_a_run_that_shows_little_of_a_law_counts_by_what_it_shows():
     chance = [np.stack([draw, 0.0 * draw]) for draw in draws.T]
     said = _compared(
         ["a", "b", "c", "d"], groups, [*right, np.zeros((2, 1))], [*chance, np.zeros((2, 199))], [0, 1, 2, 3],
-        slice(0, 1), (np.ones(1, np.intp), np.zeros((1, 1)), np.zeros(1)),
+        np.arange(1), (np.ones(1, np.intp), np.zeros((1, 1)), np.zeros(1)),
     )  # fmt: skip
     common = float(energy @ values / sum(energy))
     off = energy * (values - common) ** 2
@@ -182,7 +230,7 @@ def test_one_car_has_a_misfit_in_a_run_as_often_as_chance_may():
         right = [np.array([[e + n], [0.0]]) for e, n in zip(energy, noise, strict=True)]
         known = (np.ones(1, np.intp), np.zeros((1, 1)), np.zeros(1))
         said = _compared(
-            ["a", "b", "c"], [np.diag([e, 1.0]) for e in energy], right, chance, [0, 1, 2], slice(0, 1), known
+            ["a", "b", "c"], [np.diag([e, 1.0]) for e in energy], right, chance, [0, 1, 2], np.arange(1), known
         )
         return max(said.misfits.values()) > 0.0
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lacet.identify.car.rows import Row
-from lacet.identify.effects.base import Effect
+from lacet.identify.effects.base import Effect, Implausible
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import ParameterConstancy
@@ -25,6 +25,7 @@ from lacet.identify.selection.joint.refits import (
     fitted_with,
     found_together,
     not_part_of_the_rest,
+    only_plausible,
     only_standing,
 )
 from lacet.identify.selection.joint.rivals import rivals
@@ -276,7 +277,7 @@ def test_beside_a_rest_a_laws_parameters_may_differ_by_as_much_as_a_selected_law
 ):
     """In each run; without a rest in its rows only all runs count."""
     runs = ParameterConstancy({}, {}, 10_000.0, 20.0, np.full(99, 2.0), {"a": 0.0, "b": spread**2})
-    monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test", lambda *_: runs)
+    monkeypatch.setattr("lacet.identify.selection.diagnose.chow_test_in_model", lambda *_: runs)
     bar = next(law for law in subset.laws if law.key == "anti_roll_bar.front")
     rest = Rest.of(subset.space, subset.laws)
     lack = replace(rest.lack, squares={**rest.lack.squares, min(bar.rows): bar.force})
@@ -315,3 +316,14 @@ def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_
 
     _, kept = fitted_with(cast(Fit, SimpleNamespace(with_effects=with_effects)), effects, len(KEYS), DRAWS)
     assert [effect.key for effect in kept] == ["anti_roll_bar.front"]
+
+
+def test_an_effect_of_a_size_that_no_car_has_is_not_found(subset: Joint) -> None:
+    """In the fit with all of them: it looks like something else."""
+    bar = "anti_roll_bar.front"
+    assert only_plausible(subset, 0) is subset
+    wrong = Implausible(KNOWN[bar].parameters[0], 2e6, 2.1e6)
+    laws = tuple(replace(law, implausible=wrong if law.key == bar else None) for law in subset.laws)
+    found = only_plausible(replace(subset, laws=laws), 0)
+    assert set(found.keys) == set(subset.keys) - {bar}
+    assert bar not in {law.key for law in found.laws}
