@@ -102,7 +102,7 @@ class WienerSmoother:
         variances = np.stack([np.zeros(series.size), beyond * found.intensity])
         for band in found._open:
             variances += np.stack([shares[band], rate_shares[band]])[:, None] * found.gain(band)
-        squares = found.mean(series) ** 2 + variances[1]
+        squares: Array = found.mean(series) ** 2 + variances[1]
         return replace(
             found, sigma=np.sqrt(variances[0]), rate_sigma=np.sqrt(variances[1]), beyond=beyond,
             rate_rms=float(np.sqrt(np.mean(squares[ends:-ends]))),
