@@ -28,8 +28,8 @@ from lacet.services.workspace.loading import load
 from lacet.services.workspace.results import change_result, diagnosis_result, fit_result
 from lacet.services.workspace.study import Study, Version
 
-MOST_EFFECTS = 10
-"""Largest number of effects that a search for missing ones adds."""
+MOST_EFFECTS = 40
+"""Largest number of effects that a search for missing ones adds: one that would add more follows something else."""
 
 
 def fit_run(path: str | Path) -> dict[str, Any]:

@@ -43,8 +43,9 @@ class DamperSaturation(SuspensionForce):
     source = "Dixon (2007), The Shock Absorber Handbook, chapters 6 and 7; Heißing and Ersoy (2011), Chassis Handbook"
     bend = Bend.RATE
     looks_like = ("damper_knee",)
+    # Valves open from some 50 mm/s on; what saturates below is friction (`coulomb`).
     grids: ClassVar = {"v0": (0.05, 0.1, 0.2, 0.4)}
-    bounds: ClassVar = {"v0": (0.02, 0.8)}
+    bounds: ClassVar = {"v0": (0.05, 0.8)}
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:

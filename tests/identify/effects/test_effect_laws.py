@@ -228,3 +228,9 @@ def test_payload_acts_in_its_run_alone() -> None:
         np.testing.assert_array_equal(table[0], chassis[row][9])
         np.testing.assert_array_equal(table[1:], chassis[row][6:9])
     assert not any(key.startswith("payload") for key in catalogue(VEHICLE, "hub", runs=["exact"]))
+
+
+def test_friction_and_a_damper_that_saturates_share_no_constants() -> None:
+    """With the same band they are one law, and have one name."""
+    friction, damper = KNOWN["coulomb.front"], KNOWN["damper_saturation.front"]
+    assert friction.bounds_of("v0")[1] <= damper.bounds_of("v0")[0]
