@@ -115,6 +115,8 @@ class Effect(ABC):
     """Families that it is confounded with by construction, in nearly all runs; the docstring has the reason."""
     base: ClassVar[bool] = False
     """Whether it is part of the base model."""
+    of_run: ClassVar[bool] = False
+    """Whether it belongs to a run (`for_runs`) and not to the car."""
     needs: ClassVar[tuple[str, ...]] = ()
     """Channels it needs beyond those of the rows it acts on."""
     grids: ClassVar[Mapping[str, tuple[float, ...]]] = {}

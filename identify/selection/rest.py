@@ -6,7 +6,7 @@ scatter of each added law between runs are compared with simulated runs of that 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +16,7 @@ from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Implausible
 from lacet.identify.multibody.vectors import Array
 from lacet.identify.selection.lack_of_fit import LackOfFit, excess_is_coloured
+from lacet.identify.selection.partial_regression import PartialRegression
 from lacet.identify.selection.score_tests import ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.selection.tolerance_tests import ToleranceUse
@@ -54,20 +55,27 @@ class AddedLaw:
 
 def added_laws(space: ScoreTests) -> tuple[AddedLaw, ...]:
     """The physical effects beyond the base model in the fit of `space`, in the model's order."""
-    return _added(space, space.fitted.model.physics)
+    return _added(space, space.fitted.model.physics, space.regression, space.null)
 
 
 def added_faults(space: ScoreTests) -> tuple[AddedLaw, ...]:
     """The sensor faults in the fit of `space`, in the same form: their force is what they change in the rows."""
-    return _added(space, space.fitted.model.faults)
+    return _added(space, space.fitted.model.faults, space.regression, space.null)
 
 
-def _added(space: ScoreTests, effects: Sequence[Effect]) -> tuple[AddedLaw, ...]:
-    fitted, known = space.fitted, space.regression
+def laws_on_rows(space: ScoreTests, rows: Collection[Row]) -> tuple[AddedLaw, ...]:
+    """The same of the physical effects, from the equations of some rows alone."""
+    return _added(space, space.fitted.model.physics, *space.on_rows(rows))
+
+
+def _added(
+    space: ScoreTests, effects: Sequence[Effect], known: PartialRegression, simulated: Array
+) -> tuple[AddedLaw, ...]:
+    fitted = space.fitted
     model = known.sums.layout.model
     names, turn = list(fitted.columns), known.sums.turn
     inverse = turn @ known.inverse[:model]
-    spread, drawn = inverse[:, :model] @ turn.T, inverse @ space.null[known.nuisance]
+    spread, drawn = inverse[:, :model] @ turn.T, inverse @ simulated[known.nuisance]
     theta = fitted.theta[fitted.place] + turn @ known.gain[:model, known.sums.layout.right]
     out: list[AddedLaw] = []
     for effect in effects:
@@ -140,6 +148,12 @@ class Rest:
         ]  # fmt: skip
         unlisted = sorted((row for row in standing if row not in small), key=lambda row: -lack.ratios[row])
         return cls(lack, space.tolerance_use(), forces, tuple(unlisted), tuple(small))
+
+    def without_unlisted(self) -> list[Row]:
+        """Rows in which the model holds: all but the unlisted ones, and of the body, which moves by one force, none or
+        all."""
+        body = any(row.kind == "chassis" for row in self.unlisted)
+        return [row for row in self.lack.ratios if row not in self.unlisted and not (body and row.kind == "chassis")]
 
     @property
     def excess(self) -> float:

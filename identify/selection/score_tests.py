@@ -209,6 +209,7 @@ class ScoreTests:
             noise = self.linearisation.runs.regressor_noise(self.sums, self.floor.sigma, progress)
         self.noise = noise
         noise = noise.at(regressor_labels(self.fitted, self.layout), columns.from_grid) if columns.own else noise
+        self._noise_of_columns = noise
         self.noise_ratio = noise_ratio or noise_ratios(self.sums, columns.nuisance, columns.prior, columns.prior_side)
         self.column_noise = noise.products(self.sums, self.noise_ratio, self.floor.sigma)
         self.regression = self.regression_without(())
@@ -271,6 +272,20 @@ class ScoreTests:
         """Partial regression of all columns without the selected effects of `keys` among the nuisance columns."""
         columns = self.columns.given([t for t in self.columns.selected if t.effect.key not in keys])
         return PartialRegression(self.sums, columns.nuisance, columns.prior, self.column_noise, columns.prior_side)
+
+    def on_rows(self, rows: Collection[Row]) -> tuple[PartialRegression, Array]:
+        """Partial regression of all columns on the samples of some rows alone, and `null` (w, D) there.
+
+        Each run's zeros are those of all rows, and drifts are left out.
+        """
+        over_runs, columns = self.sums.over_runs, self.columns
+        others = [products.columns for row, products in over_runs.rows.items() if row not in rows]
+        sums = replace(self.sums, over_runs=replace(over_runs, total=over_runs.total - np.sum(others, axis=0)))
+        ratios = {row: ratio for row, ratio in self.noise_ratio.items() if row in rows}
+        noise = self._noise_of_columns.products(self.sums, ratios, self.floor.sigma)
+        known = PartialRegression(sums, columns.nuisance, columns.prior, noise, columns.prior_side)
+        drawn = known.total[:, columns.nuisance[columns.tolerances]] @ columns.drawn
+        return known, drawn + np.sum([ratio * over_runs.null[row] for row, ratio in ratios.items()], axis=0)
 
     # -- one candidate ------------------------------------------------------------------------------------------------
 

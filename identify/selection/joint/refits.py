@@ -19,7 +19,7 @@ from lacet.identify.selection.columns.linearisation import Linearisation
 from lacet.identify.selection.joint.alternatives import alternatives
 from lacet.identify.selection.joint.shape_constants import constants_by_runs
 from lacet.identify.selection.joint.subset_search import inexactness_of, search
-from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws
+from lacet.identify.selection.rest import AddedLaw, Rest, added_faults, added_laws, laws_on_rows
 from lacet.identify.selection.score_tests import Candidate, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 
@@ -198,18 +198,31 @@ def only_plausible(joint: Joint, seed: int, progress: Progress = silent) -> Join
 
 
 def not_part_of_the_rest(joint: Joint, rest: Rest, seed: int, progress: Progress = silent) -> tuple[Joint, Rest]:
-    """The same without effects found that explain no more than is unlisted in their rows, and what then remains.
+    """The same without effects found that may be a part of the same unknown cause as the rest, and what then remains.
 
-    What explains less than half of what is there may be a part of the same unknown cause.
+    What explains less than half of what is unlisted in its rows may be. So may a law that also acts in rows in which
+    the model holds and does not stand in these alone: what an unknown force on the body does to the masses is a
+    residual in all rows. And an effect of one run: nothing shows that it is the same again.
     """
     while rest.unlisted:
         found = [one for one in (*joint.laws, *added_faults(joint.space)) if one.key in joint.keys]
-        weakest = _weakest([one for one in found if one.force <= rest.beside(one)])
+        elsewhere = _not_standing_elsewhere(joint, rest)
+        weakest = _weakest([one for one in found if one.force <= rest.beside(one) or one.key in elsewhere])
         if weakest is None:
             break
         joint = replace(without_effect(joint, weakest.key, seed, progress), parts=joint.parts | {weakest.key})
         rest = Rest.of(joint.space, joint.laws)
     return joint, rest
+
+
+def _not_standing_elsewhere(joint: Joint, rest: Rest) -> set[str]:
+    """Keys of the laws found that do not stand in the rows without an unlisted rest, and are not of those rows alone;
+    and of effects of one run that act in rows with one."""
+    sound = rest.without_unlisted()
+    laws = laws_on_rows(joint.space, sound) if sound else ()
+    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _stands(law, laws, joint.space)}
+    of_runs = {effect.key for effect in joint.effects if effect.of_run}
+    return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 
 
 def without_effect(joint: Joint, key: str, seed: int, progress: Progress = silent) -> Joint:

@@ -12,6 +12,7 @@ import pytest
 
 from lacet.identify.car.rows import Row
 from lacet.identify.effects.base import Effect, Implausible
+from lacet.identify.effects.body.payload import Payload
 from lacet.identify.progress import silent
 from lacet.identify.regression.wls import Fit
 from lacet.identify.selection.chow_test import ParameterConstancy
@@ -20,6 +21,7 @@ from lacet.identify.selection.diagnose import _as_found, _concluded, _not_consta
 from lacet.identify.selection.joint.alternatives import alternatives, confidence_set
 from lacet.identify.selection.joint.refits import (
     Joint,
+    _not_standing_elsewhere,
     beside_of,
     exchanged,
     fitted_with,
@@ -31,7 +33,7 @@ from lacet.identify.selection.joint.refits import (
 from lacet.identify.selection.joint.rivals import rivals
 from lacet.identify.selection.joint.shape_constants import constants_by_runs, refined, with_best_constants
 from lacet.identify.selection.joint.subset_search import Subset, _strongest
-from lacet.identify.selection.rest import Rest, added_faults
+from lacet.identify.selection.rest import Rest, added_faults, added_laws, laws_on_rows
 from lacet.identify.selection.score_tests import Answer, Candidate, Reason, ScoreTests
 from lacet.identify.selection.settings import SELECTION
 from lacet.identify.signals.reconstruct import Recording
@@ -316,6 +318,47 @@ def test_a_law_stands_in_a_fit_beside_tolerances_that_the_runs_show_and_a_fault_
 
     _, kept = fitted_with(cast(Fit, SimpleNamespace(with_effects=with_effects)), effects, len(KEYS), DRAWS)
     assert [effect.key for effect in kept] == ["anti_roll_bar.front"]
+
+
+def test_laws_on_all_rows_are_those_of_the_fit(subset: Joint):
+    """And a bar, which acts in suspension rows alone, has most of its force in these: masses and zeros are known better
+    from all rows."""
+    space = subset.space
+    rows = list(space.sums.over_runs.rows)
+    whole, again = added_laws(space), laws_on_rows(space, rows)
+    assert [law.key for law in again] == [law.key for law in whole]
+    for law, same in zip(whole, again, strict=True):
+        np.testing.assert_allclose(same.values, law.values, rtol=1e-6)
+        assert same.force == pytest.approx(law.force, rel=1e-6)
+    bar = "anti_roll_bar.front"
+    (own,) = (law for law in laws_on_rows(space, [row for row in rows if row.kind == "suspension"]) if law.key == bar)
+    (law,) = (law for law in whole if law.key == bar)
+    assert 0.5 * law.force < own.force < law.force
+    assert own.values[0] == pytest.approx(law.values[0], rel=0.05)
+
+
+def test_beside_an_unknown_force_on_the_body_a_law_must_stand_in_the_other_rows(
+    subset: Joint, monkeypatch: pytest.MonkeyPatch
+):
+    rest = replace(Rest.of(subset.space, subset.laws), unlisted=(Row("chassis.my"),))
+    assert all(row.kind != "chassis" for row in rest.without_unlisted())
+    assert _not_standing_elsewhere(subset, rest) == set()
+    bar = "anti_roll_bar.front"
+    weak = tuple(replace(law, force=1e-3) if law.key == bar else law for law in subset.laws)
+    monkeypatch.setattr("lacet.identify.selection.joint.refits.laws_on_rows", lambda space, rows: weak)
+    assert _not_standing_elsewhere(subset, rest) == {bar}
+    found, _ = not_part_of_the_rest(subset, rest, 0)
+    assert bar not in found.keys
+
+
+def test_beside_a_rest_in_its_rows_an_effect_of_one_run_is_no_name(subset: Joint):
+    """In other runs there is none of it."""
+    payload, chassis = Payload("exact"), {Row("chassis.fz"): 100.0}
+    law = replace(subset.laws[0], key=payload.key, row_force=chassis)
+    joint = replace(subset, effects=(*subset.effects, payload), laws=(*subset.laws, law))
+    rest = Rest.of(subset.space, subset.laws)
+    assert payload.key in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("chassis.my"),)))
+    assert payload.key not in _not_standing_elsewhere(joint, replace(rest, unlisted=(Row("tyre.fl"),)))
 
 
 def test_an_effect_of_a_size_that_no_car_has_is_not_found(subset: Joint) -> None:
