@@ -108,57 +108,64 @@ def last_rows(rows: NDArray[Any], recent: Recent) -> NDArray[Any]:
 
 def in_order(stream: Stream, unit: Sampling, recent: Recent, ended: bool) -> Ordered:
     """The samples of a stream in the order of their counter; its end is held back unless the stream has `ended`."""
-    part, payload = stream.part, stream.payload
-    again = np.zeros(len(part), bool)
-    if unit.size > 1 and len(part):  # of a sample of one frame the counter says it
-        again[1:] = (part[1:] == part[:-1]) & (payload[1:] == payload[:-1]).all(axis=1) & stream.whole[:-1]
-        last = recent.last_frame(unit.size)
-        if last is not None:
-            again[0] = part[0] == last[0] and np.array_equal(payload[0], last[1])
-        again &= stream.whole
+    again = _sent_again(stream, unit, recent)
     kept = np.flatnonzero(~again)
+    part = stream.part[kept]
     begins = np.ones(len(kept), bool)  # a frame not later in the order than the one before it begins a sample
-    np.less_equal(part[kept][1:], part[kept][:-1], out=begins[1:])
-    group = np.cumsum(begins) - 1
-    starts = kept[begins]
-    opened = not ended and len(kept) > 0 and int(part[kept[-1]]) != unit.size - 1
-    groups = len(starts) - opened
+    np.less_equal(part[1:], part[:-1], out=begins[1:])
+    group, starts = np.cumsum(begins) - 1, kept[begins]
+    groups = len(starts) - (not ended and len(kept) > 0 and int(part[-1]) != unit.size - 1)
     closed = group < groups
-    rows, has, trusted, counter = _samples(stream, unit, kept[closed], group[closed], groups)
-    sound = trusted & _follows(counter, trusted, unit.bits, recent)
+    made = _samples(stream, unit, kept[closed], group[closed], groups)
+    sound = made.trusted & _follows(made.counter, made.trusted, unit.bits, recent)
     stretch, groups = _stretches(sound, ended)
-    held = int(starts[groups]) if groups < len(starts) else len(part)
-    rows, has, trusted, counter, sound = rows[:groups], has[:groups], trusted[:groups], counter[:groups], sound[:groups]
-    repeated = _repeated(rows, has, trusted, ~sound, unit.bits, recent)
-    frames, group = kept[group < groups], group[group < groups]
-    frames, group, mended, dropped = _regrouped(stream, unit, frames, group, stretch, trusted, repeated)
-    _, sample = np.unique(group, return_inverse=True)
-    names = group[np.flatnonzero(np.diff(sample, prepend=-1))] if len(group) else group
-    _, _, trusted_now, counter_now = _samples(stream, unit, frames, sample, len(names))
-    order, late = _by_counter(counter_now, trusted_now, stretch[names], unit.bits)
+    held = int(starts[groups]) if groups < len(starts) else len(stream.part)
+    made = Samples(made.rows[:groups], made.has[:groups], made.trusted[:groups], made.counter[:groups])
+    repeated = _repeated(made.rows, made.has, made.trusted, ~sound[:groups], unit.bits, recent)
+    settled = group < groups
+    frames, group, mended, dropped = _regrouped(
+        stream, unit, kept[settled], group[settled], stretch, made.trusted, repeated
+    )
+    names, sample = np.unique(group, return_inverse=True)
+    stretch = stretch[names]
+    now = _samples(stream, unit, frames, sample, len(names))
+    order, late = _by_counter(now.counter, now.trusted, stretch, unit.bits)
     t_ns = _earliest(stream.t_ns[frames], sample, len(names))
-    place = np.empty(len(names), np.int64)
-    place[order] = np.arange(len(names))
-    sample = place[sample]
     if late:  # frames can be late, never early: the stamps of samples put in order, in order, are late ones too
-        t_ns = t_ns[np.lexsort((t_ns, _blocks_of(stretch[names])))]
-    at = np.lexsort((part[frames], sample))
-    received = np.flatnonzero(trusted)
+        t_ns = t_ns[np.lexsort((t_ns, _blocks_of(stretch)))]
+    sample = np.argsort(order)[sample]
+    at = np.lexsort((stream.part[frames], sample))
     return Ordered(
         frames[at],
         sample[at],
         t_ns,
         held,
-        Recent(
-            last_rows(rows[received], recent),
-            (int(part[held - 1]) if stream.whole[held - 1] else -1, payload[held - 1]) if held else recent.frame,
-            (int(counter[-1]) if trusted[-1] else None) if groups else recent.counter,
-        )
-        if held
-        else recent,
+        _recent(stream, made, recent, held),
         int(np.count_nonzero(again[:held])) + dropped,
         late + mended,
     )
+
+
+def _sent_again(stream: Stream, unit: Sampling, recent: Recent) -> NDArray[np.bool_]:
+    """(F,) frames that are those before them again; of samples of one frame the counter says it."""
+    part, payload, whole = stream.part, stream.payload, stream.whole
+    again = np.zeros(len(part), bool)
+    if unit.size > 1 and len(part):
+        again[1:] = (part[1:] == part[:-1]) & (payload[1:] == payload[:-1]).all(axis=1) & whole[:-1]
+        last = recent.last_frame(unit.size)
+        again[0] = last is not None and part[0] == last[0] and np.array_equal(payload[0], last[1])
+    return again & whole
+
+
+def _recent(stream: Stream, made: Samples, before: Recent, held: int) -> Recent:
+    """What was sent last before the frame `held`, of the samples `made` as they were received."""
+    if not held:
+        return before
+    number = int(stream.part[held - 1]) if stream.whole[held - 1] else -1
+    counter = before.counter
+    if len(made.counter):
+        counter = int(made.counter[-1]) if made.trusted[-1] else None
+    return Recent(last_rows(made.rows[made.trusted], before), (number, stream.payload[held - 1]), counter)
 
 
 def repeats(
@@ -173,10 +180,18 @@ def repeats(
     return again, Recent(rows, (0, payload[-1]), int(counter[-1]) if trusted[-1] else None)
 
 
+class Samples(NamedTuple):
+    """Samples made of frames: rows (N, size, W), frames present (N, size), whether trusted (N,), counters (N,)."""
+
+    rows: NDArray[Any]
+    has: NDArray[np.bool_]
+    trusted: NDArray[np.bool_]
+    counter: NDArray[np.int64]
+
+
 def _samples(
     stream: Stream, unit: Sampling, frames: NDArray[np.int64], sample: NDArray[np.int64], number: int
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
-    """Samples made of frames: rows (N, size, W), frames present (N, size), whether trusted (N,), counters (N,)."""
+) -> Samples:
     rows = np.zeros((number, unit.size, stream.payload.shape[1]), stream.payload.dtype)
     has = np.zeros((number, unit.size), bool)
     whole = np.zeros((number, unit.size), bool)
@@ -185,7 +200,7 @@ def _samples(
     trusted = np.asarray(whole.all(axis=1))
     if unit.right is not None and trusted.any():
         trusted[trusted] = unit.right(rows[trusted])
-    return rows, has, trusted, unit.counter(rows)
+    return Samples(rows, has, trusted, unit.counter(rows))
 
 
 def _follows(counter: NDArray[np.int64], trusted: NDArray[np.bool_], bits: int, recent: Recent) -> NDArray[np.bool_]:
@@ -278,7 +293,7 @@ def _regrouped(
         total = np.cumsum(np.where(even, counts[:, 0], 0))
         sample = nth + (total - np.where(even, counts[:, 0], 0))[of[at]]
         made = int(total[-1])
-        _, _, good, _ = _samples(stream, unit, frames[which[at]], sample, made)
+        good = _samples(stream, unit, frames[which[at]], sample, made).trusted
         right = even.copy()
         right[np.repeat(np.arange(len(torn)), np.where(even, counts[:, 0], 0))[~good]] = False
         begin = np.full(len(torn), -1)

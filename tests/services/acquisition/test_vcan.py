@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -25,7 +26,7 @@ CHECKS = (
 @pytest.mark.slow
 def test_socketcan_from_replay_to_log(tmp_path):
     make_capture(tmp_path / "capture.mcap", 2.0, scale=0.04)
-    guest = [str(ROOT / "tests" / "vcan_in_uml.sh"), "-n", "2", "-t", "240", "--"]
+    guest = [str(Path(__file__).with_name("vcan_in_uml.sh")), "-n", "2", "-t", "240", "--"]
     command = [*guest, sys.executable, "-m", "tests.support.vcan_scenario", str(tmp_path)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
