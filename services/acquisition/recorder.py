@@ -92,8 +92,6 @@ class Summary:
     losses: dict[str, dict[str, int]]
     log_error: str | None = None
     tallies: dict[str, Tally] = field(default_factory=dict)
-    unsafe: bool = False
-    """Whether the log was removed or replaced, or its medium reported an error."""
 
 
 class Recorder:
@@ -429,16 +427,10 @@ class Recorder:
         self._medium.stop()
         if self._publisher is not None:
             self._publisher.finish(losses, dict(self._frames))
-        return Summary(
-            reason,
-            time.monotonic() - started,
-            frames,
-            samples,
-            losses,
-            self._log_error,
-            self._blocks,
-            self._medium.failed,
-        )
+        if self._log_error is None and self._medium.failed:
+            self._log_error = f"{self._log.path} was removed or replaced, or its disk reported an error"
+        seconds = time.monotonic() - started
+        return Summary(reason, seconds, frames, samples, losses, self._log_error, self._blocks)
 
 
 def _ledger(health: Health, counts: Losses) -> dict[str, Any]:

@@ -177,7 +177,7 @@ def run(args: argparse.Namespace) -> int:
             "acknowledged": acks,
         },
     )
-    return WITH_LOSSES if summary.losses or summary.log_error or summary.unsafe else DONE
+    return WITH_LOSSES if summary.losses or summary.log_error else DONE
 
 
 def _receivers(args: argparse.Namespace, rig: Rig) -> list[Receiver]:

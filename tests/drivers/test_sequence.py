@@ -123,7 +123,7 @@ def test_a_loss_stays_a_loss(name, lost):
 
 
 @every_driver
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(
     fates=st.lists(st.sampled_from(["", "", "", "twice", "lost", "late", "again"]), min_size=40, max_size=120),
     cuts=st.lists(st.integers(0, 240), max_size=12),
