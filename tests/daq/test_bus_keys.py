@@ -28,6 +28,7 @@ from lacet.daq.formats.wire import StartRecord
 from lacet.services.acquisition.worker import RunResult, Worker
 from lacet.services.commands.__main__ import main
 from tests.daq.test_bus import assert_whole, publish, wait_until
+from tests.daq.test_bus_hostile import ATTACKS
 from tests.support.rig import T0, free_port, rig_text
 
 RUN = Keys("clio", "run-1")
@@ -83,6 +84,31 @@ def false_car(folder: Path) -> Iterator[Sealed]:
 def test_a_run_goes_from_the_car_to_a_worker_with_keys(sealed: Sealed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(bus_publisher, "OTHERS", 0.1)
     run_over(sealed.router, sealed.come("lab"), tmp_path)
+
+
+def test_a_certified_car_that_sends_anything_changes_nothing(
+    sealed: Sealed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(bus_publisher, "OTHERS", 0.1)
+    false, stop, sent = sealed.come("zoe"), Event(), list[str]()
+
+    def attack() -> None:
+        kept: list[Any] = []
+        while not stop.is_set():
+            for name, send in ATTACKS.items():
+                for keys in (RUN, Keys("zoe", "run-1")):
+                    kept += send(false, keys)
+                sent.append(name)
+            for item in kept[20:]:
+                item.undeclare()
+            del kept[20:]
+
+    attacker = threading.Thread(target=attack)
+    attacker.start()
+    run_over(sealed.router, sealed.come("lab"), tmp_path)
+    stop.set()
+    attacker.join(20.0)
+    assert len(sent) >= len(ATTACKS)
 
 
 def run_over(car: zenoh.Session, worker_session: zenoh.Session, folder: Path) -> None:
