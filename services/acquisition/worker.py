@@ -146,7 +146,7 @@ class Worker:
         threading.Thread(target=self._work, name="worker-fit", daemon=True).start()
         for state in self._states.values():
             if not state.worked:
-                self._notify(f"run {state.run}: it is here, its result is not: it is worked on now")
+                self._notify(f"run {state.run}: its log is here, its result is not yet")
                 path = self._folder / state.log
                 self._waiting[state.keys] = RunResult(state.run, state.car, path, True, {}, list(state.notes), {})
         last = time.monotonic()
