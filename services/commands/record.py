@@ -47,8 +47,9 @@ HELP = "record an instrumented car: log, decode, publish"
 DESCRIPTION = """\
 Record every bus of the rig: raw frames and decoded channels into one log (MCAP), decoded channels also onto the bus
 (Zenoh), where workers (lacet worker) pick them up. The recorder is the bus's router; it listens on this machine only
-by default. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged
-the run, 30 s at most (later: lacet publish). A dead link is reported and opened again; a full disk is reported and publishing goes on.
+by default. Ctrl-C ends the run: the log is closed, and the recorder stays until a worker has acknowledged the run, 30
+s at most (later: lacet publish). A dead link is reported and opened again; a full disk is reported and publishing
+goes on.
 
   lacet record --rig peugeot-406 --vehicle peugeot-406 -o run.mcap
   lacet record ... --manoeuvre slalom --brakes off --duration 60
