@@ -220,7 +220,7 @@ def _not_standing_elsewhere(joint: Joint, rest: Rest) -> set[str]:
     and of effects of one run that act in rows with one."""
     sound = rest.without_unlisted()
     laws = laws_on_rows(joint.space, sound) if sound else ()
-    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _stands(law, laws, joint.space)}
+    out = {law.key for law in laws if not law.rows.isdisjoint(sound) and not _is_significant(law, joint.space)}
     of_runs = {effect.key for effect in joint.effects if effect.of_run}
     return out | {law.key for law in joint.laws if law.key in of_runs and not law.rows <= set(sound)}
 
@@ -246,9 +246,14 @@ def _weakest(laws: Sequence[AddedLaw]) -> AddedLaw | None:
     return min(laws, key=lambda law: law.force, default=None)
 
 
+def _is_significant(law: AddedLaw, space: ScoreTests) -> bool:
+    """Whether a law of the model is there beside the others."""
+    return space.family_wise_of(law.force, law.null) <= SELECTION.level(space.draws)
+
+
 def _stands(law: AddedLaw, laws: Sequence[AddedLaw], space: ScoreTests) -> bool:
     """Whether a law of the model is there beside the others, and is not what these leave as they are not exact."""
-    if space.family_wise_of(law.force, law.null) > SELECTION.level(space.draws):
+    if not _is_significant(law, space):
         return False
     return law.force > inexactness_of(law.family, law.rows, [other for other in laws if other.force > law.force])
 

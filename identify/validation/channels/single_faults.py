@@ -138,9 +138,10 @@ def column_faults(runs: Sequence[PreparedRun]) -> list[EquationFault]:
     """Columns at fault in runs, or those to look at, or a misplaced inertial unit; empty where the equations hold.
 
     Each run is looked at by itself first, one column a run at most; where no run shows a fault, all together. A unit at
-    another place explains columns that seem late.
+    another place explains columns that seem late. Runs without measured wheel loads are passed over: in rows of the
+    body alone the car's parameters take any scale of a column (the height of the centre of gravity that of a_x).
     """
-    runs = [next(iter(run.pieces())) for run in runs]
+    runs = [next(iter(run.pieces())) for run in runs if any(row.kind != "body" for row in run.rows)]
     products = [FaultColumns.of(run) for run in runs]
     each = [(run, found) for run, found in zip(runs, products, strict=True) if found is not None]
     out = [fault for run, found in each if (fault := _fault(run, found)) is not None]

@@ -23,6 +23,8 @@ from lacet.identify.regression.prepared_run import PreparedRun
 from lacet.identify.regression.sensitivity import residual
 from lacet.identify.regression.wls import Fit, FitOptions, fit
 from lacet.identify.selection.diagnose import diagnose
+from lacet.identify.validation.channels.fault_columns import FaultColumns
+from lacet.identify.validation.channels.single_faults import column_faults
 from lacet.identify.validation.noise_floor import floor_of
 from lacet.identify.validation.parameter_estimates import estimates
 from lacet.identify.validation.prediction_uncertainty import Knowledge
@@ -192,3 +194,18 @@ def test_a_ranking_of_the_suspensions_effects_comes_to_an_end() -> None:
     diagnosis = diagnose(plain, floor_of(plain, 60), candidates)
     assert diagnosis.failing
     assert {*diagnosis.failing} <= {*BODY_ROWS}
+
+
+def test_the_scale_of_a_column_is_no_fault_where_the_car_s_parameters_take_it() -> None:
+    """Here the base model, without bars, asks for −1 times a_x, which is 0.4 of the true one: the height of the centre
+    of gravity is free."""
+    run = moving()[0]
+    accel = run.signals["imu.accel"]
+    wrong = accel.values * np.array([0.4, 1.0, 1.0])
+    run = replace(run, signals={**run.signals, "imu.accel": replace(accel, values=wrong)})
+    prepared = PreparedRun.of(run, with_mass(), RIG)
+    products = FaultColumns.of(prepared)
+    assert products
+    (asked,) = (one for one in products.estimates() if one.column == "imu.accel.x")
+    assert asked.scale == pytest.approx(-1.0, abs=0.2)
+    assert column_faults([prepared]) == []
